@@ -180,7 +180,8 @@ def skewed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None
 def share_interval(hits: float, trials: int) -> Interval:
     """A share of independent trials with Clopper and Pearson's 95 % interval; it has a width at 0 and at 1 too.
 
-    Hits may be the mean over several tasks, as in `performance_profile`.
+    Hits may be the mean over several tasks: their mean share varies less than if all had that share
+    (Hoeffding 1956).
 
     Raises:
         ValueError: if there are no trials, or not between none and all of them hit.
@@ -189,7 +190,12 @@ def share_interval(hits: float, trials: int) -> Interval:
         raise ValueError(
             f"a share is of at least one trial, hits between none and all, got {hits} of {trials}"
         )
-    return _share(hits / trials, trials)
+    from scipy.stats import beta
+
+    share, tail = hits / trials, 0.5 - 0.5 * CONFIDENCE
+    low = beta.ppf(tail, hits, trials - hits + 1.0) if share > 0.0 else 0.0
+    high = beta.ppf(1.0 - tail, hits + 1.0, trials - hits) if share < 1.0 else 1.0
+    return Interval(float(share), float(low), float(high))
 
 
 def normalise(scores: np.ndarray, floor: np.ndarray, ceiling: np.ndarray) -> np.ndarray:
@@ -229,38 +235,6 @@ def normalise(scores: np.ndarray, floor: np.ndarray, ceiling: np.ndarray) -> np.
     return share + (scores - floor - share * (ceiling - floor)) / (high - low)
 
 
-def probability_of_improvement(x: np.ndarray, y: np.ndarray) -> Interval:
-    """Probability that a run of one agent beats a run of another on the same task, averaged over tasks.
-
-    For each task this is Mann and Whitney's U over the number of pairs, a tie counting half. The
-    interval is that of a share of as many trials as the agent with fewer runs has: U varies most
-    where the runs of one agent are all alike, and then only the other's count (Birnbaum and Klose
-    1957). A task is something that was trained for separately.
-
-    Args:
-        x: ``(runs, tasks)`` of the one.
-        y: ``(other runs, tasks)`` of the other.
-
-    Raises:
-        ValueError: if scores are not finite or not a matrix, or if the tasks differ in number.
-    """
-    x, y = _matrix(x), _matrix(y)
-    if x.shape[1] != y.shape[1]:
-        raise ValueError(f"{x.shape[1]} tasks cannot be compared with {y.shape[1]}")
-    wins = (x[:, None] > y) + 0.5 * (x[:, None] == y)
-    return _share(wins.mean(), min(x.size, y.size))
-
-
-def performance_profile(scores: np.ndarray, thresholds: np.ndarray) -> list[Interval]:
-    """Shares of runs ``(runs, tasks)`` above thresholds ``(K,)``, averaged over tasks, with K pointwise intervals.
-
-    Raises:
-        ValueError: if scores are not finite or not a matrix.
-    """
-    scores = _matrix(scores)
-    return [_share(np.mean(scores > threshold), scores.size) for threshold in thresholds]
-
-
 def _matrix(scores: np.ndarray) -> np.ndarray:
     """Scores with runs for their rows as floats, checked."""
     scores = np.asarray(scores, float)
@@ -273,17 +247,3 @@ def _matrix(scores: np.ndarray) -> np.ndarray:
             "scores must be finite: a run or a seed that is missing is left out before"
         )
     return scores
-
-
-def _share(share: float, trials: int) -> Interval:
-    """A share of independent trials with Clopper and Pearson's (1934) interval; it has a width at 0 and at 1 too.
-
-    It holds for trials of several tasks: their mean share varies less than if all had that share
-    (Hoeffding 1956).
-    """
-    from scipy.stats import beta
-
-    hits, tail = share * trials, 0.5 - 0.5 * CONFIDENCE
-    low = beta.ppf(tail, hits, trials - hits + 1.0) if share > 0.0 else 0.0
-    high = beta.ppf(1.0 - tail, hits + 1.0, trials - hits) if share < 1.0 else 1.0
-    return Interval(float(share), float(low), float(high))

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from agents.commands.console import asked, in_range, job_progress
+from agents.commands.console import asked, in_range, job_progress, print_table
 
 
 def _shipped() -> dict[str, Path]:
@@ -65,24 +65,28 @@ def main(
         check_folder(out)
     console = Console(markup=False, highlight=False, soft_wrap=True)
     _introduce(planned.study, path, out, console)
-    jobs = [*planned.jobs, *examples(planned).values()]
+    shown = examples(planned)
+    jobs = [*planned.jobs, *shown.values()]
     with job_progress(study.stem) as progress:
         outcome = run(jobs, out, processes, scheduler, progress)
-    _report(Results.of(planned, outcome), out, console)
-    if outcome.failures:
-        console.print(*dict.fromkeys(outcome.failures.values()), sep="\n")
-        missing = sum(job.key in outcome.failures for job in jobs)
-        console.print(f"{missing} of {len(jobs)} results are missing.")
+    pages = {e: outcome.values[job.key] for e, job in shown.items() if job.key in outcome.values}
+    _report(Results.of(planned, outcome), pages, out, console)
+    console.print(*dict.fromkeys(outcome.failures.values()), sep="\n", end="")
     return int(bool(outcome.failures))
 
 
-def _report(results: Any, out: Path, console: Any) -> None:
-    """Write the report, and print its answer and its place."""
-    from agents.studies.answer import answer
+def _report(results: Any, pages: Any, out: Path, console: Any) -> None:
+    """Write the report; print what each estimator keeps in each condition, the answer, its place."""
+    from agents.studies.answer import answer, conditions_table
     from agents.studies.report import write_report
 
-    report = write_report(results, out)
-    console.print("", " ".join(answer(results)), "", f"Report: {report}", sep="\n")
+    report = write_report(results, out, pages)
+    for environment in results.environments:
+        table = conditions_table(results, environment).reset_index()
+        print_table(environment, list(table.columns), [table.itertuples(index=False)])
+    first, *others = answer(results)
+    console.print(first, style="bold")
+    console.print(*others, f"Report: {report}", sep="\n")
 
 
 def _file(study: Path) -> Path:
@@ -104,7 +108,9 @@ def _plan(path: Path, cluster: bool) -> Any:
     from agents.studies.study import read_study
     from vessel_gym.extras import require
 
-    require("matplotlib", "jinja2", "joblib", *(("dask", "distributed") if cluster else ()))
+    require(
+        "matplotlib", "jinja2", "joblib", "pyarrow", *(("dask", "distributed") if cluster else ())
+    )
     return plan(read_study(path))
 
 

@@ -1,243 +1,309 @@
-"""The answer to a study, computed: the advice in a sentence, a small table, what else was found."""
+"""The answer to a study: one computed sentence, and the tables that stand behind it."""
 
-from collections.abc import Collection, Iterator
+import re
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 
-from agents.metrics import STEERING, metrics
-from agents.page import Table, listed, number, words
-from agents.statistics import EQUIVALENT, LOWER, UNDECIDED, WORSE, Interval
-from agents.studies import shares
-from agents.studies.ranking import beyond
-from agents.studies.records import ORACLE
-from agents.studies.results import Results
-from agents.studies.wording import (
-    amount,
-    every,
-    grouped,
-    microseconds,
-    named,
-    note,
-    percent,
-    share_entry,
+from agents.page import listed, markdown_table, text, words
+from agents.statistics import (
+    BETTER,
+    EQUIVALENT,
+    HIGHER,
+    LOWER,
+    UNDECIDED,
+    WORSE,
+    Interval,
+    crossed_interval,
+    verdict,
 )
-from agents.studies.worlds import system_of
+from agents.studies import shares
+from agents.studies.records import Condition
+from agents.studies.results import Results
 
 BEST = 5
 """Number of estimators in the table at the head of a report."""
+ALL = "All"
+"""Heading of what holds for all environments together."""
+_WORTH = "of what knowing the truth is worth over dead reckoning"
 
 
 def answer(results: Results) -> list[str]:
-    """Sentences that answer the question of a study, the advice first."""
-    if not results.environments:
-        return ["Nothing has a result yet."]
-    environments, everywhere = shares.ruled(results), shares.common(results)
-    if not environments:
-        sentences = [note("no-ranking", results), *_scored(results)]
-    elif everywhere:
-        sentences = _advice(results, environments, everywhere)
-    else:
-        sentences = [
-            line
-            for e in environments
-            for line in _advice(results, [e], shares.rankable(results, [e]))
-        ]
-    return [*sentences, *_learned(results), _measured(results)]
+    """Sentences that answer the question of a study: the first its title, then what was learned.
+
+    The last say what is missing.
+    """
+    return [_first(results), *_learned(results), *_missing(results)]
 
 
-def summary(results: Results) -> Table | None:
-    """Table of the best estimators for the classical agent, if one ranking holds for all environments."""
+def _first(results: Results) -> str:
     environments = shares.ruled(results)
-    ranked = (
-        shares.rankable(results, environments) if len(environments) == 1 else shares.common(results)
-    )
-    if not ranked:
-        return None
-    places, who = results.scaled(environments), results.classical
-    rows = [
-        (name, [share_entry(shares.kept(results, environments, who, name, len(ranked))),
-                share_entry(shares.loss(results, environments, name, len(ranked))),
-                percent(results.completed(places, who, name)),
-                share_entry(results.worst_decile(places, who, name))])
-        for name in list(ranked)[:BEST]
-    ]  # fmt: skip
-    heads = [
-        ("share kept", ""),
-        (f"score lost against {ORACLE}", ""),
-        ("completed", "%"),
-        ("worst decile", "score"),
-    ]
-    return Table(f"The best estimators for {results.who}", "", "Estimator", heads, [("", rows)])
+    if not results.environments:
+        return "Nothing has a result yet."
+    if not environments:
+        return (
+            f"No estimator can be ranked: for that {results.who} needs results on the truth, on"
+            " dead reckoning and on an estimator between them, and a higher score on the truth."
+        )
+    together = len(environments) == 1 or bool(shares.common(results))
+    groups = [environments] if together else [[e] for e in environments]
+    return " ".join(_trend(results, group) or _advice(results, group) for group in groups)
 
 
-def _advice(results: Results, environments: list[str], ranked: dict[str, np.ndarray]) -> list[str]:
-    """The estimator to fly in an environment, or in all: the cheapest of the best. How others stand, and its costs."""
-    best, who, alone = next(iter(ranked)), results.classical, len(environments) == 1
-    where = environments[0] if alone else every(environments)
+def _advice(results: Results, environments: Sequence[str]) -> str:
+    """Which estimator to use: the cheapest of the best, what it keeps, and how others stand."""
+    ranked = shares.rankable(results, environments)
+    best, where = next(iter(ranked)), _where(environments)
     if enough := shares.episodes_to_tell(results, environments, ranked):
-        return [note("too-few", results, where=where, best=best, enough=enough)]
+        more = f"; by their scatter it takes at least {enough:.0f} to tell" if enough > 0 else ""
+        return (
+            f"{results.plan.study.episodes} episodes cannot tell which estimator to use in {where}:"
+            f" so far {best} keeps most{more}."
+        )
     pick = shares.cheapest(results, environments, ranked)
-    kept = amount(shares.kept(results, environments, who, pick, len(ranked)))
-    lost = amount(shares.loss(results, environments, pick, len(ranked)))
-    return [
-        note(
-            "advice", results, alone=alone, pick=pick, best=best, where=where, kept=kept, lost=lost
-        ),
-        *_standing(results, environments, ranked),
-        *([] if alone else [_each_best(results, environments, pick)]),
-        *(_steering(results, where, pick) if alone else []),
-        *_prices_in_time(results, environments, pick),
-    ]
-
-
-def _scored(results: Results) -> Iterator[str]:
-    """Mean scores in environments in which nothing can be ranked: on the ends of the scale, and on the best other."""
-    for environment in results.environments:
-        place, who = results.places([environment])[0], results.classical
-        names = results.estimators(environment, who)
-        means = {
-            name: mean for name in names if (mean := results.mean(place, who, name)) is not None
-        }
-        others = sorted(means.keys() - set(shares.ENDS), key=lambda name: -means[name].mean)
-        each = [
-            f"{amount(means[name])} on {name}"
-            for name in (*shares.ENDS, *others[:1])
-            if name in means
-        ]
-        if each:
-            yield note("scored", results, place=place, each=each)
-
-
-def _standing(
-    results: Results, environments: list[str], ranked: dict[str, np.ndarray]
-) -> list[str]:
-    """The verdicts on all others against the best."""
-    best, margin = next(iter(ranked)), results.plan.study.margin
-    found = grouped(
-        (each, name) for name, each in shares.verdicts(results, environments, ranked).items()
+    share, lost = (
+        amount(of(results, environments, results.classical, pick, len(ranked)))
+        for of in (shares.kept, shares.price)
     )
-    if list(found) == [WORSE]:
-        second = found[WORSE][0]
-        return [
-            f"Every other is worse; the next, {second}, keeps"
-            f" {amount(shares.gap(ranked, best, second))} less."
-        ]
-    words = {
-        EQUIVALENT: f"Equivalent to {best} (within ±{margin:g})",
-        UNDECIDED: "Not decided",
-        LOWER: f"Lower, perhaps by less than {margin:g}",
-        WORSE: f"Worse, by more than {margin:g}",
-    }
-    return [f"{word}: {listed(found[each])}." for each, word in words.items() if each in found]
+    cheaper = f", equivalent to {best}, which keeps most, and cheaper" if pick != best else ""
+    return (
+        f"Use {pick} in {where}{cheaper}: on it {results.who} keeps {share} {_WORTH}, and loses"
+        f" {lost} of score against the truth{_standing(results, environments, ranked)}."
+        f"{_elsewhere(results, environments, pick)}"
+    )
 
 
-def _each_best(results: Results, environments: list[str], pick: str) -> str:
-    """The environments in which the pick for all of them keeps less than their best, and by how much."""
-    better, equal = [], []
-    for environment in environments:
+def _where(environments: Sequence[str]) -> str:
+    few = {1: environments[0], 2: "both environments"}
+    return few.get(len(environments), f"all {len(environments)} environments")
+
+
+def _standing(results: Results, environments: Sequence[str], ranked: shares.Ranked) -> str:
+    """How the other estimators stand against the best."""
+    best, *others = ranked
+    if not others:
+        return "; no other estimator was compared"
+    found = shares.verdicts(results, environments, ranked)
+    if set(found.values()) == {WORSE}:
+        behind = amount(shares.gap(ranked, best, others[0]))
+        return f"; every other is worse, the next, {others[0]}, by {behind}"
+    each = (
+        f"{word}: {listed([n for n in others if found[n] == word])}"
+        for word in (EQUIVALENT, UNDECIDED, LOWER)
+        if word in found.values()
+    )
+    return f". Against {best}, {', '.join(each)}" + ("; others worse" * (WORSE in found.values()))
+
+
+def _elsewhere(results: Results, environments: Sequence[str], pick: str) -> str:
+    """Environments in which their best is shown to keep more than the pick for all of them."""
+    better = []
+    for environment in environments if len(environments) > 1 else ():
         ranked = shares.rankable(results, [environment])
         best = next(iter(ranked))
-        verdicts = shares.verdicts(results, [environment], ranked)
-        if verdicts.get(pick) in (LOWER, WORSE):
-            level = [name for name, found in verdicts.items() if found == EQUIVALENT]
-            tied = f" (equivalent: {listed(level)})" if level else ""
+        if shares.verdicts(results, [environment], ranked).get(pick) in (LOWER, WORSE):
             more = amount(shares.gap(ranked, best, pick))
-            better.append(f"in {environment} {best} keeps {more} more than {pick}{tied}")
-        else:
-            equal.append(environment)
-    return note("best-by-environment", results, better=better, equal=equal, pick=pick)
+            better.append(f"in {environment} {best} keeps {more} more")
+    return f" But {listed(better)}." if better else ""
 
 
-def _steering(results: Results, environment: str, estimator: str) -> list[str]:
-    """Steering on an estimator beyond that on the truth, in the first condition."""
-    place, known = results.places([environment])[0], metrics(system_of(environment))
-    found = []
-    for metric in (m for m in STEERING[:2] if m in known):
-        more = beyond(results, place, results.classical, estimator, metric)
-        truth = results.mean(place, results.classical, ORACLE, metric)
-        found += (
-            [(words(more, 1, signed=True), number(truth.mean, 1))]
-            if isinstance(more, Interval) and truth
-            else []
-        )
-    if len(found) < 2:
-        return []
-    (travel, travel_on_truth), (turns, turns_on_truth) = found
-    return [
-        note(
-            "steering", results, condition=place.condition, travel=travel, travel_on_truth=travel_on_truth, turns=turns,
-            turns_on_truth=turns_on_truth,
-        )
-    ]  # fmt: skip
+# --- conditions that are numbers ------------------------------------------------------------------
 
 
-def _prices_in_time(results: Results, environments: list[str], estimator: str) -> list[str]:
-    """CPU time of a step on an estimator, beside one on the truth that was flown in turns with it."""
-    times = [found[0][1:] for e in environments if (found := results.step_times(e, estimator))]
-    ends = [[microseconds(end(each)) for end in (min, max)] for each in zip(*times, strict=True)]
-    spans = [low if low == high else f"{low} to {high}" for low, high in ends]
+def ordered(conditions: Sequence[Condition]) -> bool:
+    """True for two or more conditions that are numbers in their order.
+
+    Their names are, such as 10 Hz, 5 Hz, 1 Hz; or they differ in the mismatch or the latency alone.
+    """
+    names = [re.split(r"(-?\d*\.?\d+)", c.name) for c in conditions]
+    numbered = all(len(parts) == 3 and parts[::2] == names[0][::2] for parts in names)
+    late = [max(c.latency.values(), default=0.0) for c in conditions]
+    alone = {
+        "mismatch": [c.mismatch for c in conditions],
+        "latency": late,
+    }
+    axes = [
+        axis
+        for axis in ("sensors", "disturbance", "mismatch", "latency", "faults")
+        if any(getattr(c, axis) != getattr(conditions[0], axis) for c in conditions)
+    ]
+    numbers = [float(p[1]) for p in names] if numbered else alone.get("".join(axes), [])
+    steps = [b - a for a, b in pairwise(numbers)]
+    return bool(steps) and (min(steps) > 0.0 or max(steps) < 0.0)
+
+
+def _trend(results: Results, environments: Sequence[str]) -> str | None:
+    """What the best estimator keeps over conditions that are `ordered`; None for others."""
+    conditions, ranked = results.plan.study.conditions, shares.rankable(results, environments)
+    pick, names = next(iter(ranked)), [c.name for c in conditions]
+    there = all((e, name) in results.scales.index for e in environments for name in names)
+    if not ordered(conditions) or not there:
+        return None
+    each = {name: in_condition(results, environments, pick, name) for name in names}
+    first, last = names[0], names[-1]
+    at_first, at_last = (amount(crossed_interval(each[n][None])) for n in (first, last))
+    found = _over_conditions(results, environments, each, len(ranked))
+    against = listed([f"{word} at {listed(at)}" for word, at in found.items()])
+    most = ", which keeps most over all conditions," if len(ranked) > 1 else ""
     return (
-        [note("times", results, estimator=estimator, own=spans[0], truth=spans[1])] if spans else []
+        f"In {_where(environments)} on {pick}{most} {results.who} keeps {at_first} {_WORTH} at"
+        f" {first} and {at_last} at {last}; against {first}: {against}."
     )
+
+
+def in_condition(
+    results: Results, environments: Sequence[str], estimator: str, condition: str
+) -> np.ndarray:
+    """Share that the classical agent keeps ``(seeds,)`` in one condition."""
+    flights = [(e, condition, results.classical, estimator, 0) for e in environments]
+    return results.kept.loc[flights].to_numpy().mean(axis=0)
+
+
+def _over_conditions(
+    results: Results, environments: Sequence[str], each: Mapping[str, np.ndarray], estimators: int
+) -> dict[str, list[str]]:
+    """Conditions by their verdict against the first; these hold for all estimators at once."""
+    first, *others = each
+    scale = results.scales.loc[list(environments)].mean(axis=1)
+    span = float((1.0 / scale.groupby("environment").min()).mean())
+    margin, comparisons = results.plan.study.margin, estimators * len(others)
+    found: dict[str, list[str]] = {}
+    for name in others:
+        word = verdict(each[name] - each[first], margin, span, comparisons)
+        found.setdefault(word, []).append(name)
+    order = (BETTER, HIGHER, EQUIVALENT, UNDECIDED, LOWER, WORSE)
+    return {word: found[word] for word in order if word in found}
+
+
+# --- learned policies, and what is missing --------------------------------------------------------
 
 
 def _learned(results: Results) -> list[str]:
-    """Learned agents against the classical one, and filters against memory."""
-    found = {
-        (e, other): gap for e, other, gap in shares.learned_differences(results) if gap is not None
-    }
-    gaps = {e: gap for (e, other), gap in found.items() if other == str(results.classical)}
-    reference, sentences = named(str(shares.reference_policy(results))), []
-    if gaps:
-        sure = any(not isinstance(gap, Interval) or gap.excludes_zero for gap in gaps.values())
-        text = [
-            f"{_more(gap) if sure else amount(gap, signed=True)} in {e}" for e, gap in gaps.items()
+    """A sentence for each environment in which learned policies have results."""
+    sentences = []
+    for environment in shares.ruled(results):
+        gaps = shares.learned_differences(results, environment)
+        each = [
+            f"{policy} {_more(gap)} than {results.who if other == results.classical else other}"
+            for (policy, other), gap in gaps.items()
+            if gap is not None
         ]
-        sentences.append(note("learned", results, reference=reference, sure=sure, gaps=text))
-    raw: dict[str, dict[str, Interval | float]] = {}
-    for (environment, other), gap in found.items():
-        if other != str(results.classical):
-            raw.setdefault(environment, {})[other] = gap
-    for environment, others in raw.items():
-        more = listed([f"{_more(gap)} than {named(name)}" for name, gap in others.items()])
-        verb = _verb(others.values())
-        sentences.append(
-            note(
-                "filter-or-memory",
-                results,
-                environment=environment,
-                verb=verb,
-                reference=reference,
-                more=more,
+        if each:
+            sentences.append(
+                f"In {environment}, each on the estimator of its training: {'; '.join(each)}."
             )
-        )
     return sentences
 
 
-def _verb(gaps: Collection[Interval | float]) -> str:
-    """The verb that fits all differences, if they agree."""
-    sure = [gap for gap in gaps if isinstance(gap, Interval)]
-    if len(sure) == len(gaps):
-        if all(gap.low > 0.0 for gap in sure):
-            return "beats"
-        if all(gap.high < 0.0 for gap in sure):
-            return "is beaten by"
-        if not any(gap.excludes_zero for gap in sure):
-            return "is not significantly different from"
-    return "compares as follows with"
-
-
 def _more(gap: Interval | float) -> str:
-    """A difference in words: how much more, or less."""
+    """A difference in words: how much more is kept, or less."""
     mean = gap.mean if isinstance(gap, Interval) else gap
     word = "less" if mean < 0.0 else "more"
     if not isinstance(gap, Interval):
-        return f"{number(abs(gap), 3)} {word} (one run, no interval)"
-    size = gap.times(-1.0) if mean < 0.0 else gap
-    return f"{amount(size)} {word}" + ("" if size.excludes_zero else " (not significant)")
+        return f"keeps {text(abs(gap), 3)} {word} (one run, no interval)"
+    size = amount(gap.times(-1.0) if mean < 0.0 else gap)
+    return f"keeps {size} {word}" + ("" if gap.excludes_zero else " (not significant)")
 
 
-def _measured(results: Results) -> str:
-    flights = results.plan.flights
-    missing = sum(flight.job.key not in results.values for flight in flights)
-    return note("means", results, missing=missing, flights=len(flights))
+def _missing(results: Results) -> list[str]:
+    missing, flights = results.missing, results.plan.flights
+    if not missing:
+        return []
+    failed = [f for f in missing if f.job.key in results.failures]
+    why = f"; {len(failed)} failed, the first: {failed[0].job.label}" if failed else ""
+    return [f"{len(missing)} of {len(flights)} results are missing{why}. Run the study again."]
+
+
+def amount(value: Interval | float | None, signed: bool = False) -> str:
+    """A share or score in a sentence, with a digit more where its interval is small."""
+    wide = isinstance(value, Interval) and value.half >= 0.095
+    return words(value, 2 if wide else 3, signed)
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+def summary(results: Results, environments: Sequence[str]) -> pd.DataFrame:
+    """The best estimators of some environments: what they keep, lose, and how their tails are."""
+    ranked, who = shares.rankable(results, environments), results.classical
+    rows = {
+        name: {
+            "share kept": text(shares.kept(results, environments, who, name, len(ranked)), 3),
+            "score lost": text(shares.price(results, environments, who, name, len(ranked)), 3),
+            "completed [%]": text(shares.completed(results, environments, name), 1),
+            "worst tenth": text(shares.worst_decile(results, environments, name), 3),
+        }
+        for name in list(ranked)[:BEST]
+    }
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("estimator")
+
+
+def conditions_table(results: Results, environment: str) -> pd.DataFrame:
+    """What the classical agent keeps on each estimator in each condition, both in the file's order.
+
+    Without a scale it is the score.
+    """
+    scaled = environment in shares.ruled(results)
+    values = results.kept if scaled else results.wide("score")
+    rows = values.xs((environment, results.classical), level=("environment", "policy"))
+    names = results.conditions(environment)
+    found = {
+        estimator: {
+            name: text(crossed_interval(rows.loc[[(name, estimator, 0)]].to_numpy()), 3)
+            if (name, estimator, 0) in rows.index
+            else "–"
+            for name in names
+        }
+        for estimator in results.estimators(environment)
+    }
+    return pd.DataFrame.from_dict(found, orient="index", columns=names).rename_axis("estimator")
+
+
+def ranking_table(results: Results) -> pd.DataFrame:
+    """Share kept on each estimator and its verdict against the best, a column an environment."""
+    columns = groups(results)
+    found = {
+        head: {
+            name: f"{text(shares.kept(results, column, results.classical, name, among), 3)}, {word}"
+            for name, word, among in _verdicts(results, column)
+        }
+        for head, column in columns.items()
+    }
+    order = dict.fromkeys(name for column in found.values() for name in column)
+    return pd.DataFrame(found, index=list(order)).fillna("–").rename_axis("estimator")
+
+
+def _verdicts(results: Results, environments: Sequence[str]) -> list[tuple[str, str, int]]:
+    ranked = shares.rankable(results, environments)
+    words = {next(iter(ranked)): "best"} | shares.verdicts(results, environments, ranked)
+    return [(name, word, len(ranked)) for name, word in words.items()]
+
+
+def groups(results: Results) -> dict[str, list[str]]:
+    """The environments that each column of a table stands for: perhaps all, and every one."""
+    environments = shares.ruled(results)
+    together = {ALL: environments} if shares.common(results) else {}
+    return together | {e: [e] for e in environments}
+
+
+def markdown(results: Results) -> str:
+    """The answer and its tables as Markdown."""
+    blocks = [f"# {results.plan.study.title}", "\n".join(answer(results))]
+    for environment in results.environments:
+        table = conditions_table(results, environment)
+        blocks += [f"## {environment}", markdown_frame(table)]
+    if shares.ruled(results):
+        blocks += ["## All conditions", markdown_frame(ranking_table(results))]
+    return "\n\n".join(blocks) + "\n"
+
+
+def markdown_frame(table: pd.DataFrame) -> str:
+    """A table of texts as Markdown."""
+    cells = table.reset_index()
+    heading, *rows = [
+        [str(cell).replace("|", "\\|") for cell in row]
+        for row in (cells.columns, *cells.itertuples(index=False))
+    ]
+    return markdown_table(heading, rows, 1)

@@ -29,9 +29,9 @@ def examples(plan: Plan) -> dict[str, Job]:
     condition = plan.study.conditions[0].name
     for environment in plan.study.environments:
         flights = {
-            f.flown_on: f.job.arguments
+            f.estimator: f.job.arguments
             for f in plan.flights
-            if (f.environment, f.condition, f.agent) == (environment, condition, classical)
+            if (f.environment, f.condition, f.policy) == (environment, condition, classical)
         }
         default = system_of(environment).estimator
         others = [e.name for e in plan.study.estimators if e.name in flights]
@@ -75,8 +75,7 @@ def example(
         own: Source digests of the user's own modules, see `agents.studies.flying.fly`.
 
     Returns:
-        The data of `agents.episodes.recording.page_of`, and as ``spread`` the standard deviation of
-        each estimator's score over the seeds, None for a single seed.
+        The data of `agents.episodes.recording.page_of`.
     """
     import_own(own)
 
@@ -90,7 +89,4 @@ def example(
         ]  # fmt: skip
 
     scores = np.array([flight.score for flight in fly(seeds, False)])
-    spread = scores.std(1, ddof=1).tolist() if len(seeds) > 1 else None
-    return page_of(fly([typical_seed(scores, seeds)], True), [name for name, _ in estimators]) | {
-        "spread": spread
-    }
+    return page_of(fly([typical_seed(scores, seeds)], True), [name for name, _ in estimators])

@@ -1,27 +1,23 @@
-"""Parts of the figures of a report. An estimator has one colour and one mark in all of them."""
+"""Figures of a report. An estimator has one colour and one mark in all of them."""
 
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from agents.page import Entry
-from agents.page import Figure as Picture
-from agents.plotting import INK, PALETTE, RAW, data_uri, styled
-from agents.statistics import Interval
+from agents.plotting import INK, PALETTE, styled
+from agents.statistics import Interval, crossed_interval
+from agents.studies.answer import groups
 from agents.studies.records import FLOOR, ORACLE
-from agents.studies.results import Policy, Results
-from agents.studies.shares import ALL
-from agents.studies.wording import paragraphs, share_entry
+from agents.studies.results import Results
+from agents.studies.shares import ENDS, kept, rankable, ruled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-WIDTH = 7.2
-"""Inches."""
+_WIDTH = 7.2
 _MARKS = "os^vDP<>Xp*h"
 _LINES = ("-", "--", "-.", ":")
 
@@ -36,108 +32,119 @@ class Look:
 
 
 def looks(results: Results) -> dict[str, Look]:
-    """The look of every estimator that was flown anywhere, in the order of the study."""
-    names = results.flown_on()
-    found = {ORACLE: Look(INK, "|", "--"), FLOOR: Look(RAW, "|", ":")}
-    for i, name in enumerate(name for name in names if name not in (ORACLE, FLOOR)):
-        found[name] = _look(i, i // len(PALETTE))
-    return {name: found[name] for name in names}
+    """The look of every estimator of the classical agent, in the order of the study."""
+    found = {ORACLE: Look(INK, "|", "--"), FLOOR: Look("#8a8f96", "|", ":")}
+    names = [name for name in results.estimators() if name not in ENDS]
+    for i, name in enumerate(names):
+        line = _LINES[i // len(PALETTE) % len(_LINES)]
+        found[name] = Look(PALETTE[i % len(PALETTE)], _MARKS[i % len(_MARKS)], line)
+    return found
 
 
-def policy_looks(results: Results) -> dict[Policy, Look]:
-    """The look of everybody of `Results.schools`: a colour each, a line for each agent."""
-    agents = [agent.name for agent in results.plan.study.agents]
-    return {
-        policy: _look(i, agents.index(policy.agent)) for i, policy in enumerate(results.schools())
-    }
-
-
-def _look(i: int, line: int) -> Look:
-    return Look(PALETTE[i % len(PALETTE)], _MARKS[i % len(_MARKS)], _LINES[line % len(_LINES)])
-
-
-@contextmanager
-def grid(
-    height: float, rows: int, columns: int, **options: Any
-) -> "Iterator[tuple[Figure, np.ndarray]]":
-    """A figure of this height [in] with its panels ``(rows, columns)``, and the context in which it is drawn."""
+def shares_figure(results: Results) -> "Figure":
+    """Share kept on each estimator with its interval, the best on top, a panel an environment."""
     from matplotlib.figure import Figure
 
+    columns, look = groups(results), looks(results)
+    ranked = {head: rankable(results, column) for head, column in columns.items()}
+    names = list(dict.fromkeys(n for each in ranked.values() for n in each)) + list(ENDS)
+    height = dict(zip(names, range(len(names))[::-1], strict=True))
     with styled():
-        figure = Figure(figsize=(WIDTH, height), layout="constrained")
-        yield figure, figure.subplots(rows, columns, squeeze=False, **options)
-
-
-@contextmanager
-def panels(
-    environments: Sequence[str], above: float, height: float, **options: Any
-) -> "Iterator[tuple[Figure, list[Axes]]]":
-    """`grid` of a panel for each environment in up to two columns, with room above them [in]."""
-    columns = min(len(environments), 2)
-    rows = -(-len(environments) // columns)
-    with grid(above + height * rows, rows, columns, **options) as (figure, axes):
-        for panel in axes.flat[len(environments) :]:
-            panel.set_axis_off()
-        for panel, environment in zip(axes.flat, environments, strict=False):
-            panel.set_title(environment, loc="left")
-            panel.grid()
-        yield figure, list(axes.flat[: len(environments)])
-
-
-@dataclass(frozen=True)
-class Row:
-    """A line of a dot plot: its name, look, and values by panel; None where there is none."""
-
-    name: str
-    look: Look
-    values: Sequence[Interval | float | None]
-
-
-def dots(
-    rows: Sequence[Row], heads: Sequence[str], label: str, marks: Sequence[float] = (0.0, 1.0)
-) -> "Figure":
-    """Values with their intervals, a line each, the first on top; a number without an interval is hollow.
-
-    Heads say what the panels show: environments, or `ALL`, which is set in a tint. At each of
-    ``marks`` a line is drawn, in sight in every panel.
-    """
-    with grid(0.9 + 0.19 * len(rows), 1, len(heads), sharey=True, sharex=True) as (figure, (axes,)):
-        heights = np.arange(len(rows))[::-1]
-        for j, (panel, head) in enumerate(zip(axes, heads, strict=True)):
-            if head == ALL:
-                panel.set_facecolor("#f5f6f8")
-            for height, row in zip(heights, rows, strict=True):
-                _dot(panel, row.values[j], height, row.look)
-            for mark in marks:
-                panel.axvline(mark, color=INK, linewidth=0.6, zorder=0.5)
-            panel.set_title("All environments" if head == ALL else head, loc="left", fontsize=9)
+        size = (_WIDTH, 0.9 + 0.19 * len(names))
+        figure = Figure(figsize=size, layout="constrained")
+        axes = figure.subplots(1, len(columns), squeeze=False, sharex=True, sharey=True)[0]
+        for panel, (head, column) in zip(axes, columns.items(), strict=True):
+            for name in (*ranked[head], *ENDS):
+                among = max(len(ranked[head]), 1)
+                share = kept(results, column, results.classical, name, among)
+                _point(panel, share, height[name], look[name])
+            panel.set_title(head, loc="left", fontsize=9)
             panel.grid(axis="x")
-            panel.tick_params(axis="y", length=0)
             panel.locator_params(axis="x", nbins=4)
-        axes[0].set_yticks(heights, [row.name for row in rows])
-        axes[0].set_ylim(-0.6, len(rows) - 0.4)
-        figure.supxlabel(label, fontsize=10)
+        axes[0].set_yticks(list(height.values()), list(height))
+        figure.supxlabel("share of the oracle's performance kept", fontsize=10)
     return figure
 
 
-def _dot(panel: "Axes", value: Interval | float | None, height: float, look: Look) -> None:
-    if value is None:
-        return
-    mean, error = (value, None) if isinstance(value, int | float) else (value.mean, ends([value]))
-    panel.errorbar(
-        mean, height, xerr=error, color=look.colour, marker=look.mark, markersize=3.5 if look.mark != "|" else 8,
-        markerfacecolor="white" if error is None else look.colour, elinewidth=1.0, capsize=2.2, linestyle="none",
-    )  # fmt: skip
+def _point(panel: "Axes", value: Interval | float | None, height: float, look: Look) -> None:
+    if isinstance(value, Interval):
+        panel.errorbar(
+            value.mean,
+            height,
+            xerr=_ends([value]),
+            color=look.colour,
+            marker=look.mark,
+            markersize=8 if look.mark == "|" else 3.5,
+            capsize=2.2,
+            linestyle="none",
+        )
 
 
-def ends(intervals: Sequence[Interval]) -> np.ndarray:
+def _ends(intervals: Sequence[Interval]) -> np.ndarray:
     """Distances of the ends of intervals from their means, ``(2, k)``."""
-    return np.maximum(
-        [[i.mean - i.low for i in intervals], [i.high - i.mean for i in intervals]], 0.0
-    )
+    below, above = ([i.mean - i.low for i in intervals], [i.high - i.mean for i in intervals])
+    return np.maximum([below, above], 0.0)
 
 
-def legend(figure: "Figure", panels: Iterable["Axes"], columns: int) -> None:
+def robustness_figure(results: Results) -> "Figure":
+    """Share kept by the classical agent in each condition, by name, a panel an environment.
+
+    The ends of the scale are left out: they are 0 and 1 in every condition.
+    """
+    from matplotlib.figure import Figure
+
+    environments = ruled(results)
+    look = {name: each for name, each in looks(results).items() if name not in ENDS}
+    with styled():
+        size = (_WIDTH, 0.7 + 0.19 * -(-len(look) // 5) + 2.3 * len(environments))
+        figure = Figure(figsize=size, layout="constrained")
+        axes = figure.subplots(len(environments), 1, squeeze=False)[:, 0]
+        for panel, environment in zip(axes, environments, strict=True):
+            conditions = results.conditions(environment)
+            for k, name in enumerate(results.estimators(environment)):
+                if name in look:
+                    shift = 0.3 * (k / len(look) - 0.5)
+                    _curve(panel, results, (environment, name), conditions, shift, look[name])
+            rotation = 20 if len(conditions) > 4 else 0
+            ticks = {"rotation": rotation, "ha": "right" if rotation else "center"}
+            panel.set_xticks(range(len(conditions)), conditions, **ticks)
+            panel.set_ylabel("share kept")
+            panel.set_title(environment, loc="left")
+            panel.grid(axis="y")
+        _legend(figure, axes)
+    return figure
+
+
+def _curve(
+    panel: "Axes",
+    results: Results,
+    where: tuple[str, str],
+    conditions: Sequence[str],
+    shift: float,
+    look: Look,
+) -> None:
+    """Share kept over conditions, shifted a little so that intervals do not hide each other."""
+    environment, name = where
+    rows = results.kept.xs((environment, results.classical), level=("environment", "policy"))
+    there = [(i, c) for i, c in enumerate(conditions) if (c, name, 0) in rows.index]
+    found = [crossed_interval(rows.loc[[(c, name, 0)]].to_numpy()) for _, c in there]
+    each = [(i, value) for (i, _), value in zip(there, found, strict=True) if value]
+    if each:
+        panel.errorbar(
+            [i + shift for i, _ in each],
+            [value.mean for _, value in each],
+            yerr=_ends([value for _, value in each]),
+            color=look.colour,
+            linestyle=look.line,
+            marker=look.mark,
+            markersize=3.2,
+            linewidth=0.9,
+            elinewidth=0.5,
+            label=name,
+        )
+
+
+def _legend(figure: "Figure", panels: Iterable["Axes"]) -> None:
     """One legend above all panels, each name once."""
     found: dict[str, Any] = {}
     for panel in panels:
@@ -145,15 +152,5 @@ def legend(figure: "Figure", panels: Iterable["Axes"], columns: int) -> None:
             found.setdefault(name, handle)
     if found:
         figure.legend(
-            found.values(), found.keys(), loc="outside upper center", ncols=columns, fontsize=8.5
+            found.values(), found.keys(), loc="outside upper center", ncols=5, fontsize=8.5
         )
-
-
-def share_rows(rows: Iterable[Row]) -> list[tuple[str, list[Entry]]]:
-    """The rows of a dot plot as those of a table."""
-    return [(row.name, [share_entry(value) for value in row.values]) for row in rows]
-
-
-def framed(figure: "Figure", name: str, results: Results, **values: Any) -> Picture:
-    """A figure on a page, with title and caption of a note."""
-    return Picture(data_uri(figure), *paragraphs(name, results, **values))

@@ -1,4 +1,4 @@
-"""A study as jobs: who is trained on what, who flies what, and what is left out and why."""
+"""A study as jobs: who is trained on what, who is steered on what, and what is left out and why."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,17 +16,18 @@ _RAW_MEASUREMENTS = Estimator(RAW, "measurement")
 
 @dataclass(frozen=True)
 class Flight:
-    """One agent on one estimator in one world, and the job that computes it.
+    """One policy on one estimator in one world, and the job that computes it.
 
-    Estimators may be `RAW`; an agent that does not learn is trained on "", with the seed None.
+    A policy that does not learn has the run 0. On its home estimator a policy was trained; one that
+    does not learn is at home on the environment's default. Policies on raw measurements use `RAW`.
     """
 
     environment: str
     condition: str
-    agent: str
-    trained_on: str
-    flown_on: str
-    training_seed: int | None
+    policy: str
+    estimator: str
+    run: int
+    home: bool
     job: Job
 
 
@@ -41,7 +42,7 @@ class Skipped:
 
 @dataclass(frozen=True)
 class Plan:
-    """Everything that a study flies, and what it leaves out."""
+    """Everything that a study computes, and what it leaves out."""
 
     study: Study
     flights: tuple[Flight, ...]
@@ -63,108 +64,93 @@ def plan(study: Study) -> Plan:
     return Plan(study, flights, tuple(skipped for place in places for skipped in place.skipped))
 
 
-def estimators_in(study: Study, environment: str) -> list[Estimator]:
-    """The estimators of a study for an environment; what is called default is the environment's own."""
-    default = system_of(environment).estimator
-    found: dict[str, Estimator] = {}
-    trained = [
-        Estimator(name, name)
-        for agent in study.agents
-        if agent.learned
-        for name in agent.trained_on
-    ]
-    for estimator in (*study.estimators, *(e for e in trained if e.name == DEFAULT)):
-        if estimator.environments and environment not in estimator.environments:
-            continue
-        if estimator.estimator == DEFAULT:
-            name = default if estimator.name == DEFAULT else estimator.name
-            estimator = Estimator(name, default, estimator.options, estimator.environments)
-        found.setdefault(estimator.name, estimator)
-    return list(found.values())
-
-
 def options(
     study: Study, condition: Condition, estimator: Estimator, environment: str
 ) -> dict[str, Any]:
     """The options of an environment, as plain data."""
-    name = (
-        system_of(environment).estimator if estimator.estimator == DEFAULT else estimator.estimator
-    )
+    default = estimator.estimator == DEFAULT
+    name = system_of(environment).estimator if default else estimator.estimator
     chosen = {"estimator_options": estimator.options} if estimator.options else {}
     return {"estimator": name} | chosen | condition.options | {"termination": study.termination}
 
 
-def _seen(agent: Agent) -> dict[str, Any]:
-    """The options of an environment that decide what a learned agent is shown."""
-    guidance = {} if agent.guidance is None else {"guidance": agent.guidance}
-    return {"observe": agent.observe} | guidance if agent.learned else {}
-
-
-Training = tuple[Estimator, int | None, Job | None]
-"""Estimator of a training, its training seed, and its job; neither of an agent that does not learn."""
-
-
 class _EnvironmentPlan:
-    """An environment of a study: the estimators that fly there, and what is left out."""
+    """An environment of a study: the estimators that it can carry, and what is left out."""
 
     def __init__(self, study: Study, environment: str) -> None:
         self.study, self.environment, self.system = study, environment, system_of(environment)
         self.skipped: list[Skipped] = []
-        self.flyable: list[Estimator] = []
-        for estimator in estimators_in(study, environment):
-            error = refusal(
-                environment, options(study, study.conditions[0], estimator, environment)
-            )
-            if error is None:
-                self.flyable.append(estimator)
-            else:
+        self.estimators: list[Estimator] = []
+        for estimator in self._wanted():
+            chosen = options(study, study.conditions[0], estimator, environment)
+            if error := refusal(environment, chosen):
                 self._skip(estimator.name, str(error))
+            else:
+                self.estimators.append(estimator)
+
+    def _wanted(self) -> list[Estimator]:
+        """The study's estimators for this environment; what is called default has its own name."""
+        trained = any(a.learned and DEFAULT in a.trained_on for a in self.study.agents)
+        default = [Estimator(DEFAULT, DEFAULT)] if trained else []
+        found: dict[str, Estimator] = {}
+        for each in (*self.study.estimators, *default):
+            if not each.environments or self.environment in each.environments:
+                name = self._real(each.name)
+                kind = self._real(each.estimator)
+                found.setdefault(name, Estimator(name, kind, each.options, each.environments))
+        return list(found.values())
+
+    def _real(self, name: str) -> str:
+        return self.system.estimator if name == DEFAULT else name
 
     def _skip(self, what: str, reason: str) -> None:
         self.skipped.append(Skipped(self.environment, what, reason))
 
     def flights(self) -> Iterator[Flight]:
-        """Every flight of the agents that fly there."""
+        """Every flight of the agents that the environment has."""
         for agent in self.study.agents:
             if agent.environments and self.environment not in agent.environments:
                 continue
             if not agent.learned and not is_controller(agent.kind, self.system):
                 self._skip(agent.name, unknown_controller(agent.kind, self.system))
                 continue
-            trainings = self._trainings(agent)
-            if not trainings:
-                self._skip(agent.name, "no estimator that it is trained on flies here")
-            flown_on = [_RAW_MEASUREMENTS] if agent.raw else self.flyable
-            conditions = (each for each in self.study.conditions if each.is_in(self.environment))
-            for condition, (school, seed, training), estimator in product(
-                conditions, trainings, flown_on
-            ):
-                if not agent.flown_on or estimator.name in (school.name, *agent.flown_on):
-                    names = (
-                        self.environment,
-                        condition.name,
-                        agent.name,
-                        school.name,
-                        estimator.name,
-                    )
-                    yield Flight(*names, seed, self._fly(agent, condition, estimator, training))
+            policies = list(self._policies(agent))
+            if not policies:
+                self._skip(agent.name, "no estimator that it is trained on can be used here")
+            for condition in self.study.conditions:
+                if condition.is_in(self.environment):
+                    for policy in policies:
+                        yield from self._flights_of(agent, condition, *policy)
 
-    def _trainings(self, agent: Agent) -> list[Training]:
-        """Every training of an agent; one without a job for an agent that does not learn."""
+    def _policies(self, agent: Agent) -> Iterator[tuple[str, str, int, Job | None]]:
+        """Name, home estimator, run and training of every policy of an agent."""
         if not agent.learned:
-            return [(Estimator(""), None, None)]
-        wanted = [self.system.estimator if name == DEFAULT else name for name in agent.trained_on]
-        schools = (
-            [_RAW_MEASUREMENTS] if agent.raw else [e for e in self.flyable if e.name in wanted]
-        )
-        seeds = range(self.study.training_seeds)
-        return [
-            (school, seed, self._train(agent, school, seed))
-            for school, seed in product(schools, seeds)
-        ]
+            yield agent.name, self.system.estimator, 0, None
+            return
+        known = {RAW: _RAW_MEASUREMENTS} if agent.raw else {e.name: e for e in self.estimators}
+        schools = (RAW,) if agent.raw else agent.trained_on
+        for school, run in product(schools, range(self.study.training_seeds)):
+            if self._real(school) in known:
+                home = known[self._real(school)]
+                yield agent.policy(school), home.name, run, self._train(agent, home, run)
+
+    def _flights_of(
+        self, agent: Agent, condition: Condition, policy: str, home: str, run: int, job: Job | None
+    ) -> Iterator[Flight]:
+        """The flights of a policy in a condition."""
+        for each in [_RAW_MEASUREMENTS] if agent.raw else self.estimators:
+            if not agent.flown_on or each.name in (home, *agent.flown_on):
+                flight = self._fly(agent, condition, each, job)
+                at_home = each.name == home
+                yield Flight(
+                    self.environment, condition.name, policy, each.name, run, at_home, flight
+                )
 
     def _options(self, agent: Agent, condition: Condition, estimator: Estimator) -> dict[str, Any]:
-        return options(self.study, condition, estimator, self.environment) | _seen(agent)
+        """The options of the environment for an agent, with those that decide what it is shown."""
+        chosen = options(self.study, condition, estimator, self.environment)
+        guidance = {} if agent.guidance is None else {"guidance": agent.guidance}
+        return chosen | ({"observe": agent.observe} | guidance if agent.learned else {})
 
     def _train(self, agent: Agent, school: Estimator, seed: int) -> Job:
         env, first = self.environment, self.study.conditions[0]
@@ -186,23 +172,19 @@ class _EnvironmentPlan:
     def _fly(
         self, agent: Agent, condition: Condition, estimator: Estimator, training: Job | None
     ) -> Job:
-        env, study, controller = (
-            self.environment,
-            self.study,
-            "checkpoint" if training else agent.kind,
-        )
+        env, study = self.environment, self.study
+        controller = "checkpoint" if training else agent.kind
+        own = digests(env, estimator.estimator, controller, *condition.own)
         arguments = {
             "environment": env,
             "options": self._options(agent, condition, estimator),
             "agent": controller,
             "first_seed": study.first_seed,
             "episodes": study.episodes,
-            "own": (
-                digests(env, estimator.estimator, controller, *condition.own)
-                | registered(env, controller)
-            ),
+            "own": own | registered(env, controller),
         }
         if not training and condition == study.conditions[0]:
             arguments["timed_beside"] = ORACLE
-        label = f"fly {agent.name if training else controller} on {estimator.name} in {env}"
+        label = f"{agent.name if training else controller} on {estimator.name} in {env}"
+        label += f", {condition.name}"
         return Job("agents.studies.flying:fly", arguments, label, (training,) if training else ())

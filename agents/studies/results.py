@@ -1,368 +1,188 @@
-"""Results of a study by environment, condition, agent and estimator."""
+"""Results of a study as one long table, and the share of the oracle's performance in it."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import product
-from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from agents.controllers import AUTOPILOT
 from agents.jobs import Outcome
-from agents.metrics import SCORE, Metric, mean, metrics
-from agents.page import csv_text
-from agents.statistics import Interval, crossed_interval, normalise, share_interval, skewed_interval
-from agents.studies.plan import Plan
-from agents.studies.records import DEFAULT, FLOOR, ORACLE, RAW, Agent
+from agents.statistics import normalise
+from agents.studies.plan import Flight, Plan
+from agents.studies.records import FLOOR, ORACLE
 from agents.studies.worlds import system_of
 
-
-class Policy(NamedTuple):
-    """An agent and, if it learned, the estimator of its training."""
-
-    agent: str
-    trained_on: str = ""
-
-    def __str__(self) -> str:
-        return (
-            f"{self.agent} trained on {self.trained_on}"
-            if self.trained_on not in ("", RAW)
-            else self.agent
-        )
+FLIGHT = ["environment", "condition", "policy", "estimator", "run"]
+"""Columns of a table that name a flight; with the seed they name an episode."""
 
 
-class Place(NamedTuple):
-    """An environment in a condition."""
+def long_table(plan: Plan, outcome: Outcome) -> pd.DataFrame:
+    """One row an episode: `FLIGHT`, seed, how it ended, score and every other metric of its task.
 
-    environment: str
-    condition: str
+    ``home`` is true where the policy was trained on that estimator, or it is the environment's
+    default; ``completed`` where the episode ended as the task asks; ``diverged`` where the truth was
+    beyond the filter's bounds for half of the time. ``nees_in_band`` and ``nis_in_band`` are those
+    of the flight, see `agents.studies.flying.fly`. What an episode does not have is NaN.
+    """
+    seeds = plan.study.seeds
+    found = []
+    for f in plan.flights:
+        if (values := outcome.values.get(f.job.key)) is None:
+            continue
+        ends = np.array(values["ends"], object)
+        rows = {name: getattr(f, name) for name in (*FLIGHT, "home")} | {"seed": seeds}
+        rows |= {"end": ends, "completed": ends == system_of(f.environment).task.success}
+        rows |= {"diverged": values["diverged"]}
+        rows |= {name: _number(values[name]) for name in ("nees_in_band", "nis_in_band")}
+        found.append(pd.DataFrame(rows | {k: _floats(v) for k, v in values["figures"].items()}))
+    empty = pd.DataFrame(columns=[*FLIGHT, "home", "seed", "score"])
+    return pd.concat(found, ignore_index=True) if found else empty
+
+
+def _number(value: float | None) -> float:
+    return np.nan if value is None else value
+
+
+def _floats(values: Sequence[float | None]) -> np.ndarray:
+    return np.array(values, float)
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """Everything that was flown.
-
-    A figure is an array ``(runs, episodes)``: training runs (one, for an agent that does not learn)
-    by evaluation seeds, which are the same for everybody.
+    """The table of a study, and what its run left besides.
 
     Attributes:
         plan: What was asked.
-        values: Of every job that has a result, by its key.
-        failures: Why the others have none, by their keys.
+        table: See `long_table`.
+        timings: What `agents.studies.flying.step_times` gave, by environment and estimator: rows of
+            a batch, CPU time [µs] of a step on the estimator, and of one on the truth beside it.
+        failures: Why jobs have no result, by their keys.
         seconds: CPU seconds of jobs, by their keys.
-        timings: What `agents.studies.flying.step_times` gave, by the keys of jobs that were timed.
     """
 
     plan: Plan
-    values: dict[str, dict[str, Any]]
+    table: pd.DataFrame
+    timings: dict[tuple[str, str], list[tuple[int, float, float]]] = field(default_factory=dict)
     failures: dict[str, str] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
-    timings: dict[str, list[tuple[int, float, float]]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, plan: Plan, outcome: Outcome) -> "Results":
         """The results of a run."""
-        timings = {
-            key: values["timing"] for key, values in outcome.values.items() if "timing" in values
-        }
-        return cls(plan, outcome.values, outcome.failures, outcome.seconds, timings)
+        timings = {}
+        for f in plan.flights:
+            if times := outcome.values.get(f.job.key, {}).get("timing"):
+                each = [(rows, 1e6 * own, 1e6 * truth) for rows, own, truth in times]
+                timings[f.environment, f.estimator] = each
+        table = long_table(plan, outcome)
+        return cls(plan, table, timings, outcome.failures, outcome.seconds)
 
-    # --- who, where, on what ----------------------------------------------------------------------
-
-    @cached_property
-    def _flown(self) -> dict[tuple[Place, Policy, str], dict[int | None, str]]:
-        """The jobs that have results, by place, policy and estimator: their keys by training seed."""
-        found: dict[tuple[Place, Policy, str], dict[int | None, str]] = {}
-        for f in self.plan.flights:
-            if f.job.key in self.values:
-                key = Place(f.environment, f.condition), Policy(f.agent, f.trained_on), f.flown_on
-                found.setdefault(key, {})[f.training_seed] = f.job.key
-        return found
+    @property
+    def missing(self) -> list[Flight]:
+        """Flights that have no result."""
+        there = set(self.wide("score").index)
+        names = [tuple(getattr(f, name) for name in FLIGHT) for f in self.plan.flights]
+        return [f for f, name in zip(self.plan.flights, names, strict=True) if name not in there]
 
     @cached_property
     def environments(self) -> list[str]:
-        """Environments in which something was flown."""
-        return _unique(place.environment for place, _, _ in self._flown)
+        """Environments that have results."""
+        return list(self.table.environment.unique())
 
     @cached_property
-    def conditions(self) -> list[str]:
-        """Conditions of the study; the first is that of the training."""
-        return [condition.name for condition in self.plan.study.conditions]
-
-    @cached_property
-    def classical(self) -> Policy:
-        """The agent that does not learn: its scores on `FLOOR` and `ORACLE` are 0 and 1 of every other."""
-        return Policy(next(agent.name for agent in self.plan.study.agents if not agent.learned))
+    def classical(self) -> str:
+        """The agent that does not learn: it scores 0 on `FLOOR` and 1 on `ORACLE`, for all others."""
+        return next(agent.name for agent in self.plan.study.agents if not agent.learned)
 
     @cached_property
     def who(self) -> str:
         """The classical agent in a sentence."""
-        return "the autopilot" if self.classical.agent == AUTOPILOT else self.classical.agent
+        return "the autopilot" if self.classical == AUTOPILOT else self.classical
 
-    def policies(self, environment: str | None = None) -> list[Policy]:
-        """The policies of an environment, or of all; the classical agents first."""
-        flown = _unique(
-            policy for place, policy, _ in self._flown if environment in (None, place.environment)
-        )
-        return sorted(flown, key=lambda policy: bool(policy.trained_on))
+    @cached_property
+    def learned(self) -> list[str]:
+        """Policies that learned, in the order of the study."""
+        names = [name for agent in self.plan.study.agents for name in agent.policies]
+        there = set(self.table.policy)
+        return [name for name in names if name in there]
 
-    def estimators(self, environment: str | None = None, policy: Policy | None = None) -> list[str]:
-        """Estimators flown, in the order of the study; without an environment, those flown in every one."""
-        if environment is None:
-            each = [self.estimators(name, policy) for name in self.environments]
-            return [
-                name
-                for name in _unique(name for names in each for name in names)
-                if all(name in e for e in each)
-            ]
-        return self._in_order(
-            name
-            for place, who, name in self._flown
-            if place.environment == environment and policy in (None, who)
-        )
+    def conditions(self, environment: str) -> list[str]:
+        """The conditions of an environment, in the order of the study."""
+        return [c.name for c in self.plan.study.conditions if c.is_in(environment)]
 
-    def flown_on(self) -> list[str]:
-        """Every estimator that flew anywhere, in the order of the study."""
-        return self._in_order(name for _, _, name in self._flown)
-
-    def _in_order(self, names: Iterable[str]) -> list[str]:
+    def estimators(self, environment: str | None = None) -> list[str]:
+        """Estimators that the classical agent was steered on, in the order of the study."""
+        own = self.table[self.table.policy == self.classical]
+        there = own if environment is None else own[own.environment == environment]
         order = [e.name for e in self.plan.study.estimators]
-        return sorted(
-            _unique(names), key=lambda name: order.index(name) if name in order else len(order)
-        )
+        names = there.estimator.unique()
+        return sorted(names, key=lambda n: order.index(n) if n in order else len(order))
 
-    def own(self, environment: str, policy: Policy) -> str:
-        """Estimator of a policy at home: that of its training, or else the environment's default."""
-        return self.here(environment, policy).trained_on or system_of(environment).estimator
+    # --- a flight a row, a seed a column ----------------------------------------------------------
 
-    def here(self, environment: str, policy: Policy) -> Policy:
-        """A policy of `schools` in an environment, in which `DEFAULT` has a name."""
-        name = (
-            system_of(environment).estimator if policy.trained_on == DEFAULT else policy.trained_on
-        )
-        return Policy(policy.agent, name)
+    def wide(self, metric: str) -> pd.DataFrame:
+        """A metric with a row for each flight, named by `FLIGHT`, and a column for each seed."""
+        if metric not in self._wide:
+            rows = self.table.set_index([*FLIGHT, "seed"])[metric]
+            self._wide[metric] = rows.unstack("seed", sort=False).astype(float)
+        return self._wide[metric]
 
-    def schools(self) -> list[Policy]:
-        """Policies flown, by one name for all environments: `DEFAULT` stands for each one's own default.
+    @cached_property
+    def _wide(self) -> dict[str, pd.DataFrame]:
+        return {}
 
-        In the order of the study, the agents that do not learn first.
+    @cached_property
+    def kept(self) -> pd.DataFrame:
+        """Share of the oracle's performance that is kept, as `wide`; places without a scale lack.
+
+        A place is an environment in a condition; it has a scale if the classical agent was steered
+        on both ends there, and scored higher on the oracle.
         """
-        found = []
-        for agent in sorted(self.plan.study.agents, key=lambda agent: agent.learned):
-            names = ("",) if not agent.learned else (RAW,) if agent.raw else agent.trained_on
-            found += [Policy(agent.name, name) for name in names]
-        return [
-            p for p in found if any(self.here(e, p) in self.policies(e) for e in self.environments)
-        ]
+        found = [self.wide("score").iloc[:0].astype(float)]
+        for _, place in self.wide("score").groupby(FLIGHT[:2], sort=False):
+            if (ends := self._ends(place)) is None:
+                continue
+            for _, runs in place.groupby(FLIGHT[2:4], sort=False):
+                shares = normalise(runs.to_numpy(), *ends)
+                found.append(pd.DataFrame(shares, runs.index, runs.columns))
+        return pd.concat(found)
 
-    def agent(self, policy: Policy) -> Agent:
-        """The study's agent of a policy."""
-        return next(agent for agent in self.plan.study.agents if agent.name == policy.agent)
-
-    # --- figures ----------------------------------------------------------------------------------
-
-    def runs_of(
-        self, place: Place, policy: Policy, estimator: str
-    ) -> dict[int | None, dict[str, Any]]:
-        """Values of `agents.studies.flying.fly` by training seed; None stands for an agent that does not learn."""
-        keys = self._flown.get((place, policy, estimator), {})
-        return {seed: self.values[key] for seed, key in keys.items()}
-
-    def rows(
-        self, place: Place, policy: Policy, estimator: str, key: str = "score"
-    ) -> dict[int | None, np.ndarray]:
-        """A metric of `agents.metrics.scores` in each run ``(episodes,)``, by training seed; empty if not flown."""
-        runs = self.runs_of(place, policy, estimator)
-        return {seed: np.array(values["figures"][key], float) for seed, values in runs.items()}
-
-    def figure(
-        self, place: Place, policy: Policy, estimator: str, key: str = "score"
-    ) -> np.ndarray | None:
-        """The `rows` of all runs, ``(runs, episodes)``; None if that was not flown."""
-        rows = self.rows(place, policy, estimator, key)
-        return np.array(list(rows.values())) if rows else None
-
-    def scale(self, place: Place) -> tuple[np.ndarray, np.ndarray] | None:
-        """The scores ``(episodes,)`` whose means are 0 and 1: the classical agent's on `FLOOR` and on `ORACLE`.
-
-        None if either was not flown, or the oracle is no better than the floor.
-        """
-        low, high = (self.figure(place, self.classical, name) for name in (FLOOR, ORACLE))
-        return (
-            None
-            if low is None or high is None or not high.mean() > low.mean()
-            else (low[0], high[0])
-        )
-
-    def kept(self, place: Place, policy: Policy, estimator: str) -> np.ndarray | None:
-        """Share of the oracle's performance that is kept, ``(runs, episodes)``, as `agents.statistics.normalise`."""
-        ends, scores = self.scale(place), self.figure(place, policy, estimator)
-        return None if ends is None or scores is None else normalise(scores, *ends)
-
-    def shares(
-        self, environments: Iterable[str], policy: Policy, estimator: str | None = None
-    ) -> np.ndarray | None:
-        """Share kept by each run at each evaluation seed ``(runs, episodes)``: means over environments.
-
-        Of each environment the mean over its `scaled` conditions. A run that lacks a flight is left
-        out; None if no run is left. The policy may be of `schools`; it flies on the estimator, or
-        (None) on what it was trained on or the environment's default.
-        """
-        found = self._by_run(environments, policy, estimator)
-        return np.mean(list(found.values()), axis=1) if found else None
-
-    def runs(
-        self, environments: Iterable[str], policy: Policy, estimator: str | None = None
-    ) -> np.ndarray | None:
-        """`shares` of each run in each environment ``(runs, environments)``: means over evaluation seeds."""
-        found = self._by_run(environments, policy, estimator)
-        return np.mean(list(found.values()), axis=2) if found else None
-
-    def paired_shares(
-        self,
-        environments: Iterable[str],
-        one: tuple[Policy, str | None],
-        other: tuple[Policy, str | None],
-    ) -> np.ndarray | None:
-        """`shares` of one minus those of another, each on an estimator ``(runs, episodes)``; None if they share no run.
-
-        Runs of the same training seed are paired, and an agent that does not learn is paired with
-        each.
-        """
-        names = list(environments)
-        ours, theirs = (self._by_run(names, *each) for each in (one, other))
-        if list(theirs) == [None]:
-            theirs = dict.fromkeys(ours, theirs[None])
-        both = [np.mean(ours[seed] - theirs[seed], axis=0) for seed in ours if seed in theirs]
-        return np.array(both) if both else None
-
-    def _by_run(
-        self, environments: Iterable[str], policy: Policy, estimator: str | None
-    ) -> dict[int | None, np.ndarray]:
-        """Share kept in each environment at each evaluation seed, by training seed."""
-        each = []
-        for environment in environments:
-            who = self.here(environment, policy)
-            on = self.own(environment, policy) if estimator is None else estimator
-            shares = (
-                (self.rows(p, who, on), self.kept(p, who, on)) for p in self.scaled([environment])
-            )
-            found = [
-                {} if kept is None else dict(zip(rows, kept, strict=True)) for rows, kept in shares
-            ]
-            each.append({seed: rows.mean(axis=0) for seed, rows in _in_all(found).items()})
-        return _in_all(each)
-
-    def price(
-        self, places: Iterable[Place], policy: Policy, estimator: str, comparisons: int = 1
-    ) -> Interval | float | None:
-        """Score lost against the truth at the same seed, mean over places; None if one was not flown.
-
-        A number where one training run has no interval. Of an agent that does not learn the
-        interval follows the skewness: most episodes cost little, and some much.
-        """
-        found = []
-        for place in places:
-            truth, ours = (self.rows(place, policy, name) for name in (ORACLE, estimator))
-            found.append({seed: truth[seed] - ours[seed] for seed in truth if seed in ours})
-        lost = [rows.mean(axis=0) for rows in _in_all(found).values()]
-        if lost and not self.agent(policy).learned:
-            return skewed_interval(lost[0], comparisons)
-        return self.interval(policy, np.array(lost), comparisons) if lost else None
-
-    def interval(
-        self, policy: Policy, values: np.ndarray, comparisons: int = 1
-    ) -> Interval | float | None:
-        """The mean of ``(runs, episodes)`` with its interval; a number for one training run, which has none."""
-        if self.agent(policy).learned and len(values) == 1:
-            return float(values.mean())
-        return crossed_interval(values, comparisons)
-
-    def mean(
-        self, place: Place, policy: Policy, estimator: str, metric: Metric = SCORE
-    ) -> Interval | None:
-        """A metric's mean over runs and evaluation seeds."""
-        values = self.figure(place, policy, estimator, metric.key)
-        return None if values is None else mean(metric, values)
-
-    def completed(
-        self, places: Sequence[Place], policy: Policy, estimator: str
-    ) -> Interval | float | None:
-        """Share [%] of episodes that end as the task asks, by each seed its mean over places; None without flights."""
-        found = []
-        for place in places:
-            success, runs = (
-                system_of(place.environment).task.success,
-                self.runs_of(place, policy, estimator),
-            )
-            found.append(
-                {seed: np.array(values["ends"]) == success for seed, values in runs.items()}
-            )
-        each = 100.0 * np.array([ends.mean(axis=0) for ends in _in_all(found).values()])
-        if not each.size:
+    def _ends(self, place: pd.DataFrame) -> tuple[np.ndarray, np.ndarray] | None:
+        """Scores ``(seeds,)`` of the classical agent on `FLOOR` and on `ORACLE`, if they are a scale."""
+        own = place.xs(self.classical, level="policy").droplevel([0, 1, 3])
+        if FLOOR not in own.index or ORACLE not in own.index:
             return None
-        if self.agent(policy).learned:
-            return self.interval(policy, each)
-        return share_interval(0.01 * each.mean() * each.size, each.size).times(100.0)
+        low, high = own.loc[FLOOR].to_numpy(), own.loc[ORACLE].to_numpy()
+        return (low, high) if high.mean() > low.mean() else None
 
-    def worst_decile(self, places: Iterable[Place], policy: Policy, estimator: str) -> float | None:
-        """Mean score of the worst tenth of the episodes of all runs in all places; None without flights."""
-        found = [
-            score.ravel()
-            for p in places
-            if (score := self.figure(p, policy, estimator)) is not None
-        ]
-        if not found:
-            return None
-        scores = np.sort(np.concatenate(found))
-        return float(scores[: -(-len(scores) // 10)].mean())
+    @cached_property
+    def scales(self) -> pd.DataFrame:
+        """Score on the truth minus that on dead reckoning, a row for each place that has a scale."""
+        found = {}
+        for name, place in self.wide("score").groupby(FLIGHT[:2], sort=False):
+            if ends := self._ends(place):
+                found[name] = ends[1] - ends[0]
+        index = pd.MultiIndex.from_tuples(list(found), names=FLIGHT[:2])
+        return pd.DataFrame(list(found.values()), index=index)
 
-    def step_times(self, environment: str, estimator: str) -> list[tuple[int, float, float]]:
-        """Rows of a batch, and CPU time [µs] of a step of the classical agent on an estimator and on the truth."""
-        keys = self._flown.get(
-            (Place(environment, self.conditions[0]), self.classical, estimator), {}
-        )
-        times = self.timings.get(keys.get(None, ""), [])
-        return [(rows, 1e6 * own, 1e6 * truth) for rows, own, truth in times]
+    @cached_property
+    def shares(self) -> dict[tuple[str, str, str], pd.DataFrame]:
+        """Share kept by each run (row) at each seed, by environment, policy and estimator.
 
-    def places(self, environments: Iterable[str] | None = None) -> list[Place]:
-        """Every condition of every environment, or of some."""
-        chosen = self.environments if environments is None else environments
-        conditions = self.plan.study.conditions
-        return [
-            Place(name, each.name) for name, each in product(chosen, conditions) if each.is_in(name)
-        ]
+        Means over the conditions of the environment that have a scale; runs that lack one are left
+        out.
+        """
+        each = self.kept.groupby([n for n in FLIGHT if n != "condition"], sort=False)
+        conditions = self.scales.groupby(level="environment").size()
+        there = each.size()
+        wanted = conditions.reindex(there.index.get_level_values("environment"))
+        means = each.mean()[there.to_numpy() == wanted.to_numpy()]
+        levels = ["environment", "policy", "estimator"]
+        return {key: rows.droplevel(levels) for key, rows in means.groupby(level=levels)}
 
-    def scaled(self, environments: Iterable[str] | None = None) -> list[Place]:
-        """The `places` that have a `scale`: shares are kept of nothing elsewhere."""
-        return [place for place in self.places(environments) if self.scale(place) is not None]
-
-    # --- files ------------------------------------------------------------------------------------
-
-    def episodes_csv(self) -> str:
-        """One row an episode: who flew where on what, the seed, and every metric; empty where there is no value."""
-        keys = _unique(m.key for name in self.environments for m in metrics(system_of(name)))
-        who = ["environment", "condition", "agent", "trained_on", "training_seed", "estimator"]
-        rows = [[*who, "seed", "end", "is_success", *keys]]
-        nothing = [float("nan")] * self.plan.study.episodes
-        for f in (f for f in self.plan.flights if f.job.key in self.values):
-            values, success = self.values[f.job.key], system_of(f.environment).task.success
-            flown = [f.environment, f.condition, f.agent, f.trained_on, f.training_seed, f.flown_on]
-            figures = [values["figures"].get(key, nothing) for key in keys]
-            for seed, end, *measured in zip(
-                self.plan.study.seeds, values["ends"], *figures, strict=True
-            ):
-                numbers = [f"{value:.6g}" if np.isfinite(value) else "" for value in measured]
-                rows.append([*flown, seed, end, end == success, *numbers])
-        return csv_text(rows)
-
-
-def _unique(items: Iterable[Any]) -> list[Any]:
-    return list(dict.fromkeys(items))
-
-
-def _in_all(each: Sequence[Mapping[int | None, np.ndarray]]) -> dict[int | None, np.ndarray]:
-    """The rows of every run that all have, ``(len(each), episodes)``."""
-    seeds = [seed for seed in (each[0] if each else ()) if all(seed in found for found in each)]
-    return {seed: np.array([found[seed] for found in each]) for seed in seeds}
+    def home(self, environment: str, policy: str) -> str:
+        """The home estimator of a policy, see `agents.studies.plan.Flight`."""
+        here = [f for f in self.plan.flights if (f.environment, f.policy) == (environment, policy)]
+        return next((f.estimator for f in here if f.home), system_of(environment).estimator)

@@ -11,6 +11,7 @@ from typing import Any
 from agents.controllers import AUTOPILOT, PPO, controller_names, is_controller, make_controller
 from agents.named import named_object
 from agents.seeds import evaluation_seeds
+from agents.studies.plan import options
 from agents.studies.records import DEFAULT, FLOOR, ORACLE, RAW, Agent, Condition, Estimator, Study
 from agents.studies.toml_reader import Place, StudyError, TomlReader, keys_of
 from agents.studies.worlds import (
@@ -144,7 +145,10 @@ class _Reader(TomlReader):
                 (*place, "estimator"), check_estimator_name, estimator.estimator
             ):
                 self.check_estimator(
-                    place, estimator, [w for w in worlds if w in (estimator.environments or worlds)]
+                    place,
+                    study,
+                    estimator,
+                    [w for w in worlds if w in (estimator.environments or worlds)],
                 )
         for agent in study.agents:
             place = ("agents", agent.name)
@@ -187,7 +191,7 @@ class _Reader(TomlReader):
                 if w in (study.estimator(name).environments or here)
             ]
             if here and agent.trained_on and not flown and not agent.raw:
-                text = f"{agent.name} flies in no environment of an estimator that it is trained on"
+                text = f"{agent.name} is in no environment of an estimator that it is trained on"
                 self.wrong((*place, "trained_on"), text)
 
     def check_condition(self, condition: Condition, worlds: Sequence[str]) -> None:
@@ -218,10 +222,10 @@ class _Reader(TomlReader):
             self.refused(condition, condition.options, worlds)
 
     def refused(
-        self, condition: Condition, options: Mapping[str, Any], worlds: Sequence[str]
+        self, condition: Condition, chosen: Mapping[str, Any], worlds: Sequence[str]
     ) -> bool:
         """Note environments that refuse the options of a condition, and return whether there are any."""
-        errors = {world: refusal(world, {"estimator": ORACLE, **options}) for world in worlds}
+        errors = {world: refusal(world, {"estimator": ORACLE, **chosen}) for world in worlds}
         for world, error in errors.items():
             if error is not None:
                 self.wrong(
@@ -230,28 +234,27 @@ class _Reader(TomlReader):
                 )
         return any(error is not None for error in errors.values())
 
-    def check_estimator(self, place: Place, estimator: Estimator, worlds: Sequence[str]) -> None:
+    def check_estimator(
+        self, place: Place, study: Study, estimator: Estimator, worlds: Sequence[str]
+    ) -> None:
         """An estimator may be refused by some environments, but not by all, and not for its options."""
         reasons = []
         for world in worlds:
-            name = (
-                system_of(world).estimator
-                if estimator.estimator == DEFAULT
-                else estimator.estimator
-            )
-            error = refusal(world, {"estimator": name, "estimator_options": estimator.options})
+            first = study.conditions[0]
+            if refusal(world, {"estimator": ORACLE} | first.options):
+                first = Condition("nominal")
+            error = refusal(world, options(study, first, estimator, world))
             if error is None:
                 continue
-            if estimator.options and refusal(world, {"estimator": name}) is None:
-                self.wrong(
-                    (*place, "options"), f"{world} refuses the options of {estimator.name}: {error}"
-                )
+            plain = replace(estimator, options={})
+            if estimator.options and not refusal(world, options(study, first, plain, world)):
+                text = f"{world} refuses the options of {estimator.name}: {error}"
+                self.wrong((*place, "options"), text)
             else:
                 reasons.append(str(error))
         if worlds and len(reasons) == len(worlds):
-            self.wrong(
-                place, f"no environment of the study can carry {estimator.name}: {reasons[0]}"
-            )
+            text = f"no environment of the study can carry {estimator.name}: {reasons[0]}"
+            self.wrong(place, text)
 
     # --- sections ---------------------------------------------------------------------------------
 

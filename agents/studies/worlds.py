@@ -1,5 +1,6 @@
 """Look-up of the environments, estimators and agents of a study, the package's own or ``module:object``."""
 
+import json
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -140,12 +141,22 @@ def classical_controller(agent: str, environment: str) -> Any:
 
 
 def refusal(name: str, options: dict[str, Any]) -> Exception | None:
-    """Why an environment refuses options: a ValueError if it cannot carry the estimator, a TypeError for an option."""
-    try:
-        batch(registered_id(name), 1, environment_options(name, options)).close()
-    except (ValueError, TypeError) as error:
-        return error
-    return None
+    """Why an environment refuses options, if it does.
+
+    It is a ValueError if it cannot carry the estimator, and a TypeError for an option. Each
+    environment is built once for that.
+    """
+    key = name, json.dumps(options, sort_keys=True)
+    if key not in _REFUSALS:
+        try:
+            batch(registered_id(name), 1, environment_options(name, options)).close()
+            _REFUSALS[key] = None
+        except (ValueError, TypeError) as error:
+            _REFUSALS[key] = error
+    return _REFUSALS[key]
+
+
+_REFUSALS: dict[tuple[str, str], Exception | None] = {}
 
 
 def check_estimator_name(name: str) -> None:

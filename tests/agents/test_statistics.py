@@ -11,8 +11,6 @@ from agents.statistics import (
     mean_interval,
     normalise,
     paired_difference,
-    performance_profile,
-    probability_of_improvement,
     share_interval,
     skewed_interval,
     verdict,
@@ -192,68 +190,6 @@ def test_a_share_of_nothing_is_refused(hits, trials):
         share_interval(hits, trials)
 
 
-def test_a_run_beats_another_by_the_pairs_it_wins_and_half_of_the_ties():
-    # 3 beats 2 and 1, 1 loses to 2 and ties with 1.
-    assert probability_of_improvement([[3.0], [1.0]], [[2.0], [1.0]]).mean == 2.5 / 4.0
-
-
-@pytest.mark.parametrize("other_runs", [10, 4, 17])
-def test_the_probability_of_improvement_is_rliables(other_runs):
-    rng = np.random.default_rng(7)
-    x, y = rng.integers(0, 6, (10, 3)), rng.integers(1, 6, (other_runs, 3))  # integers tie
-    won = [
-        stats.mannwhitneyu(x[:, k], y[:, k], alternative="greater").statistic / (10 * other_runs)
-        for k in range(3)
-    ]
-    assert probability_of_improvement(x, y).mean == pytest.approx(np.mean(won), abs=1e-12)
-
-
-def test_two_agents_probabilities_of_improvement_sum_to_one_and_an_agents_over_itself_is_a_half(
-    scores,
-):
-    other = np.random.default_rng(8).normal(0.5, 0.3, (6, 3))
-    forth, back = (
-        probability_of_improvement(scores, other),
-        probability_of_improvement(other, scores),
-    )
-    assert forth.mean + back.mean == pytest.approx(1.0, abs=1e-12)
-    np.testing.assert_allclose(
-        [forth.low, forth.high], [1.0 - back.high, 1.0 - back.low], atol=1e-12
-    )
-    assert 0.0 < forth.low < forth.mean < forth.high < 1.0
-    assert probability_of_improvement(scores, scores).mean == pytest.approx(0.5, abs=1e-12)
-
-
-def test_only_the_order_of_scores_matters_to_the_probability_of_improvement(scores):
-    other = np.random.default_rng(9).normal(0.5, 0.3, (6, 3))
-    assert probability_of_improvement(np.exp(scores), np.exp(other)) == probability_of_improvement(
-        scores, other
-    )
-
-
-def test_a_profile_is_the_share_of_scores_strictly_above_each_threshold():
-    profile = performance_profile(np.array([[0.2, 0.9], [0.4, 0.6]]), [0.0, 0.2, 0.6, 0.9])
-    assert [point.mean for point in profile] == [1.0, 0.75, 0.25, 0.0]
-
-
-def test_a_profile_and_its_band_fall_from_one_to_zero(scores):
-    thresholds = np.linspace(-1.0, 2.0, 31)
-    profile = np.array([ends(point) for point in performance_profile(scores, thresholds)])
-    np.testing.assert_allclose(
-        profile[:, 0], [np.mean(scores > tau) for tau in thresholds], atol=1e-12
-    )  # rliable
-    assert np.all(np.diff(profile, axis=0) <= 0.0)
-    assert np.all((profile[:, 1] <= profile[:, 0]) & (profile[:, 0] <= profile[:, 2]))
-    assert profile[0, 0] == profile[0, 2] == 1.0
-    assert profile[-1, 0] == profile[-1, 1] == 0.0
-
-
-def test_five_runs_that_all_win_may_still_lose_every_second_time():
-    """A winner that fails in 52 % of its runs shows five good ones with probability 0.025."""
-    won = probability_of_improvement(np.ones((5, 1)), np.zeros((5, 1)))
-    np.testing.assert_allclose(ends(won), [1.0, 0.025 ** (1 / 5), 1.0])
-
-
 @pytest.mark.parametrize(
     "wrong", [np.zeros(5), np.zeros((0, 2)), np.array([[0.0], [np.nan]]), np.zeros((3, 2, 100))]
 )
@@ -271,21 +207,6 @@ def collapsing(rng, size):
     return np.where(
         rng.random(size) < 0.2, rng.normal(0.2, 0.05, size), rng.normal(0.9, 0.03, size)
     )
-
-
-@pytest.mark.parametrize("runs", [5, 10])
-@pytest.mark.parametrize(
-    "rival", [bounded, lambda rng, size: rng.normal(0.6, 0.02, size)], ids=["bounded", "between"]
-)
-def test_the_interval_of_a_probability_of_improvement_holds_the_truth_nine_times_in_ten(
-    runs, rival
-):
-    """400 studies each, as above; a rival whose runs are all alike and lie between success and failure is the worst."""
-    rng = np.random.default_rng(14)
-    truth = stats.mannwhitneyu(collapsing(rng, 100_000), rival(rng, 100_000)).statistic / 1e10
-    studies = [(collapsing(rng, (runs, 1)), rival(rng, (runs, 1))) for _ in range(400)]
-    intervals = [probability_of_improvement(x, y) for x, y in studies]
-    assert np.mean([interval.low <= truth <= interval.high for interval in intervals]) >= 0.9
 
 
 FLIGHTS = np.load(Path(__file__).parent / "flights.npz")

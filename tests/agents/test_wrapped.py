@@ -115,12 +115,12 @@ def test_a_study_ranks_the_estimators(tmp_path: Path):
     path = tmp_path / "study.toml"
     path.write_text(STUDY)
     planned = plan(read_study(path))
-    assert {f.flown_on for f in planned.flights} == {"truth", "dead-reckoning", "ekf", "ukf"}
+    assert {f.estimator for f in planned.flights} == {"truth", "dead-reckoning", "ekf", "ukf"}
     assert not planned.skipped
     outcome = run(planned.jobs, tmp_path / "results", 1)
     assert not outcome.failures
-    text = write_report(Results.of(planned, outcome), tmp_path).read_text()
-    assert "x1" in text
+    text = write_report(Results.of(planned, outcome), tmp_path, {}).read_text()
+    assert "<td>ukf</td>" in text
     assert "NEES" in text
 
 

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 from agents.commands import ablate
@@ -62,12 +63,12 @@ def test_a_study_ends_with_its_answer_and_where_the_report_lies_and_is_not_compu
     assert (out / "report.html").stat().st_size > 100_000
     assert (out / "study.toml").read_text() == SMALL
     assert json.loads((out / "study.json").read_text())["training_seeds"] == 1
-    assert {path.suffix for path in (out / "tables").iterdir()} == {".csv", ".md"}
+    assert (out / "ranking.md").read_text().startswith("# A small study\n\n")
     computed = {path.name: path.stat().st_ino for path in (out / "jobs").iterdir()}
-    episodes = (out / "episodes.csv").read_bytes()
+    table = (out / "results.parquet").read_bytes()
     assert ablate.main(out / "study.toml", out, processes=1) == 0  # as the report says
     assert {path.name: path.stat().st_ino for path in (out / "jobs").iterdir()} == computed
-    assert (out / "episodes.csv").read_bytes() == episodes
+    assert (out / "results.parquet").read_bytes() == table
 
 
 @pytest.mark.slow
@@ -84,8 +85,8 @@ def test_the_documentation_shows_how_to_bring_an_own_estimator_and_environment(
         sys, "path", [*sys.path]
     )  # to which the command adds the folder of the study
     assert command(ablate.main, ["own.toml", "--out", "out", "--processes", "1"]) == 0
-    rows = (tmp_path / "out" / "episodes.csv").read_text().splitlines()[1:]
-    flown = {(row.split(",")[0], row.split(",")[5]) for row in rows}
+    table = pd.read_parquet(tmp_path / "out" / "results.parquet")
+    flown = set(zip(table.environment, table.estimator, strict=True))
     ship = "my_ships:LightCorvetteVectorEnv"
     assert flown == {(ship, name) for name in ("truth", "dead-reckoning", "kf-umv-ui", "steady")}
     assert "steady" in (tmp_path / "out" / "report.html").read_text()

@@ -18,7 +18,7 @@ from agents.commands import ablate, watch
 from agents.commands import train as train_command
 from agents.commands.console import command
 from agents.jobs import Job, run
-from agents.page import templates
+from agents.page import write_page
 from agents.studies.report import write_report
 from agents.training.algorithms import train
 from estimators.consistency import consistency_figure
@@ -91,8 +91,8 @@ CALLS: dict[str, tuple[str, str, Callable[[Path], Any]]] = {
         "train",
         lambda path: agents.load_agent(path / "foreign.zip", gym.make(ENV), True),
     ),
-    "a report": ("matplotlib", "report", lambda path: write_report(None, path)),
-    "a page": ("jinja2", "report", lambda path: templates.__wrapped__()),
+    "a report": ("matplotlib", "report", lambda path: write_report(None, path, {})),
+    "a page": ("jinja2", "report", lambda path: write_page(path / "a.html", "", "", [], [])),
     "processes": (
         "joblib",
         "report",

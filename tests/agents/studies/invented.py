@@ -6,10 +6,11 @@ from zlib import crc32
 
 import numpy as np
 
+from agents.jobs import Outcome
 from agents.metrics import WITHOUT_COVARIANCE, metrics
 from agents.studies.plan import Plan, plan
 from agents.studies.records import RAW, Agent, Condition, Estimator, Study
-from agents.studies.results import Results
+from agents.studies.results import FLIGHT, Results
 from agents.studies.worlds import system_of
 
 CORVETTE, SEGOROGENI = "SigmaCorvette-v0", "SegorogeniAUV-v0"
@@ -52,25 +53,24 @@ def study(
     )
 
 
-def results(planned: Plan | Study, quality=QUALITY, noise=0.01) -> Results:
-    """What flights would give if scores were 0.1 + 0.8 of the quality, less 0.02 for a policy off its own estimator."""
+def results(planned: Plan | Study, quality=QUALITY, noise=0.01, **changed) -> Results:
+    """What a run would give if scores were 0.1 + 0.8 of the quality, and 0.02 less away from home.
+
+    ``changed`` are other qualities of estimators by "estimator in condition", spaces as underscores.
+    """
     planned = planned if isinstance(planned, Plan) else plan(planned)
-    values, seconds, timings = {}, {}, {}
+    outcome, n = Outcome(), planned.study.episodes
     for f in planned.flights:
-        rng = np.random.default_rng(
-            crc32(repr((f.job.label, f.condition, f.trained_on, f.training_seed)).encode())
-        )
-        n = planned.study.episodes
+        rng = np.random.default_rng(crc32(repr((f.job.label, f.policy, f.run)).encode()))
         weather = np.random.default_rng(7).normal(0.0, 0.02, n)
-        run = 0.0 if f.training_seed is None else rng.normal(0.0, 2.0 * noise)
-        crossed = 0.02 * (f.trained_on not in ("", f.flown_on))
-        score = (
-            0.1 + 0.8 * quality[f.flown_on] + weather + run - crossed + rng.normal(0.0, noise, n)
-        )
-        claims = f.flown_on not in WITHOUT_COVARIANCE
+        run = rng.normal(0.0, 2.0 * noise) if f.job.needs else 0.0
+        crossed = 0.02 * bool(f.job.needs and not f.home)
+        level = changed.get(f"{f.estimator}_in_{f.condition}", quality[f.estimator])
+        score = 0.1 + 0.8 * level + weather + run - crossed + rng.normal(0.0, noise, n)
+        claims = f.estimator not in WITHOUT_COVARIANCE
         figures = {m.key: rng.lognormal(0.0, 0.2, n) for m in metrics(system_of(f.environment))}
         figures |= {"score": score} | ({} if claims else {"nees": np.full(n, np.nan)})
-        values[f.job.key] = {
+        outcome.values[f.job.key] = {
             "figures": {key: each.tolist() for key, each in figures.items()},
             "nees_in_band": 0.9 if claims else None,
             "nis_in_band": 0.95 if claims else None,
@@ -78,12 +78,11 @@ def results(planned: Plan | Study, quality=QUALITY, noise=0.01) -> Results:
             "ends": [""] * n,
             "steps": 100 * n,
         }
-        seconds[f.job.key] = 1e-5 * (1.0 + len(f.flown_on)) * 100 * n
-        if f.job.arguments.get("timed_beside"):
-            timings[f.job.key] = [(n, 1e-5 * (1.0 + len(f.flown_on)), 1e-5), (1, 2e-4, 1e-4)]
-        for training in f.job.needs:
-            values[training.key] = {"steps": 1000}
-    return Results(planned, values, {}, seconds, timings=timings)
+        outcome.seconds[f.job.key] = 1e-5 * (1.0 + len(f.estimator)) * 100 * n
+        if f.job.arguments.get("timed_beside"):  # longer, the longer the name
+            times = [(n, 1e-5 * (1.0 + len(f.estimator)), 1e-5), (1, 2e-4, 1e-4)]
+            outcome.values[f.job.key]["timing"] = times
+    return Results.of(planned, outcome)
 
 
 @cache
@@ -93,7 +92,9 @@ def learned() -> Results:
 
 
 def without(found: Results, unwanted, why: str | None = None) -> Results:
-    """The same without the flights of which something holds; with a reason they have failed."""
-    keys = {f.job.key for f in found.plan.flights if unwanted(f)}
-    values = {key: value for key, value in found.values.items() if key not in keys}
-    return replace(found, values=values, failures=dict.fromkeys(keys, why) if why else {})
+    """The results without the flights of which something holds; with a reason they have failed."""
+    lost = [f for f in found.plan.flights if unwanted(f)]
+    names = {tuple(getattr(f, name) for name in FLIGHT) for f in lost}
+    kept = [row not in names for row in found.table[FLIGHT].itertuples(index=False, name=None)]
+    failures = dict.fromkeys((f.job.key for f in lost), why) if why else {}
+    return replace(found, table=found.table[kept], failures=failures)

@@ -43,12 +43,12 @@ def flights(planned, **wanted):
 def test_an_estimator_that_an_environment_cannot_carry_is_left_out_there_with_the_reason(planned):
     assert [(s.environment, s.what) for s in planned.skipped] == [(SEGOROGENI, "kf")]
     assert "LinearModel" in planned.skipped[0].reason
-    assert not flights(planned, environment=SEGOROGENI, flown_on="kf")
-    assert flights(planned, environment=CORVETTE, flown_on="kf")
+    assert not flights(planned, environment=SEGOROGENI, estimator="kf")
+    assert flights(planned, environment=CORVETTE, estimator="kf")
 
 
 def test_the_classical_agent_flies_every_estimator_in_every_condition_once(planned):
-    own = [(f.environment, f.condition, f.flown_on) for f in flights(planned, agent="autopilot")]
+    own = [(f.environment, f.condition, f.estimator) for f in flights(planned, policy="autopilot")]
     corvette = [
         "truth",
         "dead-reckoning",
@@ -65,9 +65,9 @@ def test_the_classical_agent_flies_every_estimator_in_every_condition_once(plann
 
 def test_every_policy_flies_every_estimator_and_is_trained_once_in_the_first_condition(planned):
     crossed = flights(
-        planned, environment=CORVETTE, condition="rough", agent="PPO", trained_on="kf-umv-ui"
+        planned, environment=CORVETTE, condition="rough", policy="PPO trained on default"
     )
-    assert {(f.flown_on, f.training_seed) for f in crossed} == {
+    assert {(f.estimator, f.run) for f in crossed} == {
         (e, seed) for e in ("truth", "dead-reckoning", "kf", "kf-umv-ui") for seed in (0, 1)
     }
     trainings = {need.key: need for f in planned.flights for need in f.job.needs}
@@ -84,8 +84,8 @@ def test_every_policy_flies_every_estimator_and_is_trained_once_in_the_first_con
 
 
 def test_an_agent_on_raw_measurements_sees_no_estimator_in_training_or_flight(planned):
-    raw = flights(planned, agent="LSTM")
-    assert {(f.trained_on, f.flown_on) for f in raw} == {(RAW, RAW)}
+    raw = flights(planned, policy="LSTM")
+    assert {(f.home, f.estimator) for f in raw} == {(True, RAW)}
     for flight in raw:
         for job in (flight.job, *flight.job.needs):
             assert job.arguments["options"]["observe"] == "measurement"
@@ -124,11 +124,12 @@ def test_a_condition_of_one_environment_is_flown_there_alone():
 def test_a_policy_flies_the_estimator_of_its_training_and_those_that_its_agent_names():
     some = Agent("PPO", "ppo", trained_on=("truth", "default"), flown_on=("dead-reckoning",))
     planned = plan(replace(STUDY, agents=(STUDY.agents[0], some)))
-    flown = {
-        (f.trained_on, f.flown_on) for f in flights(planned, environment=CORVETTE, agent="PPO")
-    }
-    assert flown == {(own, on) for own in ("truth", "kf-umv-ui") for on in (own, "dead-reckoning")}
-    assert {f.flown_on for f in flights(planned, environment=CORVETTE, agent="autopilot")} > {"kf"}
+    schools = {"PPO trained on truth": "truth", "PPO trained on default": "kf-umv-ui"}
+    for policy, own in schools.items():
+        found = flights(planned, environment=CORVETTE, policy=policy)
+        assert {(f.estimator, f.home) for f in found} == {(own, True), ("dead-reckoning", False)}
+    found = flights(planned, environment=CORVETTE, policy="autopilot")
+    assert {f.estimator for f in found} > {"kf"}
 
 
 def test_the_source_of_what_is_the_users_own_is_part_of_a_job(tmp_path, monkeypatch):

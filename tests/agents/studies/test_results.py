@@ -1,22 +1,24 @@
-"""What a study found, by place, policy and estimator."""
+"""The long table of a study, and the shares that are computed of it."""
 
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from invented import CONDITIONS, CORVETTE, QUALITY, SEGOROGENI, learned, results, study, without
 
 from agents.jobs import run
 from agents.metrics.dive import METRICS
 from agents.statistics import crossed_interval, mean_interval
-from agents.studies import flying
+from agents.studies import flying, shares
 from agents.studies.plan import plan
 from agents.studies.records import RAW
-from agents.studies.results import Place, Policy, Results
+from agents.studies.results import FLIGHT, Results
 from agents.studies.worlds import system_of
 
-NOMINAL = Place(CORVETTE, "nominal")
+NOMINAL = (CORVETTE, "nominal", "autopilot")
+PPO = "PPO trained on default"
 
 
 @pytest.fixture(scope="module")
@@ -24,122 +26,152 @@ def found():
     return learned()
 
 
-def test_the_floor_and_the_oracle_are_0_and_1_of_the_scale(found):
+def by_hand(found, environment, policy, estimator):
+    """Share kept ``(runs, seeds)``, from the table: the ratio of means, linearised by seed."""
+    table, each = found.table[found.table.environment == environment], []
+    for condition in found.conditions(environment):
+        at = table[table.condition == condition]
+
+        def scores(policy, estimator, at=at):
+            rows = at[(at.policy == policy) & (at.estimator == estimator)]
+            return np.array([one.score.to_numpy(float) for _, one in rows.groupby("run")])
+
+        low, high = (scores("autopilot", name)[0] for name in ("dead-reckoning", "truth"))
+        own, scale = scores(policy, estimator), high.mean() - low.mean()
+        share = (own.mean() - low.mean()) / scale
+        each.append(share + (own - low - share * (high - low)) / scale)
+    return np.mean(each, axis=0)
+
+
+@pytest.mark.parametrize(
+    ("policy", "estimator"), [("autopilot", "ekf"), ("PPO trained on ekf", "enkf"), (PPO, "ekf")]
+)
+def test_a_share_is_the_mean_over_environments_of_means_over_conditions(found, policy, estimator):
+    each = [by_hand(found, e, policy, estimator) for e in (CORVETTE, SEGOROGENI)]
+    together = shares.shares(found, (CORVETTE, SEGOROGENI), policy, estimator)
+    np.testing.assert_allclose(together, np.mean(each, axis=0), rtol=0, atol=1e-12)
+    runs = 1 if policy == "autopilot" else 5
+    assert together.shape == (runs, 8)
+
+
+def test_the_floor_and_the_oracle_keep_nothing_and_everything(found):
     for name, end in (("dead-reckoning", 0.0), ("truth", 1.0)):
-        assert np.mean(found.kept(NOMINAL, found.classical, name)) == pytest.approx(end)
+        kept = shares.shares(found, (CORVETTE, SEGOROGENI), "autopilot", name)
+        np.testing.assert_allclose(kept, end, atol=1e-12)
 
 
-def test_controllers_are_the_same_everywhere_by_the_name_of_their_school(found):
-    schools = found.schools()
-    assert [str(p) for p in schools] == [
-        "autopilot", "PPO trained on default", "PPO trained on ekf", "PPO, raw", "PPO, LSTM",
-    ]  # fmt: skip
-    assert found.here(CORVETTE, schools[1]) == Policy("PPO", "kf-umv-ui")
-    assert found.here(SEGOROGENI, schools[1]) == Policy("PPO", "enkf")
-    assert [found.own(CORVETTE, p) for p in schools] == ["kf-umv-ui", "kf-umv-ui", "ekf", RAW, RAW]
-    assert {found.here(CORVETTE, p) for p in schools} == set(found.policies(CORVETTE))
+def test_nothing_is_clipped():
+    odd = results(study((CORVETTE,)), QUALITY | {"ekf": 1.3, "kf": -0.5})
+    assert shares.kept(odd, [CORVETTE], "autopilot", "ekf").mean > 1.2
+    assert shares.kept(odd, [CORVETTE], "autopilot", "kf").mean < -0.3
 
 
-def test_runs_of_a_school_are_those_of_its_policy_in_each_environment(found):
-    runs = found.runs([CORVETTE, SEGOROGENI], Policy("PPO", "default"))
-    assert runs.shape == (5, 2)
-    for column, environment, name in ((0, CORVETTE, "kf-umv-ui"), (1, SEGOROGENI, "enkf")):
-        places = found.places([environment])
-        kept = np.mean([found.kept(p, Policy("PPO", name), name).mean(1) for p in places], axis=0)
-        np.testing.assert_allclose(runs[:, column], kept)
+def test_policies_have_one_name_in_all_environments_and_a_home_in_each(found):
+    assert found.learned == [PPO, "PPO trained on ekf", "PPO, raw", "PPO, LSTM"]
+    assert [found.home(e, PPO) for e in (CORVETTE, SEGOROGENI)] == ["kf-umv-ui", "enkf"]
+    assert found.home(CORVETTE, "PPO trained on ekf") == "ekf"
+    assert found.home(CORVETTE, "PPO, raw") == RAW
+    assert found.home(CORVETTE, "autopilot") == "kf-umv-ui"
+    at_home = shares.shares(found, [SEGOROGENI], PPO)
+    np.testing.assert_array_equal(at_home, shares.shares(found, [SEGOROGENI], PPO, "enkf"))
 
 
-def test_a_run_that_lacks_a_flight_is_left_out_and_pairs_are_of_the_same_seeds(found):
-    broken = without(
-        found,
-        lambda f: (
-            (f.agent, f.trained_on, f.training_seed, f.condition)
-            in [("PPO", "ekf", 2, "calm"), ("PPO, raw", RAW, 0, "rough")]
-        ),
+def test_an_end_that_is_missing_or_no_better_takes_its_place_out_of_every_share(found):
+    partial = without(found, lambda f: (f.estimator, f.condition) == ("truth", "calm"))
+    assert (CORVETTE, "calm") not in partial.scales.index
+    kept = shares.shares(partial, [CORVETTE], "autopilot", "ekf")
+    rest = found.kept.xs((CORVETTE, "autopilot", "ekf"), level=[0, 2, 3])
+    rest = rest[rest.index.get_level_values("condition") != "calm"]
+    np.testing.assert_allclose(kept[0], rest.mean(), atol=1e-12)
+    flat = results(study((CORVETTE,)), QUALITY | {"truth": -1.0})
+    assert shares.ruled(flat) == []
+
+
+def test_a_run_that_lacks_a_place_is_left_out_and_the_others_stay_paired(found):
+    def lost(f):
+        return (f.environment, f.condition, f.policy, f.run) == (CORVETTE, "rough", PPO, 2)
+
+    partial = without(found, lost)
+    both = (CORVETTE, SEGOROGENI)
+    whole = shares.shares(found, both, PPO)
+    np.testing.assert_allclose(shares.shares(partial, both, PPO).mean(axis=1),
+                               np.delete(whole, 2, axis=0).mean(axis=1), atol=0.02)  # fmt: skip
+    pairs = shares.paired_shares(partial, [CORVETTE], (PPO, None), ("PPO, raw", None))
+    assert pairs.shape == (4, 8)
+    alone = shares.paired_shares(partial, [CORVETTE], (PPO, None), ("autopilot", "kf-umv-ui"))
+    assert alone.shape == (4, 8)
+    gone = without(found, lambda f: f.condition == "rough" and f.policy == PPO)
+    assert shares.shares(gone, [CORVETTE], PPO) is None
+    assert shares.kept(gone, [CORVETTE], PPO, None) is None
+    assert shares.paired_shares(gone, [CORVETTE], (PPO, None), ("PPO, raw", None)) is None
+
+
+def test_the_classical_agent_has_an_interval_over_seeds_and_one_training_run_has_none(found):
+    values = shares.shares(found, [CORVETTE], "autopilot", "ekf")
+    assert shares.kept(found, [CORVETTE], "autopilot", "ekf") == mean_interval(values[0])
+    runs = shares.shares(found, [CORVETTE], PPO)
+    assert shares.kept(found, [CORVETTE], PPO, None, 3) == crossed_interval(runs, 3)
+    assert shares.interval(found, PPO, runs[:1]) == float(runs[0].mean())
+
+
+def test_the_price_is_what_the_score_on_the_truth_is_higher_at_the_same_seeds(found):
+    truth, ours = (found.wide("score").xs(("autopilot", name), level=[2, 3]) for name in
+                   ("truth", "kf-umv-ui"))  # fmt: skip
+    lost = (truth - ours).loc[CORVETTE].to_numpy().mean()
+    assert shares.price(found, [CORVETTE], "autopilot", "kf-umv-ui").mean == pytest.approx(lost)
+    assert shares.price(found, [CORVETTE], "autopilot", "no such") is None
+
+
+def test_completed_episodes_and_the_worst_tenth_are_those_of_all_conditions(found):
+    table = found.table.copy()
+    first = (table.estimator == "kf") & (table.condition == "nominal") & (table.seed == 10**9)
+    table.loc[first, ["score", "completed"]] = 0.0, False
+    lost = replace(found, table=table)
+    done = shares.completed(lost, [CORVETTE], "kf")
+    assert done.mean == pytest.approx(100.0 * 31 / 32)
+    own = table[(table.estimator == "kf") & (table.policy == "autopilot")]
+    worst = np.sort(own.score.to_numpy(float))[:4].mean()  # of 8 seeds in 4 conditions
+    assert shares.worst_decile(lost, [CORVETTE], "kf") == pytest.approx(worst)
+
+
+def test_every_episode_is_a_row_of_the_table_and_parquet_keeps_every_digit(found, tmp_path):
+    assert len(found.table) == 8 * len(found.plan.flights)
+    assert not found.table.duplicated([*FLIGHT, "seed"]).any()
+    found.table.to_parquet(tmp_path / "table.parquet", index=False)
+    pd.testing.assert_frame_equal(
+        pd.read_parquet(tmp_path / "table.parquet"), found.table, check_dtype=False
     )
-    home, raw = Policy("PPO", "ekf"), Policy("PPO, raw", RAW)
-    whole = [found.runs([CORVETTE], policy) for policy in (home, raw)]
-    np.testing.assert_allclose(broken.runs([CORVETTE], home), whole[0][[0, 1, 3, 4]], atol=1e-12)
-    lost = broken.paired_shares([CORVETTE], (home, None), (raw, None))
-    np.testing.assert_allclose(lost.mean(1), (whole[0] - whole[1])[[1, 3, 4], 0], atol=1e-12)
-    none = without(found, lambda f: f.agent == "PPO" and f.condition == "calm")
-    assert none.runs([CORVETTE], home) is None
-    assert none.paired_shares([CORVETTE], (home, None), (raw, None)) is None
 
 
-def test_shares_are_paired_with_the_scale_seed_by_seed(found):
-    for name, end in (("dead-reckoning", 0.0), ("truth", 1.0)):
-        shares = found.shares([CORVETTE, SEGOROGENI], found.classical, name)
-        np.testing.assert_allclose(shares, np.full((1, 8), end), atol=1e-12)
-
-
-def test_who_does_not_learn_is_paired_with_every_training_run(found):
-    policy = Policy("PPO", "ekf")
-    gaps = found.paired_shares([CORVETTE], (policy, "ekf"), (found.classical, "ekf"))
-    ours, theirs = (found.shares([CORVETTE], who, "ekf") for who in (policy, found.classical))
-    np.testing.assert_allclose(gaps, ours - theirs, atol=1e-12)
-    assert gaps.shape == (5, 8)
-
-
-def test_a_share_of_yes_and_no_has_an_exact_interval_and_other_metrics_a_mean_over_seeds(found):
-    place = Place(SEGOROGENI, "nominal")
-    flight = next(
-        f for f in found.plan.flights if (f.environment, f.condition, f.flown_on) == (*place, "ekf")
-    )
-    values = found.values[flight.job.key]
-    figures = values["figures"] | {
-        "arrived": [100.0] * 8,
-        "miss": [1.0, *[float("nan")] * 4, 2.0, 4.0, 3.0],
-    }
-    changed = Results(found.plan, found.values | {flight.job.key: values | {"figures": figures}})
-    arrived, miss = (next(m for m in METRICS if m.key == key) for key in ("arrived", "miss"))
-    shown = changed.mean(place, found.classical, "ekf", arrived)
-    assert (shown.mean, shown.high) == (100.0, 100.0)
-    assert shown.low == pytest.approx(100.0 * 0.025 ** (1.0 / 8.0))
-    assert changed.mean(place, found.classical, "ekf", miss) == mean_interval(
-        np.array([1.0, 2.0, 4.0, 3.0])
-    )
-
-
-def test_places_without_a_scale_count_for_nothing(found):
-    calm = without(found, lambda f: (f.flown_on, f.condition) == ("truth", "calm"))
-    assert [p.condition for p in calm.scaled([CORVETTE])] == ["nominal", "rough", "all wrong"]
-    assert calm.runs([CORVETTE], Policy("PPO", "ekf")).shape == (5, 1)
-    flat = results(found.plan, QUALITY | {"truth": -0.1})
-    assert flat.scaled() == []
-
-
-def test_the_price_is_over_seeds_and_training_runs(found):
-    assert found.price([NOMINAL], found.classical, "truth").mean == 0.0
-    truth, ours = (found.figure(NOMINAL, found.classical, name)[0] for name in ("truth", "kf"))
-    price = found.price([NOMINAL], found.classical, "kf")
-    assert price.mean == pytest.approx(np.mean(truth - ours))
-    policy = Policy("PPO", "ekf")
-    truth, ours = (found.figure(NOMINAL, policy, name) for name in ("truth", "ekf"))
-    assert found.price([NOMINAL], policy, "ekf") == crossed_interval(truth - ours)
-    assert found.price([NOMINAL], Policy("PPO, raw", RAW), RAW) is None
-
-
-def test_estimators_come_in_the_order_of_the_study(found):
-    assert found.flown_on() == ["truth", "dead-reckoning", "kf-umv-ui", "kf", "ekf", "enkf", RAW]
-    assert found.estimators(policy=found.classical) == ["truth", "dead-reckoning", "ekf", "enkf"]
-
-
-@pytest.mark.slow
-def test_times_of_steps_come_with_the_result_of_a_flight(tmp_path):
-    planned = plan(study((CORVETTE,), conditions=CONDITIONS[:1], episodes=2))
-    flight = next(f for f in planned.flights if f.flown_on == "kf")
-    outcome = run([flight.job], tmp_path)
-    assert set(outcome.values[flight.job.key]) == {
-        "figures", "nees_in_band", "nis_in_band", "diverged", "ends", "steps", "timing",
-    }  # fmt: skip
+def test_the_episodes_of_a_run_are_those_of_its_jobs(tmp_path):
+    planned = plan(study((SEGOROGENI,), conditions=CONDITIONS[:1], episodes=2))
+    outcome = run(planned.jobs, tmp_path)
     found = Results.of(planned, outcome)
-    assert [rows for rows, _, _ in found.step_times(CORVETTE, "kf")] == [2, 1]
-    assert all(0.0 < each < 1e6 for _, *times in found.step_times(CORVETTE, "kf") for each in times)
-    assert found.step_times(CORVETTE, "ekf") == []
+    assert not found.missing
+    flight = next(f for f in planned.flights if f.estimator == "ekf")
+    rows = found.table[found.table.estimator == "ekf"]
+    figures = outcome.values[flight.job.key]["figures"]
+    assert {m.key for m in METRICS} <= set(rows)
+    assert rows.score.tolist() == figures["score"]
+    ends = outcome.values[flight.job.key]["ends"]
+    success = system_of(SEGOROGENI).task.success
+    assert rows.completed.tolist() == [end == success for end in ends]
+    (batch, alone) = found.timings[SEGOROGENI, "ekf"]
+    assert (batch[0], alone[0]) == (2, 1)
+    assert min(batch[1:] + alone[1:]) > 0.0
 
 
-def test_the_estimator_and_the_truth_fly_in_turns_and_only_steps_are_timed(monkeypatch):
+def test_an_episode_has_diverged_if_the_truth_is_outside_the_belief_for_half_of_it(monkeypatch):
+    nees = np.array([[1.0, 99.0, np.nan], [1.0, 99.0, 99.0], [1.0, 99.0, 99.0], [99.0, 1.0, 1.0]])
+    alive = np.array([[True, True, True]] * 3 + [[False, True, True]])
+    flown = SimpleNamespace(alive=alive, seeds=[0, 1, 2], history={"estimate": np.zeros((4, 3, 2))})
+    monkeypatch.setattr(flying, "nees_of", lambda flown: nees)
+    assert flying._diverged(flown).tolist() == [False, True, True]
+    monkeypatch.setattr(flying, "nees_of", lambda flown: None)
+    assert flying._diverged(flown).tolist() == [False] * 3
+
+
+def test_the_estimator_and_the_truth_are_timed_in_turns_and_only_steps_are_timed(monkeypatch):
     clock, flown = [0.0], []
     monkeypatch.setattr(
         flying,
@@ -174,15 +206,3 @@ def test_the_estimator_and_the_truth_fly_in_turns_and_only_steps_are_timed(monke
     assert alone == (1, pytest.approx(3e-3), pytest.approx(1e-3))
     turns = [name for i, name in enumerate(flown[: 12 * flying.STEPS]) if i % flying.STEPS == 0]
     assert turns == ["kf", "truth"] * 6
-
-
-def test_an_episode_is_completed_as_its_own_task_asks():
-    """The corvette's success is to go on until time is up, a dive's is to arrive."""
-    found = results(study())
-    ends = {f.job.key: system_of(f.environment).task.success for f in found.plan.flights}
-    values = {
-        key: value | {"ends": [ends[key]] * len(value["ends"])}
-        for key, value in found.values.items()
-    }
-    share = replace(found, values=values).completed(found.places(), found.classical, "truth")
-    assert share.mean == pytest.approx(100.0)
