@@ -1,4 +1,4 @@
-"""Numbers, lists and tables in words, and reports as one HTML file that needs nothing but itself."""
+"""Numbers and lists in words, tables, and reports as one HTML file."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ def number(value: float, decimals: int, signed: bool = False) -> str:
 
 
 def text(value: Interval | float | None, decimals: int, signed: bool = False) -> str:
-    """A number alone, or an interval: "mean ± half", an uneven one by its ends; a dash for None."""
+    """A number, or an interval: "mean ± half", an uneven one by its ends; a dash for None."""
     if not isinstance(value, Interval):
         return "–" if value is None else number(value, decimals, signed)
     mean = number(value.mean, decimals, signed)

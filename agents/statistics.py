@@ -1,4 +1,6 @@
-"""Means, shares kept and comparisons with their 95 % intervals; `docs/statistics.md` gives the reasons.
+"""Means, shares kept and comparisons with their 95 % intervals.
+
+`docs/statistics.md` gives the reasons.
 
 A figure is an array ``(runs, seeds)``: training runs, one for an agent that does not learn, by
 evaluation seeds, which are the same for everybody. Another study would train again and fly other
@@ -22,7 +24,7 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Interval:
-    """A mean (plain or of yes and no) or a difference of means, and the ends of its 95 % interval."""
+    """A mean, a share of yes and no or a difference, and the ends of its 95 % interval."""
 
     mean: float
     low: float
@@ -57,7 +59,7 @@ BETTER, HIGHER, LOWER, WORSE = "better", "higher", "lower", "worse"
 
 
 def verdict(differences: np.ndarray, margin: float, span: float, comparisons: int = 1) -> str:
-    """The verdict on paired differences ``(N,)``, more being better: two one-sided tests of equivalence, then the sign.
+    """The verdict on paired differences ``(N,)``, more being better.
 
     `EQUIVALENT` if the 95 % interval of the mean lies within the margin, and would do so after one
     more episode that differs by the whole span: a disaster that is in none of N episodes may be in
@@ -134,7 +136,7 @@ def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | Non
 
 
 def mean_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None:
-    """The mean of independent values ``(N,)`` with Student's 95 % interval; None where fewer than two remain.
+    """The mean of independent values ``(N,)`` with Student's 95 % interval; None for fewer than two.
 
     Values that are not finite count as missing; ``comparisons`` are those of `crossed_interval`.
     """
@@ -156,7 +158,7 @@ def paired_difference(a: np.ndarray, b: np.ndarray, *, comparisons: int = 1) -> 
 
 
 def skewed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None:
-    """The mean of finite, independent values ``(N,)`` with a 95 % interval that follows their skewness; None for one.
+    """The mean of finite, independent values ``(N,)`` with an interval that follows their skewness.
 
     Student's t is transformed by Hall's (1992) cubic, which removes its skewness; the interval
     reaches further towards the long tail. What no value shows, such as a disaster in one episode of
@@ -178,7 +180,7 @@ def skewed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None
 
 
 def share_interval(hits: float, trials: int) -> Interval:
-    """A share of independent trials with Clopper and Pearson's 95 % interval; it has a width at 0 and at 1 too.
+    """A share of trials with Clopper and Pearson's 95 % interval, which has a width at 0 and 1.
 
     Hits may be the mean over several tasks: their mean share varies less than if all had that share
     (Hoeffding 1956).
@@ -199,7 +201,7 @@ def share_interval(hits: float, trials: int) -> Interval:
 
 
 def normalise(scores: np.ndarray, floor: np.ndarray, ceiling: np.ndarray) -> np.ndarray:
-    """Share kept ``(runs, seeds)`` on the scale on which ``floor`` is 0 and ``ceiling`` is 1; nothing is clipped.
+    """Share kept ``(runs, seeds)``: ``floor`` is 0 and ``ceiling`` 1; nothing is clipped.
 
     A row's mean is the run's ``(mean score - mean floor) / (mean ceiling - mean floor)``. Its
     values by seed are that ratio's linearisation: they scatter as it does when seeds are drawn anew

@@ -12,7 +12,7 @@ from agents.commands.console import asked, in_range, job_progress, print_table
 
 
 def _shipped() -> dict[str, Path]:
-    """Study files that come with vessel-gym, by name: those of the checkout, or the wheel's data files."""
+    """Study files that come with vessel-gym by name: the checkout's, or the wheel's data files."""
     found = list(Path(__file__).parents[2].glob("studies/*.toml"))
     if not found:
         with suppress(metadata.PackageNotFoundError):
@@ -76,7 +76,7 @@ def main(
 
 
 def _report(results: Any, pages: Any, out: Path, console: Any) -> None:
-    """Write the report; print what each estimator keeps in each condition, the answer, its place."""
+    """Write the report; print the share kept in each condition, the answer and the place."""
     from agents.studies.answer import answer, conditions_table
     from agents.studies.report import write_report
 
@@ -90,7 +90,7 @@ def _report(results: Any, pages: Any, out: Path, console: Any) -> None:
 
 
 def _file(study: Path) -> Path:
-    """The file of a study, by its path or the name of one that comes with vessel-gym; its folder holds own modules."""
+    """The file of a study by its path or name; its folder holds modules of the user's own."""
     from estimators.factory import unknown
 
     path = STUDIES.get(str(study), study)
@@ -103,7 +103,7 @@ def _file(study: Path) -> Path:
 
 
 def _plan(path: Path, cluster: bool) -> Any:
-    """The plan of a study, whose filters are compiled for it, once all that its run needs is there."""
+    """The plan of a study, once all that its run needs is there."""
     from agents.studies.plan import plan
     from agents.studies.study import read_study
     from vessel_gym.extras import require

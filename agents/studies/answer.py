@@ -53,7 +53,7 @@ def _first(results: Results) -> str:
 
 
 def _advice(results: Results, environments: Sequence[str]) -> str:
-    """Which estimator to use: the cheapest of the best, what it keeps, and how others stand."""
+    """The estimator to use: the cheapest of the best, with its share and the others' verdicts."""
     ranked = shares.rankable(results, environments)
     best, where = next(iter(ranked)), _where(environments)
     if enough := shares.episodes_to_tell(results, environments, ranked):
@@ -81,7 +81,7 @@ def _where(environments: Sequence[str]) -> str:
 
 
 def _standing(results: Results, environments: Sequence[str], ranked: shares.Ranked) -> str:
-    """How the other estimators stand against the best."""
+    """Verdicts on the other estimators against the best."""
     best, *others = ranked
     if not others:
         return "; no other estimator was compared"
@@ -89,12 +89,12 @@ def _standing(results: Results, environments: Sequence[str], ranked: shares.Rank
     if set(found.values()) == {WORSE}:
         behind = amount(shares.gap(ranked, best, others[0]))
         return f"; every other is worse, the next, {others[0]}, by {behind}"
-    each = (
-        f"{word}: {listed([n for n in others if found[n] == word])}"
-        for word in (EQUIVALENT, UNDECIDED, LOWER)
-        if word in found.values()
-    )
-    return f". Against {best}, {', '.join(each)}" + ("; others worse" * (WORSE in found.values()))
+    each = []
+    for word in (EQUIVALENT, UNDECIDED, LOWER):
+        if names := [name for name in others if found[name] == word]:
+            each.append(f"{listed(names)} {'is' if len(names) == 1 else 'are'} {word}")
+    rest = ["the others are worse"] if WORSE in found.values() else []
+    return f". Against {best}, {listed(each + rest)}"
 
 
 def _elsewhere(results: Results, environments: Sequence[str], pick: str) -> str:
@@ -135,7 +135,7 @@ def ordered(conditions: Sequence[Condition]) -> bool:
 
 
 def _trend(results: Results, environments: Sequence[str]) -> str | None:
-    """What the best estimator keeps over conditions that are `ordered`; None for others."""
+    """The best estimator's share over conditions that are `ordered`; None for other conditions."""
     conditions, ranked = results.plan.study.conditions, shares.rankable(results, environments)
     pick, names = next(iter(ranked)), [c.name for c in conditions]
     there = all((e, name) in results.scales.index for e in environments for name in names)
@@ -241,7 +241,7 @@ def summary(results: Results, environments: Sequence[str]) -> pd.DataFrame:
 
 
 def conditions_table(results: Results, environment: str) -> pd.DataFrame:
-    """What the classical agent keeps on each estimator in each condition, both in the file's order.
+    """Share kept by the classical agent on each estimator in each condition, in the file's order.
 
     Without a scale it is the score.
     """

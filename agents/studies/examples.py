@@ -1,4 +1,4 @@
-"""Example episodes of a study: one flight on several estimators, at the seed whose scores are the most typical."""
+"""Example episodes of a study: one seed, whose scores are the most typical, on estimators."""
 
 from typing import Any
 

@@ -80,7 +80,7 @@ def fly(
 def step_times(
     environment: str, options: dict[str, Any], agent: str, episodes: int, other: str
 ) -> list[tuple[int, float, float]]:
-    """CPU seconds of a step of one vehicle in flight: ``(rows, on an estimator, on the other)`` in a batch, and alone.
+    """CPU seconds of a step: ``(rows, on an estimator, on the other)`` in a batch, and alone.
 
     The two fly in turns in one process, so a busy machine slows both; the first turn, which loads
     compiled code, does not count, and of the others the median does. Vehicle, sensors and agent are
@@ -106,7 +106,8 @@ def _in_turns(environment: str, arms: list[dict[str, Any]], agent: str, rows: in
         env = batch(registered_id(environment), rows, made)
         controller = classical_controller(agent, environment)
         controller.reset(rows)
-        flown.append([env, controller, env.reset(seed=evaluation_seeds(rows))[0]])  # type: ignore[arg-type]
+        seeds: Any = evaluation_seeds(rows)
+        flown.append([env, controller, env.reset(seed=seeds)[0]])
     for turn, arm in product(range(TURNS), range(len(arms))):
         env, controller, seen = flown[arm]
         begin = process_time()
@@ -120,7 +121,7 @@ def _in_turns(environment: str, arms: list[dict[str, Any]], agent: str, rows: in
 
 
 def _diverged(flown: Rollout) -> np.ndarray:
-    """Mask ``(N,)`` of episodes in which a filter diverged: NEES beyond its 1 - 1e-6 quantile half of the time."""
+    """Mask ``(N,)`` of episodes with NEES beyond its 1 - 1e-6 quantile for half of the time."""
     from scipy.stats import chi2
 
     values = nees_of(flown)

@@ -80,7 +80,7 @@ def write_report(results: Results, out: Path, pages: Mapping[str, dict[str, obje
 
 
 def _ranked(results: Results) -> list[Block]:
-    """What is kept in all conditions together."""
+    """Blocks about the share kept in all conditions together."""
     environments = ruled(results)
     if not environments:
         return []
@@ -142,13 +142,14 @@ def _environments(results: Results) -> list[Block]:
             table(f"{environment}: {unit.lower()}", conditions_table(results, environment), note)
         )
         chosen = [SCORE, *(m for m in metrics(system_of(environment)) if m.cost)]
+        meanings = " ".join(f"{m.label}: {m.meaning}" for m in chosen)
         if (environment, first, results.classical, ORACLE, 0) in results.wide("score").index:
             blocks.append(
                 table(
                     f"{environment}: costs, {first}",
                     costs(results, environment, chosen),
                     f"Of {results.who} on {ORACLE}, and on the others the differences from that,"
-                    " paired by evaluation seed. " + " ".join(f"{m.label}: {m.meaning}" for m in chosen),
+                    f" paired by evaluation seed. {meanings}",
                 )
             )  # fmt: skip
         blocks.append(
@@ -260,15 +261,15 @@ def _left_out(results: Results) -> list[Block]:
 
 
 def _limits(results: Results) -> Block:
-    """What the numbers assume."""
+    """Assumptions behind the numbers."""
     first = results.plan.study.conditions[0].name
     return bullets("Assumptions and limits", [
         "Intervals are for other evaluation seeds and other training runs; seeds are the same for"
         " everybody, so that differences are paired. Environments and conditions count alike.",
         "The truth is the state, not what the disturbance will do next: a ceiling for estimators,"
         " not for agents.",
-        "Estimators are tuned by their environments' authors, who know the disturbance's statistics:"
-        " what is compared is an estimator with its tuning.",
+        "Estimators are tuned by their environments' authors, who know the disturbance's"
+        " statistics: what is compared is an estimator with its tuning.",
         *([f"Agents learn in the first condition, {first}, and meet the others as they are."]
           if results.plan.study.learned else []),
         "Everything is simulated. Nothing here was measured in the world.",

@@ -22,8 +22,8 @@ def long_table(plan: Plan, outcome: Outcome) -> pd.DataFrame:
     """One row an episode: `FLIGHT`, seed, how it ended, score and every other metric of its task.
 
     ``home`` is true where the policy was trained on that estimator, or it is the environment's
-    default; ``completed`` where the episode ended as the task asks; ``diverged`` where the truth was
-    beyond the filter's bounds for half of the time. ``nees_in_band`` and ``nis_in_band`` are those
+    default; ``completed`` where the episode ended as the task asks; ``diverged`` where the truth
+    was beyond the filter's bounds for half of the time. ``nees_in_band`` and ``nis_in_band`` are those
     of the flight, see `agents.studies.flying.fly`. What an episode does not have is NaN.
     """
     seeds = plan.study.seeds
@@ -93,7 +93,7 @@ class Results:
 
     @cached_property
     def classical(self) -> str:
-        """The agent that does not learn: it scores 0 on `FLOOR` and 1 on `ORACLE`, for all others."""
+        """The agent that does not learn; its scores on `FLOOR` and `ORACLE` are 0 and 1."""
         return next(agent.name for agent in self.plan.study.agents if not agent.learned)
 
     @cached_property
@@ -150,7 +150,7 @@ class Results:
         return pd.concat(found)
 
     def _ends(self, place: pd.DataFrame) -> tuple[np.ndarray, np.ndarray] | None:
-        """Scores ``(seeds,)`` of the classical agent on `FLOOR` and on `ORACLE`, if they are a scale."""
+        """Scores ``(seeds,)`` of the classical agent on `FLOOR` and `ORACLE`, if they are a scale."""
         own = place.xs(self.classical, level="policy").droplevel([0, 1, 3])
         if FLOOR not in own.index or ORACLE not in own.index:
             return None
@@ -159,7 +159,7 @@ class Results:
 
     @cached_property
     def scales(self) -> pd.DataFrame:
-        """Score on the truth minus that on dead reckoning, a row for each place that has a scale."""
+        """Score on the truth minus that on dead reckoning, a row for each place with a scale."""
         found = {}
         for name, place in self.wide("score").groupby(FLIGHT[:2], sort=False):
             if ends := self._ends(place):

@@ -73,7 +73,7 @@ def paired_shares(
 def interval(
     results: Results, policy: str, values: np.ndarray, comparisons: int = 1
 ) -> Interval | float | None:
-    """The mean of ``(runs, seeds)`` with its interval; a number for one training run, without any."""
+    """The mean of ``(runs, seeds)`` with its interval; a number for one training run."""
     if policy != results.classical and policy in results.learned and len(values) == 1:
         return float(values.mean())
     return crossed_interval(values, comparisons)
@@ -116,7 +116,7 @@ def ruled(results: Results) -> list[str]:
 
 
 def common(results: Results) -> dict[str, np.ndarray]:
-    """Shares that are `rankable` over all environments that are `ruled`; empty for fewer than two."""
+    """Shares that are `rankable` over all `ruled` environments; empty for fewer than two."""
     environments = ruled(results)
     ranked = rankable(results, environments) if len(environments) > 1 else {}
     return ranked if len(ranked) > 1 else {}
@@ -179,7 +179,7 @@ def gap(ranked: Ranked, one: str, other: str) -> Interval | None:
 
 
 def _scales(results: Results, environments: Sequence[str]) -> np.ndarray:
-    """Score on the truth minus that on dead reckoning ``(places, seeds)``, wherever it is above 0."""
+    """Score on the truth minus that on dead reckoning ``(places, seeds)``."""
     return results.scales.loc[list(environments)].to_numpy()
 
 
@@ -192,7 +192,7 @@ def verdicts(results: Results, environments: Sequence[str], ranked: Ranked) -> d
 
 
 def widest(results: Results, environments: Sequence[str]) -> float:
-    """By how much shares kept can differ, as scores lie in [0, 1]: the inverse of the mean scale."""
+    """The most by which shares can differ, as scores lie in [0, 1]: the inverse mean scale."""
     return float(np.mean(1.0 / _scales(results, environments).mean(axis=1)))
 
 
@@ -239,7 +239,7 @@ def episodes_to_tell(results: Results, environments: Sequence[str], ranked: Rank
 def learned_differences(
     results: Results, environment: str
 ) -> dict[tuple[str, str], Interval | float | None]:
-    """Shares that learned policies keep at home beyond others, by the policy's and the other's name.
+    """Shares that learned policies keep at home beyond others, by both names.
 
     Each that sees estimates is compared with the classical agent on the same estimator. The first
     of them that remembers nothing is compared with those that learned on measurements, in runs of

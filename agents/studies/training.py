@@ -25,7 +25,7 @@ def train_agent(
     own: dict[str, str],
     artifact: Path,
 ) -> dict[str, Any]:
-    """Train by `agents.training.algorithms.train`; the checkpoint is the artifact, ``steps`` those of whole rollouts.
+    """Train by `agents.training.algorithms.train`; the checkpoint is the artifact.
 
     Hyperparameters that are ``changed`` are not the tuned ones. The ``settings`` that `train` looks
     up by itself and the source digests of what is the user's ``own`` are here to be part of the
