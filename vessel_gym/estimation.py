@@ -33,8 +33,28 @@ def estimator_names() -> tuple[str, ...]:
     return factory.names() + ENVIRONMENT_ONLY
 
 
+VARIANTS: dict[str, dict[str, Any]] = {
+    "linear": {"model": "linear"},
+    "nonlinear": {"model": "nonlinear"},
+    "waves": {"assume": {"disturbance": "moderate", "as": "states"}},
+    "white": {"assume": {"as": "white-input"}},
+}
+"""Options of an estimator by the last word of its name, as in ``"huber-kf-nonlinear"``.
+
+A filter of ``-waves`` estimates moderate waves as states; one of ``-white`` takes what acts for white
+noise of known variance.
+"""
+
+
+def variant(name: str) -> tuple[str, dict[str, Any]]:
+    """The estimator that a name stands for, and its options: those of `VARIANTS`, or none."""
+    base, _, last = name.rpartition("-")
+    known = name not in factory.names() and base in factory.names() and last in VARIANTS
+    return (base, VARIANTS[last]) if known else (name, {})
+
+
 EstimatorChoice = str | Callable[..., Filter]
-"""A name of `estimator_names`, or your own: a `Filter` subclass, or any function of a model that returns a filter."""
+"""A name of `estimator_names`, perhaps with one of `VARIANTS`, or your own: a `Filter` subclass, or any function of a model that returns a filter."""
 
 
 @dataclass(frozen=True)
@@ -157,6 +177,9 @@ def build(
     """
     options = checks.options("estimator_options", options)
     own = is_own(estimator)
+    if isinstance(estimator, str):
+        estimator, chosen = variant(estimator)
+        options = chosen | options
     if not own and (not isinstance(estimator, str) or estimator not in estimator_names()):
         advice = (
             ". A filter of your own is passed as its class, in a study as module:class"
@@ -302,15 +325,6 @@ def _warn_of_biases(filter: RobustKalmanFilter, sensors: Sensors, horizon: int) 
             UserWarning,
             stacklevel=3,
         )
-
-
-def tuning(system: System, name: str, disturbance: str) -> dict[str, Any]:
-    """The options that a system gives one of the package's filters in one of its disturbances."""
-    sensors = system.sensors_of("nominal")
-    kind = system.filter_models.get(name, system.filter_model)
-    return system.tuning(
-        name, _composed(system, kind, Assumptions(), sensors, system.disturbances[disturbance])
-    )
 
 
 def accepted(system: System, sensors: Sensors, disturbance: Disturbance) -> tuple[str, ...]:

@@ -77,7 +77,7 @@ def main(
 
 def _report(results: Any, pages: Any, out: Path, console: Any) -> None:
     """Write the report; print the share kept in each condition, the answer and the place."""
-    from agents.studies.answer import answer, conditions_table
+    from agents.studies.answer import answer, conditions_table, to_copy
     from agents.studies.report import write_report
 
     report = write_report(results, out, pages)
@@ -86,7 +86,11 @@ def _report(results: Any, pages: Any, out: Path, console: Any) -> None:
         print_table(environment, list(table.columns), [table.itertuples(index=False)])
     first, *others = answer(results)
     console.print(first, style="bold")
-    console.print(*others, f"Report: {report}", sep="\n")
+    console.print(*others, sep="\n", end="\n" if others else "")
+    table = to_copy(results)
+    if len(table):
+        print_table("To copy", list(table.columns), [table.itertuples(index=False)])
+    console.print(f"Report: {report}")
 
 
 def _file(study: Path) -> Path:

@@ -240,6 +240,35 @@ def summary(results: Results, environments: Sequence[str]) -> pd.DataFrame:
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("estimator")
 
 
+def to_copy(results: Results) -> pd.DataFrame:
+    """The estimator to use in each environment, its share, and the line that makes it.
+
+    The last row is the estimator to avoid: the one that keeps least.
+    """
+    rows: list[tuple[str, ...]] = []
+    worst = ("", "", np.inf)
+    for environment in shares.ruled(results):
+        ranked = shares.rankable(results, [environment])
+        pick = shares.cheapest(results, [environment], ranked)
+        share = text(shares.kept(results, [environment], results.classical, pick, len(ranked)), 3)
+        rows.append((environment, pick, share, _line(results, environment, pick)))
+        least = list(ranked)[-1]
+        worst = min(worst, (environment, least, float(ranked[least].mean())), key=lambda w: w[2])
+    if worst[1] not in {"", *(pick for _, pick, *_ in rows)}:
+        rows.append(("avoid", worst[1], f"{text(worst[2], 3)} in {worst[0]}", ""))
+    return pd.DataFrame(rows, columns=["where", "use", "share kept", "to copy"])
+
+
+def _line(results: Results, environment: str, name: str) -> str:
+    """The line that makes an environment with an estimator of the study."""
+    estimator = results.plan.study.estimator(name)
+    kind = repr(estimator.estimator or name).replace("'", '"')
+    options = f", estimator_options={estimator.options}" if estimator.options else ""
+    own = ":" in estimator.estimator
+    kind = estimator.estimator.rpartition(":")[2] if own else kind
+    return f'gym.make("{environment}", estimator={kind}{options})'
+
+
 def conditions_table(results: Results, environment: str) -> pd.DataFrame:
     """Share kept by the classical agent on each estimator in each condition, in the file's order.
 
@@ -291,6 +320,8 @@ def groups(results: Results) -> dict[str, list[str]]:
 def markdown(results: Results) -> str:
     """The answer and its tables as Markdown."""
     blocks = [f"# {results.plan.study.title}", "\n".join(answer(results))]
+    if shares.ruled(results):
+        blocks.append(markdown_frame(to_copy(results).set_index("where")))
     for environment in results.environments:
         table = conditions_table(results, environment)
         blocks += [f"## {environment}", markdown_frame(table)]

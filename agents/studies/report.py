@@ -23,6 +23,7 @@ from agents.studies.answer import (
     markdown,
     ranking_table,
     summary,
+    to_copy,
 )
 from agents.studies.examples import examples
 from agents.studies.figures import robustness_figure, shares_figure
@@ -96,6 +97,7 @@ def _ranked(results: Results) -> list[Block]:
         for head, column in list(groups(results).items())[:1]
     ]
     return [
+        table("To copy", to_copy(results).set_index("where")),
         *blocks,
         picture("Share of the oracle's performance kept", data_uri(shares_figure(results))),
         table(

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from contract import (
@@ -933,3 +934,30 @@ def test_a_measurement_that_is_no_number_has_not_come():
     core.step(np.zeros((2, core.action_size)))
     assert not core.measurements[1][:, -1].any()
     assert np.isfinite(core.observe()).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "estimator", "options"),
+    [
+        ("ekf-waves", "ekf", {"assume": {"disturbance": "moderate", "as": "states"}}),
+        ("kf-white", "kf", {"assume": {"as": "white-input"}}),
+        ("huber-kf-nonlinear", "huber-kf", {"model": "nonlinear"}),
+        ("kf-umv-ui-linear", "kf-umv-ui", {"model": "linear"}),
+    ],
+)
+def test_a_variant_is_an_estimator_with_options(name, estimator, options):
+    seen = []
+    for chosen in (
+        {"estimator": name},
+        {"estimator": estimator, "estimator_options": options},
+        {"estimator": name, "estimator_options": options | {"late": "as new"}},
+    ):
+        env = gym.make("SigmaCorvette-v0", **chosen)
+        env.reset(seed=3)
+        seen.append([env.step(np.array([0.1], np.float32))[0] for _ in range(20)])
+        env.close()
+    np.testing.assert_array_equal(seen[0], seen[1])
+    np.testing.assert_array_equal(seen[0], seen[2])  # nothing is late there
+    for wrong in (f"{name}-waves", "truth-linear"):
+        with pytest.raises(ValueError, match="unknown estimator"):
+            gym.make("SigmaCorvette-v0", estimator=wrong)

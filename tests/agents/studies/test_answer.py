@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import gymnasium as gym
 import invented
 import numpy as np
 import pandas as pd
@@ -19,6 +20,7 @@ from agents.studies.answer import (
     ordered,
     ranking_table,
     summary,
+    to_copy,
 )
 from agents.studies.plan import plan
 from agents.studies.records import Agent, Condition
@@ -183,6 +185,17 @@ def test_tables_stand_in_the_order_of_the_file_and_say_the_same(small):
     assert next(iter(best.index)) == "kf-umv-ui"
     for name, row in best.iterrows():
         assert ranking_table(small).loc[name, CORVETTE].startswith(row["share kept"] + ", ")
+
+
+def test_the_line_to_copy_makes_the_environment_with_its_best_estimator(classical):
+    table = to_copy(classical)
+    assert table["use"].tolist() == ["kf-umv-ui", "enkf", "kf"]
+    assert table["where"].tolist() == [CORVETTE, SEGOROGENI, "avoid"]
+    for (_, row), environment in zip(table.iterrows(), (CORVETTE, SEGOROGENI), strict=False):
+        env = eval(row["to copy"], {"gym": gym})
+        assert env.spec.id == environment
+        assert env.spec.kwargs["estimator"] == row["use"]
+        env.close()
 
 
 def test_learned_policies_are_compared_at_home_in_each_environment():
