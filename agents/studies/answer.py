@@ -1,8 +1,9 @@
 """The answer to a study: one computed sentence, and the tables that stand behind it."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -113,23 +114,40 @@ def _elsewhere(results: Results, environments: Sequence[str], pick: str) -> str:
 
 
 def ordered(conditions: Sequence[Condition]) -> bool:
-    """True for two or more conditions that are numbers in their order.
+    """True for conditions that are numbers which only rise or only fall.
 
-    Their names are, such as 10 Hz, 5 Hz, 1 Hz; or they differ in the mismatch or the latency alone.
+    Their names are, perhaps but for the first, such as 10 Hz, 5 Hz, 1 Hz; or they differ in the
+    mismatch or the latency alone.
     """
-    names = [re.split(r"(-?\d*\.?\d+)", c.name) for c in conditions]
-    numbered = all(len(parts) == 3 and parts[::2] == names[0][::2] for parts in names)
-    late = [max(c.latency.values(), default=0.0) for c in conditions]
-    alone = {
-        "mismatch": [c.mismatch for c in conditions],
-        "latency": late,
+    names = [c.name for c in conditions]
+    axes = {
+        axis for axis in _AXES for c in conditions if _AXES[axis](c) != _AXES[axis](conditions[0])
     }
-    axes = [
-        axis
-        for axis in ("sensors", "disturbance", "mismatch", "latency", "faults")
-        if any(getattr(c, axis) != getattr(conditions[0], axis) for c in conditions)
-    ]
-    numbers = [float(p[1]) for p in names] if numbered else alone.get("".join(axes), [])
+    alone = [_AXES[axis](c) for axis in axes & {"mismatch", "latency"} for c in conditions]
+    series = (_numbers(names) or _numbers(names[1:]), alone if len(axes) == 1 else [])
+    return any(_monotonic(numbers) for numbers in series)
+
+
+_AXES: dict[str, Callable[[Condition], Any]] = {
+    "sensors": lambda c: c.sensors,
+    "disturbance": lambda c: c.disturbance,
+    "faults": lambda c: c.faults,
+    "mismatch": lambda c: c.mismatch,
+    "latency": lambda c: max(c.latency.values(), default=0.0),
+}
+
+
+def _numbers(names: Sequence[str]) -> list[float]:
+    """The numbers in names that differ in one number alone; none for other names."""
+    parts = [re.split(r"(\d*\.?\d+)", name) for name in names]
+    if len({(len(each), *each[::2]) for each in parts}) != 1:
+        return []
+    varying = [set(each) for each in zip(*(each[1::2] for each in parts), strict=True)]
+    differ = [i for i, values in enumerate(varying) if len(values) > 1]
+    return [float(each[1 + 2 * differ[0]]) for each in parts] if len(differ) == 1 else []
+
+
+def _monotonic(numbers: Sequence[float]) -> bool:
     steps = [b - a for a, b in pairwise(numbers)]
     return bool(steps) and (min(steps) > 0.0 or max(steps) < 0.0)
 
