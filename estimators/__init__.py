@@ -12,7 +12,7 @@ The last axis holds the components of a vector, every leading axis is a batch::
 """
 
 from estimators.angles import wrap
-from estimators.augmentation import input_delayed, stacked
+from estimators.augmentation import stacked
 from estimators.belief import (
     Belief,
     DelayedInputBelief,
@@ -109,7 +109,6 @@ __all__ = [
     "compiled",
     "fit",
     "input_conditions",
-    "input_delayed",
     "make",
     "names",
     "nees",

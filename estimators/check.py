@@ -11,16 +11,14 @@ flies.
 """
 
 import copy
-import inspect
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from estimators.belief import Belief, over_time
+from estimators.belief import Belief
 from estimators.checks import frozen, short_repr
 from estimators.consistency import simulate
 from estimators.filter import Filter, Model
@@ -28,20 +26,16 @@ from estimators.linalg import semidefinite
 from estimators.metrics import chi_square_band, nees
 from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import RandomKeys
-from estimators.series import run
+from estimators.series import Series, run
 
-_RUNS, _STEPS, _CONFIDENCE = 400, 20, 0.9999
+_RUNS, _TIMES, _CONFIDENCE = 400, 20, 0.9999
 _SAME = 1e-7
 """Difference of two ways to compute a number, relative to the largest entry: systems here are well
 conditioned, and Jacobians by differences no worse than this."""
 
 
-class System(NamedTuple):
-    """A system to try filters on: a model, a prior of ``(n,)`` and a known input ``(m,)``."""
-
-    model: Model
-    prior: Gaussian
-    u: np.ndarray | None
+System = tuple[Model, Gaussian, np.ndarray | None]
+"""A system to try filters on: a model, a prior of ``(n,)`` and a known input ``(m,)``."""
 
 
 def check_filter(
@@ -56,8 +50,8 @@ def check_filter(
     Each of the systems that the filter takes is tried: linear with a known input, with an unknown
     input in the measurements or in the state only, nonlinear with and without unknown input. On
     each, in this order: what building it gives; steps of one row and of several, whole, in part and
-    without a measurement, and formulas compiled and in NumPy (`check_steps`); the same twice; what
-    is handed in; gaps; rows that begin again.
+    without a measurement, and formulas compiled and in NumPy (`check_steps`); the same twice; gaps;
+    rows that begin again.
 
     Errors of the first system are then compared with the covariance (NEES, in 400 simulated runs).
     A filter that is not as good as it says gets a warning and is not failed: robust and ensemble
@@ -74,27 +68,30 @@ def check_filter(
 
     Raises:
         ValueError: one sentence, of the first that is wrong.
-        TypeError: if ``build`` cannot be called with a model, or gives no filter; or the prior is
-            none.
+        TypeError: if ``build`` is no class or function, or gives no filter; or the prior is none.
     """
-    name = _builder_name(build, model, options)
+    if isinstance(build, Filter) or not callable(build):
+        raise TypeError(
+            "check_filter takes a Filter class, or a function of a model that returns one, got"
+            f" {short_repr(build)}"
+        )
+    name = getattr(build, "__name__", type(build).__name__)
     systems, tried = _systems(), "it was tried on: give it one with model="
     if model is not None:
         own = prior or Gaussian(np.zeros(model.n), np.eye(model.n))
-        systems, tried = (System(model, own, None if u is None else np.asarray(u, float)),), "given"
+        systems, tried = ((model, own, None if u is None else np.asarray(u, float)),), "given"
     refusals, checked = [], False
-    for system in systems:
+    for model, prior, u in systems:
         try:
-            filter = build(system.model, **options)
+            filter = build(model, **options)
         except Exception as error:  # whatever a constructor does with a model that it is not for
             refusals.append(f"{type(error).__name__}: {error}")
             continue
         if not isinstance(filter, Filter):
             raise TypeError(f"{name} must return a Filter, got {short_repr(filter)}")
-        check_steps(filter, *system[1:])
-        _check_more(filter, *system[1:])
+        _check_more(filter, prior, u, check_steps(filter, prior, u))
         if not checked:
-            _warn_of_errors(filter, system)
+            _warn_of_errors(filter, prior, u)
         checked = True
     if not checked:
         raise ValueError(
@@ -102,29 +99,7 @@ def check_filter(
         )
 
 
-def _builder_name(build: Any, model: Model | None, options: dict[str, Any]) -> str:
-    """The name of ``build``, which takes a model first.
-
-    Raises:
-        TypeError: if it cannot be called with a model and options.
-    """
-    if isinstance(build, Filter) or not callable(build):
-        raise TypeError(
-            "check_filter takes a Filter class, or a function of a model that returns one, got"
-            f" {build!r}"
-        )
-    name = getattr(build, "__name__", type(build).__name__)
-    try:
-        inspect.signature(build).bind(model, **options)
-    except TypeError as error:
-        raise TypeError(
-            f"{name} cannot be built as {name}({', '.join(['model', *options])}): {error}: take the"
-            " model first, then options"
-        ) from None
-    return name
-
-
-def check_steps(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> None:
+def check_steps(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> Series:
     """The quick part: a few steps of one row and of several, in milliseconds.
 
     Args:
@@ -132,91 +107,63 @@ def check_steps(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> None:
         prior: Mean ``(n,)`` and covariance ``(n, n)`` of a start that its model may have.
         u: Known input ``(m,)``, or None.
 
+    Returns:
+        The steps of several rows.
+
     Raises:
         ValueError: one sentence, of the first that is wrong.
     """
     cls = type(filter).__name__
     if "_programs" not in vars(filter):
         raise ValueError(f"{cls}.__init__ must call super().__init__(model) before all else")
-    if not (isinstance(filter.name, str) and filter.name):
-        raise ValueError(
-            f'{cls}.name must be what the filter is called, such as "my-filter", got'
-            f" {short_repr(filter.name)}"
-        )
-    steps = partial(_steps, filter, prior, u)
-    alone = list(zip(*(steps(row) for row in range(_ROWS)), strict=True))
-    beliefs = steps()
-    for k, (belief, rows) in enumerate(zip(beliefs, alone, strict=True)):
-        method = ("predict", "update")[k % 2]
-        _check_belief(f"{cls}._{method}", belief, method == "predict" or k in _WHOLE)
-        _compare(
-            f"{cls}.{method} gives a row of a batch another {{}} than the same row alone: rows must"
-            " share nothing, so reduce over the last axes only",
-            [belief],
-            [over_time(rows)],
-        )
+    alone = [_steps(filter, prior, u, row) for row in range(_ROWS)]
+    series = _steps(filter, prior, u)
+    for method, name, ordinary in ("predict", "predicted", _STEPS), ("update", "updated", _WHOLE):
+        beliefs = getattr(series, name)
+        _check_belief(f"{cls}._{method}", beliefs, beliefs[:ordinary].healthy)
+        for row, one in enumerate(alone):
+            _compare(
+                f"{cls}.{method} gives a row of a batch another {{}} than the same row alone: rows"
+                " must share nothing, so reduce over the last axes only",
+                beliefs[:, row],
+                getattr(one, name),
+            )
     if filter.compiled:
         plain = copy.copy(filter)
         plain.compiled = False  # type: ignore[misc]
         _compare(
             f"{cls} gives another {{}} compiled than in NumPy: a formula is traced once, so it must"
             " depend on nothing but what it is handed; or leave out @compiled",
-            _steps(plain, prior, u) + steps(at_once=True),
-            beliefs + beliefs[1::2],
+            _steps(plain, prior, u).updated,
+            series.updated,
         )
+    return series
 
 
-_ROWS = 3
-_MASKS = (slice(0, None), slice(0, None), slice(1, None), slice(0, 0))
-"""Measurements that arrive after each prediction: all, all, all but the first, none."""
-_WHOLE = (1, 3)
+_ROWS, _STEPS, _WHOLE = 3, 5, 3
+"""Rows, measurements, and the first of these that arrive whole; then all but one channel, none."""
 
 
-def _steps(
-    filter: Filter, prior: Gaussian, u: np.ndarray | None, row: int | None = None,
-    masked: bool = False, at_once: bool = False,
-) -> list[Belief]:  # fmt: skip
-    """Beliefs after every prediction and every update, of one row, or of three with None.
-
-    Missing measurements are NaN or, ``masked``, any number that a mask excludes. ``at_once`` each
-    prediction and its update are one call, as in environments: the belief after every update.
-    """
+def _steps(filter: Filter, prior: Gaussian, u: np.ndarray | None, row: int | None = None) -> Series:
+    """Some steps of one row, or of three with None; any error is raised as a sentence."""
     rows = np.arange(_ROWS) if row is None else np.array(row)
     mean = prior.mean + (rows[..., None] - 1.0) * 0.5 * np.sqrt(prior.cov.diagonal(0, -2, -1))
-    known = None if u is None else frozen(np.broadcast_to(u, mean.shape[:-1] + u.shape))
-    expected = filter.model.measurement(mean, known)
-    rng, beliefs, several = RandomKeys.seeded(range(_ROWS))[rows], [], row is None
-    belief = _call(filter.init, several, Gaussian(mean, prior.cov), rng=rng)
-    for k, mask in enumerate(_MASKS):
-        arrived, now, y = np.zeros(expected.shape, bool), rng.at(k + 1), expected + 0.1 * (k + 1.0)
-        arrived[..., mask] = True
-        y = frozen(y if masked else np.where(arrived, y, np.nan))
-        if at_once:
-            belief = filter.step(belief, y, known, rng=now)
-        else:
-            belief = _call(filter.predict, several, belief, known, rng=now)
-            beliefs.append(belief)
-            more = {"available": frozen(arrived)} if masked else {}
-            belief = _call(filter.update, several, belief, y, rng=now, **more)
-        beliefs.append(belief)
-    return beliefs
-
-
-def _call(method: Any, several: bool, *arguments: Any, **named: Any) -> Belief:
-    """The result of a filter's method; any error is raised as a sentence that names the call."""
+    known = None if u is None else np.broadcast_to(u, (_STEPS, *mean.shape[:-1], len(u)))
+    expected = filter.model.measurement(mean, None if known is None else known[0])
+    y = expected + 0.1 * np.arange(1.0, _STEPS + 1.0).reshape(-1, *(1,) * expected.ndim)
+    y[_WHOLE, ..., 0], y[_WHOLE + 1 :] = np.nan, np.nan
     try:
-        return method(*arguments, **named)
+        keys = RandomKeys.seeded(range(_ROWS))[rows]
+        return run(filter, Gaussian(mean, prior.cov), frozen(y), known, rng=keys)
     except Exception as error:
-        call = f"{type(method.__self__).__name__}.{method.__name__}"
+        many = f"{_ROWS} rows" if row is None else "one row"
         why = (
-            f"{call} of {f'{_ROWS} rows' if several else 'one row'} raised {type(error).__name__}"
+            f"{type(filter).__name__} raised {type(error).__name__} in steps of {many}"
             f" ({' '.join(str(error).split())})"
         )
         if "read-only" in str(error):
             why += ": what a filter is given it may only read, so put a new array into the belief"
-        elif isinstance(named["rng"], np.random.Generator):
-            why += ": rng may be a NumPy Generator, too"
-        elif several:
+        elif row is None:
             why += (
                 ": of one row it works, so write it for any leading axes, with np.matvec and .mT,"
                 " axes from behind"
@@ -224,50 +171,45 @@ def _call(method: Any, several: bool, *arguments: Any, **named: Any) -> Belief:
         raise ValueError(why) from error
 
 
-def _check_more(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> None:
+def _check_more(filter: Filter, prior: Gaussian, u: np.ndarray | None, series: Series) -> None:
     """The slower checks of a filter that has passed `check_steps`."""
-    cls, steps = type(filter).__name__, partial(_steps, filter, prior, u)
-    beliefs = steps()
-    for others, sentence in (
-        (
-            steps(),
-            "when the same is done again: what changes belongs in the belief, and random numbers"
-            " come from rng alone",
-        ),
-        (steps(masked=True), "for a measurement that is masked than for NaN: both are missing"),
-    ):
-        _compare(f"{cls} gives another {{}} {sentence}", others, beliefs, 0.0)
-    spread, left = (np.trace(belief.cov, axis1=-2, axis2=-1) for belief in beliefs[-2:])
+    cls = type(filter).__name__
+    _compare(
+        f"{cls} gives another {{}} when the same is done again: what changes belongs in the belief,"
+        " and random numbers come from rng alone",
+        _steps(filter, prior, u).updated,
+        series.updated,
+        0.0,
+    )
+    spread, left = (
+        np.trace(b.cov[-1], axis1=-2, axis2=-1) for b in (series.predicted, series.updated)
+    )
     if (left < spread * (1.0 - _SAME)).any():
         raise ValueError(
             f"{cls}.update without any measurement makes cov smaller: use the C and R that it is"
             " given, where what is missing is neutral, and not the model's"
         )
-    again, rng, old = np.array([False, True, False]), RandomKeys.seeded(range(_ROWS)), beliefs[3]
+    rows, rng, old = np.array([False, True, False]), RandomKeys.seeded(range(_ROWS)), series.last
     fresh = filter.init(Gaussian(np.tile(prior.mean, (_ROWS, 1)), prior.cov), rng=rng)
     mixed, went_on, began = (
         filter.predict(belief, old.u, rng=rng.at(9))
-        for belief in (old.with_rows(again, fresh[again]), old, fresh)
+        for belief in (old.with_rows(rows, fresh[rows]), old, fresh)
     )
     _compare(
         f"{cls} gives another {{}} where some rows begin again (belief.with_rows): what a row needs"
         " must be in the belief, and a row alone must say what it does",
-        [mixed],
-        [went_on.with_rows(again, began[again])],
+        mixed,
+        went_on.with_rows(rows, began[rows]),
     )
-    if filter.random:
-        generator = np.random.default_rng(0)
-        belief = _call(filter.init, False, prior, rng=generator)
-        _call(filter.predict, False, belief, u, rng=generator)
 
 
-def _warn_of_errors(filter: Filter, system: System) -> None:
+def _warn_of_errors(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> None:
     """Warn where errors in simulated runs are larger or smaller than the covariance."""
-    model, prior, u = system
+    model = filter.model
     rng, unknown = np.random.default_rng(0), None
     if filter.input_delay is not None and model.q:
-        unknown = rng.normal(size=(_STEPS, _RUNS, model.q))
-    data = simulate(model, prior, rng, _RUNS, _STEPS, u, unknown)
+        unknown = rng.normal(size=(_TIMES, _RUNS, model.q))
+    data = simulate(model, prior, rng, _RUNS, _TIMES, u, unknown)
     series = run(filter, prior, data.y, data.u, rng=RandomKeys.seeded(range(_RUNS)))
     found = float(nees(series.mean[-1], series.cov[-1], data.x[-1], model.state_angles).mean())
     low, high = chi_square_band(_RUNS, model.n, _CONFIDENCE)
@@ -284,38 +226,35 @@ def _warn_of_errors(filter: Filter, system: System) -> None:
 # --- beliefs --------------------------------------------------------------------------------------
 
 
-def _check_belief(method: str, belief: Belief, ordinary: bool) -> None:
-    """Refuse a belief that lacks a row, could not be used, or has what is no covariance."""
-    for name, array in belief.arrays().items():
-        if array is not None and np.shape(array)[:1] != (_ROWS,):
+def _check_belief(method: str, beliefs: Belief, healthy: np.ndarray) -> None:
+    """Refuse beliefs that lack a row, could not be used, or have what is no covariance."""
+    for name, array in beliefs.arrays().items():
+        if array is not None and array.shape[1:2] != (_ROWS,):
             raise ValueError(
                 f"{method} gave a {name} that is no array with a row for each of the batch"
             )
-    if ordinary and not belief.healthy.all():
+    if not healthy.all():
         raise ValueError(
             f"{method} could not be used: of ordinary numbers it must give a finite mean, and a"
             " covariance that is symmetric and positive semidefinite"
         )
     for name in ("cov", "input_cov"):
-        cov = getattr(belief, name)
+        cov = getattr(beliefs, name)
         if cov is not None and not np.abs(cov - semidefinite(cov)).max() <= _SAME * cov.max():
             raise ValueError(
                 f"{method} gave a {name} that is not symmetric and positive semidefinite"
             )
 
 
-def _compare(
-    sentence: str, some: list[Belief], others: list[Belief], tolerance: float = _SAME
-) -> None:
+def _compare(sentence: str, mine: Belief, theirs: Belief, tolerance: float = _SAME) -> None:
     """Raise a sentence about the first array that differs; variances may be small beside 1."""
-    for mine, theirs in zip(some, others, strict=True):
-        for name, a in mine.arrays().items():
-            if a is not None:
-                b = getattr(theirs, name)
-                least = 0.0 if name in ("cov", "innovation_cov", "input_cov") else 1.0
-                scale = np.abs(b).max(initial=least)
-                if not (np.abs(1.0 * a - b) <= tolerance * scale).all():
-                    raise ValueError(sentence.format(name))
+    for name, a in mine.arrays().items():
+        if a is not None:
+            b = getattr(theirs, name)
+            least = 0.0 if name in ("cov", "innovation_cov", "input_cov") else 1.0
+            scale = np.abs(b).max(initial=least)
+            if not (np.abs(1.0 * a - b) <= tolerance * scale).all():
+                raise ValueError(sentence.format(name))
 
 
 # --- known systems --------------------------------------------------------------------------------
@@ -339,9 +278,9 @@ def _systems() -> tuple[System, ...]:
     pendulum = NonlinearModel(swing, lambda x, u: x, Q, R, **angles)
     hanging = Gaussian(np.array([0.3, 0.0]), 0.01 * np.eye(2))
     return (
-        System(replace(vehicle, C=C[:2], R=R[:2, :2]), start, u),  # fewer measurements than states
-        System(replace(vehicle, G=G, H=H), start, u),
-        System(replace(vehicle, G=G), start, u),
-        System(pendulum, hanging, u),
-        System(replace(pendulum, G=np.array([[0.0], [dt]])), hanging, u),
+        (replace(vehicle, C=C[:2], R=R[:2, :2]), start, u),  # fewer measurements than states
+        (replace(vehicle, G=G, H=H), start, u),
+        (replace(vehicle, G=G), start, u),
+        (pendulum, hanging, u),
+        (replace(pendulum, G=np.array([[0.0], [dt]])), hanging, u),
     )

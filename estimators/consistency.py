@@ -255,9 +255,9 @@ class Consistency:
         nees: Size of state errors at each time.
         nis: Size of innovations, less the share of an estimated unknown input; None for ``ulise``,
             whose innovations carry the inputs of two steps.
-        whiteness: Whiteness of innovations; None where they carry an unknown input.
+        whiteness: Whiteness of innovations; None where they carry an unknown input, or need not be
+            white.
         coverage: Coverage of credible intervals at the last time.
-        conservative: The filter may be too careful, and its innovations need not be white.
     """
 
     name: str
@@ -265,13 +265,11 @@ class Consistency:
     nis: Band | None
     whiteness: Band | None
     coverage: Band
-    conservative: bool = False
 
     @property
     def p_value(self) -> float:
         """That a consistent filter would fail any of the tests as clearly (Bonferroni: at most)."""
-        white = None if self.conservative else self.whiteness
-        tests = filter(None, (self.nees, self.nis, white, self.coverage))
+        tests = filter(None, (self.nees, self.nis, self.whiteness, self.coverage))
         return _any_of(np.array([test.p_value for test in tests]))
 
     def passed(self, false_alarm: float = 0.05) -> bool:
@@ -310,10 +308,10 @@ def assess(
     innovations = whiteness = None
     if not isinstance(beliefs, FeedthroughBelief):
         innovations = chi_square_test(*_surprise(beliefs), conservative)
-    if filter.input_delay is None:
+    if filter.input_delay is None and not conservative:
         e, S = beliefs.innovation, beliefs.innovation_cov
-        whiteness = whiteness_test(e, S, beliefs.available, min(20, len(series) - 1))
-    return Consistency(filter.name, states, innovations, whiteness, coverage, conservative)
+        whiteness = whiteness_test(e, S, beliefs.available, min(20, len(data.y) - 1))
+    return Consistency(filter.name, states, innovations, whiteness, coverage)
 
 
 def _surprise(beliefs: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -358,7 +356,7 @@ def consistency_figure(report: Consistency) -> "Figure":
         test = getattr(report, name)
         axes.set(xlabel=x, ylabel=y)
         if test is None:
-            axes.set(title=f"{title}: not tested, they carry the unknown input")
+            axes.set(title=f"{title}: not tested")
             continue
         axes.set(title=f"{title}: {_p_value(test.p_value)}")
         axes.fill_between(test.x, test.low, test.high, color="#c9d6e3", label="95 % band")

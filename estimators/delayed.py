@@ -17,11 +17,10 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from estimators.checks import as_array, as_mask, frozen, integer, short_repr
+from estimators.checks import as_array, as_mask, frozen, integer, shaped_array, short_repr
 from estimators.filter import Filter, Rng, _broadcast
 from estimators.models import Gaussian
 from estimators.randomness import RandomKeys
-from estimators.varying import noise_at
 
 
 class Step(NamedTuple):
@@ -34,8 +33,6 @@ class Step(NamedTuple):
         update_keys: Random numbers of the update.
         y: ``(..., p)`` measurements of the step that have come so far.
         available: ``(..., p)`` mask of these.
-        R: ``(..., p, p)`` covariances that measurements brought along, NaN for the model's; None:
-            none did.
     """
 
     predicted: Any
@@ -44,22 +41,10 @@ class Step(NamedTuple):
     update_keys: RandomKeys | None
     y: np.ndarray
     available: np.ndarray
-    R: Any = None
-
-    def with_measurements(self, y: np.ndarray, accepted: np.ndarray, R: Any) -> Self:
-        """The step with accepted measurements ``(..., p)`` besides those that it had."""
-        if R is not None or self.R is not None:
-            one, other = accepted[..., :, None], accepted[..., None, :]
-            before, R = (np.nan if cov is None else cov for cov in (self.R, R))
-            # The noises of measurements that come in different calls are uncorrelated.
-            R = np.where(one & other, R, np.where(one ^ other, 0.0, before))
-        y = np.where(accepted, y, self.y)
-        return self._replace(y=y, available=self.available | accepted, R=R)
 
     def with_rows(self, rows: np.ndarray, other: Self) -> Self:
         """The step with some rows of another; nothing is read of a row before its first step."""
-        merged = map(partial(_with_rows, rows), self, other, (0.0,) * 6 + (np.nan,))
-        return type(self)(*merged)
+        return type(self)(*map(partial(_with_rows, rows), self, other))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,9 +123,6 @@ class Delayed:
             raise AttributeError(name)
         return getattr(self.filter, name)
 
-    def __repr__(self) -> str:
-        return f"Delayed({self.filter!r}, horizon={self.horizon})"
-
     def init(self, prior: Gaussian, rng: Rng = None) -> DelayedBelief:
         """The belief before any measurement, as `Filter.init`."""
         keys = self._repeatable_keys(rng)
@@ -162,7 +144,7 @@ class Delayed:
         y: np.ndarray,
         rng: Rng = None,
         available: np.ndarray | None = None,
-        R: np.ndarray | None = None,
+        R: None = None,
         u: np.ndarray | None = None,
     ) -> DelayedBelief:
         """Take in what has come: measurements of now, and late ones.
@@ -173,16 +155,20 @@ class Delayed:
             rng: As for `Filter.update`.
             available: Mask ``(..., ages, p)`` of the measurements that come with this call; None:
                 all that are finite.
-            R: ``(..., ages, p, p)`` their own covariances; None: the model's. A measurement whose
-                variance is not finite has not come.
+            R: None: measurements have the covariance of the model.
             u: As for `Filter.update`, of the measurements of now.
 
         Raises:
-            ValueError: if ``y``, ``available`` or ``R`` have the wrong shape, or another ``u`` came
-                before.
+            ValueError: if ``y`` or ``available`` have the wrong shape, R is given, or another ``u``
+                came before.
         """
+        if R is not None:
+            raise ValueError("Delayed takes no R: measurements have the covariance of the model")
         keys, u = self._repeatable_keys(rng), self._known_input(belief, u)
-        y, arrived, R = self._arrived(belief, y, available, R)
+        y = shaped_array("y", y, *belief.reach.shape, "ages", self.filter.model.p)
+        arrived = np.isfinite(y)
+        if available is not None:
+            arrived &= _broadcast("available", as_mask("available", available), y.shape)
         *before, now = belief.steps
         if u is not None:
             if (now.available.any(-1, keepdims=True) & (u != now.predicted.u)).any():
@@ -197,37 +183,18 @@ class Delayed:
             step = steps[-1 - age]
             accepted = arrived[..., age, :] & (age <= belief.reach)[..., None] & ~step.available
             if accepted.any():
-                own_R = None if R is None else R[..., age, :, :]
-                steps[-1 - age] = step.with_measurements(y[..., age, :], accepted, own_R)
+                known, both = np.where(accepted, y[..., age, :], step.y), step.available | accepted
+                steps[-1 - age] = step._replace(y=known, available=both)
                 refused, oldest = refused - accepted.sum(-1), age
         self._repeat(steps, oldest, belief.reach)
         return DelayedBelief(self._update_step(steps[-1]), tuple(steps), belief.reach, refused)
-
-    def _arrived(
-        self, belief: DelayedBelief, y: Any, available: Any, R: Any
-    ) -> tuple[np.ndarray, Any, np.ndarray | None]:
-        """Measurements by age, which of them have come, and their own covariances."""
-        y, rows, p = as_array("y", y), belief.reach.shape, self.filter.model.p
-        if y.ndim < 2 or y.shape != (*rows, y.shape[-2], p):
-            raise ValueError(
-                f"y has shape {y.shape}, expected {(*rows, 'ages', p)}: measurements by age, those"
-                " of now first"
-            )
-        arrived = np.isfinite(y)
-        if available is not None:
-            arrived &= _broadcast("available", as_mask("available", available), y.shape)
-        if R is not None:
-            R = _broadcast("R", as_array("R", R), (*y.shape, p), core=2)
-            arrived &= np.isfinite(R.diagonal(0, -2, -1))
-        return y, arrived, R
 
     def _repeat(self, steps: list[Step], oldest: int, reach: np.ndarray) -> None:
         """Predict again what the measurements of all steps after an old one meet."""
         for ago in range(oldest)[::-1]:
             step, before = steps[-1 - ago], self._update_step(steps[-2 - ago])
             predicted = self.filter.predict(before, step.u, rng=step.predict_keys)
-            if predicted.u is not step.predicted.u:  # update was given that of the measurements
-                predicted = predicted.replace(u=step.predicted.u)
+            predicted = predicted.replace(u=step.predicted.u)  # that of the measurements
             began = reach <= ago  # in this step, or later
             if began.any():
                 predicted = predicted.with_rows(began, step.predicted[began])
@@ -235,12 +202,8 @@ class Delayed:
 
     def _update_step(self, step: Step) -> Any:
         """The belief after the measurements of a step."""
-        predicted, R = step.predicted, step.R
-        if R is not None:
-            usual = noise_at(self.filter.model.R, predicted.mean, predicted.u)
-            R = np.where(np.isnan(R), usual, R)
         return self.filter.update(
-            predicted, step.y, rng=step.update_keys, available=step.available, R=R
+            step.predicted, step.y, rng=step.update_keys, available=step.available
         )
 
     def step(
@@ -294,8 +257,8 @@ class Delayed:
         return frozen(_broadcast("u", u, belief.reach.shape + u.shape[-1:]))
 
 
-def _with_rows(rows: np.ndarray, mine: Any, theirs: Any, nothing: float = 0.0) -> Any:
-    """A belief, keys or an array with some rows of another; None counts as rows of ``nothing``."""
+def _with_rows(rows: np.ndarray, mine: Any, theirs: Any) -> Any:
+    """A belief, keys or an array with some rows of another; None counts as rows of zeros."""
     if mine is None and theirs is None:
         return None
     if isinstance(mine, RandomKeys):
@@ -304,8 +267,8 @@ def _with_rows(rows: np.ndarray, mine: Any, theirs: Any, nothing: float = 0.0) -
         return RandomKeys(_with_rows(rows, mine.keys, theirs.keys), step)
     if hasattr(mine, "with_rows"):
         return mine.with_rows(rows, theirs)
-    merged = np.full(rows.shape + theirs.shape[1:], nothing) if mine is None else np.array(mine)
-    merged[rows] = nothing if theirs is None else theirs
+    merged = np.zeros(rows.shape + theirs.shape[1:]) if mine is None else np.array(mine)
+    merged[rows] = 0.0 if theirs is None else theirs
     return merged
 
 

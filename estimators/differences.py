@@ -11,18 +11,9 @@ from estimators.varying import Function
 _EPS = float(np.finfo(float).eps)
 
 
-def values_at(
-    name: str, function: Function, points: np.ndarray, u: np.ndarray | None, size: int
-) -> np.ndarray:
+def values_at(function: Function, points: np.ndarray, u: np.ndarray | None) -> np.ndarray:
     """A function at points ``(..., k, n)``, as `estimators.models.at_points`, in its own type."""
-    values = np.asarray(function(points, None if u is None else u[..., None, :]))
-    expected = (*points.shape[:-1], size)
-    if values.shape != expected:
-        raise ValueError(
-            f"{name} must broadcast over leading axes: "
-            f"x of shape {points.shape} gave {values.shape}, expected {expected}"
-        )
-    return values
+    return np.asarray(function(points, None if u is None else u[..., None, :]))
 
 
 def central_differences(
@@ -36,11 +27,11 @@ def central_differences(
     matter where ``f`` wraps them.
 
     Raises:
-        ValueError: if ``f`` does not broadcast, or returns fewer digits than float64 has.
+        ValueError: if ``f`` returns fewer digits than float64 has.
     """
     n = x.shape[-1]
     points = x[..., None, :] + _offsets(n) * step[..., None, :]
-    values = values_at(name, function, points, u, size)
+    values = values_at(function, points, u)
     if rounding(values) > _EPS:
         raise ValueError(
             f"{name} returns numbers of few digits (float32?), whose differences are mostly"
@@ -106,7 +97,7 @@ def check_jacobian(
     n, size = x.shape[-1], jacobian.shape[-2]
     step = np.minimum(step, 2.0**-13 * np.where(x, np.abs(x), 1.0))[..., None, :]
     with np.errstate(all="ignore"):
-        values = values_at(name, function, x[..., None, :] + _offsets(n) * step, u, size)
+        values = values_at(function, x[..., None, :] + _offsets(n) * step, u)
         change = difference(values[..., 1:, :], values[..., :1, :], angles)
         signed = np.concatenate([step, -step, 2.0 * step, -2.0 * step], -1)
         slopes = (change / signed.mT).reshape(*x.shape[:-1], 4, n, size).mT

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag, expm
 
-from estimators.checks import AT_LEAST_0, as_array, number
+from estimators.checks import AT_LEAST_0, as_array, finite_array, number
 from estimators.linalg import congruence, symmetrise
 from estimators.models import LinearModel
 
@@ -75,20 +75,17 @@ def sampled(
         ValueError: naming the argument whose shape or definiteness is wrong, or later if a step has
             no length.
     """
-    model = LinearModel(A, C, Q, R, B=B)
-    names = "AQ" if B is None else "ABQ"
-    rates = {name: getattr(model, name) for name in "CR" + names}  # which the model has checked
-    for name, rate in rates.items():
-        if callable(rate) or rate.ndim > 2:
-            raise ValueError(
-                f"{name} of a sampled model must be one matrix, for all rows and times"
-            )
+    given = {"A": A, "C": C, "Q": Q, "R": R} | ({} if B is None else {"B": B})
+    rates: dict[str, Any] = {
+        name: finite_array(name, value, "n", "m") for name, value in given.items()
+    }
+    model = LinearModel(**rates)
     # The control is held: a state that stays.
     n, held = model.n, rates.get("B", np.zeros((model.n, 0)))
     m = held.shape[1]
     system = np.vstack([np.hstack([rates["A"], held]), np.zeros((m, n + m))])
     steps = _Sampled(n, system, block_diag(rates["Q"], np.zeros((m, m))))
-    matrices: Any = {name: partial(steps.matrix, name) for name in names}
+    matrices: Any = {name: partial(steps.matrix, name) for name in "ABQ" if name in rates}
     return replace(model, **matrices)
 
 
@@ -106,8 +103,8 @@ class _Sampled:
         if u is None or u.shape[-1] != m + 1:
             controls = f"its {m} controls and " if m else ""
             raise ValueError(
-                f"the known input of a sampled model is {controls}how long each step takes: give run"
-                " the times t of the measurements"
+                f"the known input of a sampled model is {controls}how long each step takes: give"
+                " run the times t of the measurements"
             )
         if u.size == m + 1:  # np.unique takes long
             matrix = _over_step(self, u.item(-1))[name]

@@ -10,24 +10,32 @@ Everything costs O(N p (n + p)), and nothing is N x N unless that is less than p
 """
 
 import warnings
+from abc import abstractmethod
 from typing import Any, ClassVar
 
 import numpy as np
 
 from estimators.analysis import (
+    average,
     covariance,
-    expect,
-    forecast,
-    perturbed_analysis,
-    redraw,
+    gathered,
+    noise,
+    reduced_gain,
     sample,
-    transform_analysis,
+    transform,
 )
 from estimators.belief import EnsembleBelief
 from estimators.checks import integer, number, short_repr
 from estimators.engine import compiled
 from estimators.filter import Changes, Filter, Model
-from estimators.linalg import lacks_rank, rescuing, semidefinite_cholesky, shared_root
+from estimators.linalg import (
+    inner,
+    lacks_rank,
+    rescuing,
+    semidefinite_cholesky,
+    shared_root,
+    solve,
+)
 from estimators.models import LinearModel, NonlinearModel, at_columns
 from estimators.randomness import RandomKeys
 from estimators.varying import resolve
@@ -36,8 +44,6 @@ START, PROCESS, MEASUREMENTS, MOVED, EXPECTED = 0, 1, 2, 4, 5
 """Uses of random numbers."""
 _REDRAWS = 16
 """Times that members without a measurement are drawn again: of uses from EXPECTED on."""
-DRAWS = "exact", "independent"
-"""Kinds of draws: with exact sample moments, or one independent of the other."""
 
 
 class EnsembleFilter(Filter[EnsembleBelief]):
@@ -58,7 +64,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank
             Q, p).
         inflation: Factor on the anomalies after each measurement; 1: none.
-        draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least
+        draws: "exact": noise has exact sample moments (`noise`), for which N must be at least
             n + r + 2; "independent": as in most papers.
 
     Raises:
@@ -86,7 +92,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         needed = model.n + max(rank, model.p) + 2
         own = max(64, -8 * (-needed // 8))
         self.members = own if members is None else integer("members", members, 2)
-        if not isinstance(draws, str) or draws not in DRAWS:
+        if not isinstance(draws, str) or draws not in ("exact", "independent"):
             raise ValueError(f"draws must be 'exact' or 'independent', got {short_repr(draws)}")
         self._exact = draws == "exact" and self.members >= needed
         if draws == "exact" and not self._exact:
@@ -115,7 +121,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         if root is None:
             root = semidefinite_cholesky(resolve(model.Q, u))
         if not isinstance(model, LinearModel):
-            return at_columns(model, "transition", belief.members, u, model.n), root
+            return at_columns(model, "transition", belief.members, u), root
         after = resolve(model.A, u) @ belief.members
         if model.B is not None and u is not None:
             after = after + np.matvec(resolve(model.B, u), u)[..., None]
@@ -123,31 +129,62 @@ class EnsembleFilter(Filter[EnsembleBelief]):
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
         """Mean ``(..., p)`` and anomalies ``(..., p, N)`` of what the members expect, and R."""
-        mean, anomalies = expect(self._expected(belief, u), angles=self._seams)
-        return mean, anomalies, self._noise(belief, u, R)
+        members = gathered(self._expected(belief, u), self._seams)
+        mean = average(members)
+        return mean, members - mean[..., None], self._noise(belief, u, R)
 
     def _expected(self, belief: Any, u: np.ndarray | None) -> np.ndarray:
         """Measurements ``(..., p, N)`` that the members expect."""
         model, members = self.model, belief.members
         if isinstance(model, LinearModel):
             return resolve(model.C, u) @ members
-        return at_columns(model, "measurement", members, u, model.p)
+        return at_columns(model, "measurement", members, u)
 
     def _predict(self, belief: Any, u: Any, *moved: Any) -> Changes:
         after, root, rng = moved
         batch = belief.mean.shape[:-1]
         if rescuing():  # members that have left the model's domain are drawn again
             after = self._redrawn(after, np.isfinite(after).all(-2), rng, MOVED)
-        normals = draw(rng, batch, self.members, root.shape[-1], PROCESS)
-        mean, members, cov = forecast(
-            belief.members, after, root, normals, angles=self._angles, exact=self._exact
-        )
-        return {"mean": mean, "cov": cov, "members": members}
+        members = gathered(after, self._angles)
+        if root.shape[-1] > 0:
+            normals = draw(rng, batch, self.members, root.shape[-1], PROCESS)
+            mean = average(members)
+            A = members - mean[..., None]
+            gram = inner(A, A)
+            members = members + noise(root, normals, self._exact, A, gram)
+            if self._exact and not self._angles:
+                cov = gram / (self.members - 1) + inner(root, root)
+                return {"mean": mean, "cov": cov, "members": members}
+        return _moments(gathered(members, self._angles))
+
+    def _update(
+        self, belief: Any, u: Any, e: Any, Y: Any, R: Any, available: Any, *more: Any
+    ) -> Changes:
+        S = inner(Y, Y) / (self.members - 1) + R
+        shift, A = self._analysis(belief, e, Y, S, R, available, *more)
+        arrived = (1.0 * available).sum(-1) > 0.0
+        inflation = np.where(arrived, self.inflation, 1.0)[..., None, None]
+        return _moments((belief.mean + shift)[..., None] + inflation * A) | {"innovation_cov": S}
+
+    @abstractmethod
+    def _analysis(
+        self, belief: Any, e: Any, Y: Any, S: Any, R: Any, available: Any, rng: Any
+    ) -> tuple[Any, Any]:
+        """Shift of the mean ``(..., n)``, and the anomalies, not yet inflated."""
 
     def _redrawn(self, members: Any, kept: Any, rng: Any, use: int) -> np.ndarray:
-        """Members ``(..., n, N)``, those not ``kept (..., N)`` drawn again if more than n are."""
+        """Members ``(..., n, N)``, those not ``kept (..., N)`` drawn again if more than n are.
+
+        They are drawn from the mean and covariance of the others.
+        """
         normals = draw(rng, kept.shape[:-1], self.members, self.model.n, use)
-        return redraw(members, kept | (kept.sum(-1)[..., None] <= self.model.n), normals)
+        kept = (kept | (kept.sum(-1)[..., None] <= self.model.n))[..., None, :]
+        number = kept.sum(-1)
+        members = np.where(kept, members, 0.0)
+        mean = (members.sum(-1) / number)[..., None]
+        A = np.where(kept, members - mean, 0.0)
+        root = semidefinite_cholesky(inner(A, A) / (number[..., None] - 1.0))
+        return np.where(kept, members, mean + root @ normals)
 
     def _repaired(self, belief: Any, u: Any, y: Any, rng: Any) -> Any:
         """The belief, with members drawn again for which an available measurement has no value."""
@@ -182,32 +219,23 @@ class EnsembleKalmanFilter(EnsembleFilter):
         members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank
             Q, p).
         inflation: Factor on the anomalies after each measurement; 1: none.
-        draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least
+        draws: "exact": noise has exact sample moments (`noise`), for which N must be at least
             n + r + 2; "independent": as in most papers.
     """
 
     name = "enkf"
 
-    def _update(
-        self, belief: Any, u: Any, e: Any, Y: Any, R: Any, available: Any, *more: Any
-    ) -> Changes:
-        root = semidefinite_cholesky(R)
-        (rng,), batch = more, belief.mean.shape[:-1]
-        normals = draw(rng, batch, self.members, self.model.p, MEASUREMENTS)
-        mean, members, S = perturbed_analysis(
-            belief.members,
-            belief.mean,
-            Y,
-            e,
-            available,
-            R,
-            root,
-            normals,
-            belief.cov,
-            inflation=self.inflation,
-            exact=self._exact,
-        )
-        return analysed(mean, members, S)
+    def _analysis(
+        self, belief: Any, e: Any, Y: Any, S: Any, R: Any, available: Any, rng: Any
+    ) -> tuple[Any, Any]:
+        N, root = self.members, semidefinite_cholesky(R)
+        A = belief.members - belief.mean[..., None]
+        gain = solve(S, inner(Y, A) / (N - 1))
+        normals = draw(rng, belief.mean.shape[:-1], N, self.model.p, MEASUREMENTS)
+        used = np.vecmat(1.0 * available, 1.0 * (np.abs(root) > 0.0)) > 0.0
+        normals = np.where(used[..., None], normals, 0.0)
+        perturbed = noise(root, normals, self._exact, A, belief.cov * (N - 1.0)) - Y
+        return np.vecmat(e, gain), A + gain.mT @ perturbed
 
 
 @compiled
@@ -239,31 +267,25 @@ class EnsembleTransformFilter(EnsembleFilter):
         members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank
             Q, p).
         inflation: Factor on the anomalies after each measurement; 1: none.
-        draws: "exact": noise has exact sample moments (`exact_noise`), for which N must be at least
+        draws: "exact": noise has exact sample moments (`noise`), for which N must be at least
             n + r + 2; "independent": as in most papers.
     """
 
     name = "etkf"
 
-    @property
-    def _regular(self) -> bool:
-        """Has the model one R, which has an inverse?"""
-        return not callable(self.model.R) and not lacks_rank(self.model.R).any()
-
-    def _update(
-        self, belief: Any, u: Any, e: Any, Y: Any, R: Any, available: Any, *_: Any
-    ) -> Changes:
-        mean, members, S = transform_analysis(
-            belief.members, belief.mean, Y, e, available, R,
-            inflation=self.inflation, regular=self._regular,
-        )  # fmt: skip
-        return analysed(mean, members, S)
+    def _analysis(
+        self, belief: Any, e: Any, Y: Any, S: Any, R: Any, available: Any, rng: Any
+    ) -> tuple[Any, Any]:
+        # T, N x N, needs an inverse of R, which lost rows may not have.
+        regular = not (rescuing() or callable(self.model.R) or lacks_rank(self.model.R).any())
+        form = transform if regular and self.model.p > self.members else reduced_gain
+        return form(belief.members - belief.mean[..., None], Y, e, S, R)
 
 
-def analysed(mean: np.ndarray, members: np.ndarray, S: np.ndarray) -> Changes:
-    """Arrays of an analysis."""
-    cov = covariance(members, mean)
-    return {"mean": mean, "cov": cov, "members": members, "innovation_cov": S}
+def _moments(members: np.ndarray) -> Changes:
+    """Arrays of a belief that members ``(..., n, N)`` make."""
+    mean = average(members)
+    return {"mean": mean, "cov": covariance(members, mean), "members": members}
 
 
 def draw(rng: Any, batch: tuple[int, ...], members: int, count: int, use: int) -> np.ndarray:

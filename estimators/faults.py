@@ -81,16 +81,16 @@ class FaultMonitor(ABC):
         if not isinstance(sensors, Mapping):
             sensors = {str(j): j for j in range(integer("sensors", sensors, 1))}
         groups = [np.atleast_1d(channels).tolist() for channels in sensors.values()]
-        p = sum(map(len, groups))
-        belongs = np.array([[j in group for group in groups] for j in range(p)])
-        if not p or (belongs.sum(1) != 1).any() or not belongs.any(0).all():
+        channels = sorted(channel for group in groups for channel in group)
+        if channels != list(range(len(channels))) or not groups or not all(groups):
             raise ValueError(
                 "sensors must have every channel, from 0, in exactly one of them, such as {'gnss':"
                 f" (0, 1), 'log': 2}}, got {short_repr(sensors)}"
             )
         what = "a rate of false alarms a step, between 1e-9 and 0.5"
         self.false_alarms = number("false_alarms", false_alarms, 1e-9, 0.5, what)
-        self.names, self._belongs = tuple(sensors), 1.0 * belongs  # (p, sensors)
+        self.names = tuple(sensors)
+        self._belongs = np.array([[1.0 * (j in group) for group in groups] for j in channels])
 
     def start(self, batch: int | tuple[int, ...] = ()) -> Watch:
         """The state before any measurement, for each row of a batch."""
@@ -123,8 +123,9 @@ class FaultMonitor(ABC):
             most = _ABSURD * np.sqrt(S.diagonal(0, -2, -1))
             e = np.clip(e, -most, most)
             w = np.where(arrived, np.matvec(precision, e), 0.0)
-            judged = self._judged(state, w, precision, arrived, np.vecdot(e, w))
-        memory, statistic, suspicion = judged
+            memory, statistic, suspicion = self._judged(
+                state, w, precision, arrived, np.vecdot(e, w)
+            )
         alarm = statistic > 1.0
         return Watch(alarm, np.where(alarm, suspicion.argmax(-1), -1), statistic, suspicion, memory)
 

@@ -1,10 +1,11 @@
 """Conditions under which measurements of a linear system determine its unknown inputs."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag, eigvals, solve_discrete_are
 
+from estimators.checks import finite_array
 from estimators.kalman import input_covariance
 from estimators.linalg import congruence, identity
 from estimators.models import LinearModel
@@ -58,11 +59,11 @@ def input_conditions(
         ValueError: naming the argument whose shape is wrong or that is no covariance.
         LinAlgError: if ``R`` or ``prior`` is singular.
     """
-    model = LinearModel(A, C, Q, R, G=G, H=H)
-    A, C, G, H, Q, R = (np.asarray(getattr(model, name)) for name in "ACGHQR")
-    if any(array.ndim != 2 for array in (A, C, G, H, Q, R)):
-        raise ValueError("input_conditions is of one system: give A, C, G, H, Q and R as matrices")
-    cov = input_covariance("prior", prior, model.q)
+    given = zip("ACGHQR", (A, C, G, H, Q, R), strict=True)
+    matrices: dict[str, Any] = {name: finite_array(name, each, "n", "m") for name, each in given}
+    q = LinearModel(**matrices).q
+    A, C, G, H, Q, R = matrices.values()
+    cov = input_covariance("prior", prior, q)
     root, noise = np.linalg.cholesky(cov), np.linalg.cholesky(R)
     G, H = G @ root, H @ root
     now, late = observable_ranks(C, G, H)
@@ -71,7 +72,7 @@ def input_conditions(
     except (np.linalg.LinAlgError, ValueError):  # which SciPy raises where QZ fails
         S = R
     one_step, observable = _one_step(driven_measurements(C, G), H, np.linalg.inv(S))
-    unseen = congruence(root, np.eye(model.q) - observable)
+    unseen = congruence(root, np.eye(q) - observable)
     share, hidden = (
         np.diagonal(each) / np.diagonal(cov) for each in (congruence(root, one_step), unseen)
     )

@@ -114,7 +114,7 @@ def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def singular(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Singular values ``(..., n)`` of ``A (..., m, n)``, zeros among them, and V ``(..., n, n)``.
+    """Singular values ``(..., n)`` of ``A (..., m, n)``, m at least n, and V ``(..., n, n)``.
 
     Raises:
         numpy.linalg.LinAlgError: in NumPy, if A is not finite.
@@ -122,9 +122,7 @@ def singular(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if is_traced(a):
         turned, V = linear.rotated(a)
         return np.sqrt(np.square(turned).sum(-2)), V
-    _, found, directions = np.linalg.svd(a)
-    values = np.zeros(a.shape[:-2] + a.shape[-1:])
-    values[..., : found.shape[-1]] = found
+    _, values, directions = np.linalg.svd(a, full_matrices=False)
     return values, directions.mT
 
 
@@ -161,11 +159,10 @@ def semidefinite_cholesky(a: np.ndarray) -> np.ndarray:
     return root
 
 
-def regular_root(a: np.ndarray) -> np.ndarray:
-    """`semidefinite_cholesky` with a huge pivot where a row repeats others: its share is then 0."""
-    root = semidefinite_cholesky(a)
+def regular(root: np.ndarray) -> np.ndarray:
+    """A triangular root with a huge pivot where a row repeats others: its share is then 0."""
     repeats = np.where(root.diagonal(0, -2, -1) == 0.0, _HUGE, 0.0)
-    return root + repeats[..., None] * identity(a.shape[-1])
+    return root + repeats[..., None] * identity(root.shape[-1])
 
 
 def shared_root(cov: np.ndarray) -> np.ndarray:
@@ -192,23 +189,12 @@ _DIGITS = 8.0 * _EPS
 """A standard deviation that is less, as a share of the numbers that it is of, is rounding."""
 
 
-def whitened(root: np.ndarray, e: np.ndarray) -> np.ndarray:
-    """``L^-1 e`` for a triangular ``L (..., p, p)``; a column of zeros counts as a unit one."""
-    entries: list[np.ndarray] = []
-    for i in range(e.shape[-1]):
-        rest, pivot = e[..., i], root[..., i, i]
-        for j, entry in enumerate(entries):
-            rest = rest - root[..., i, j] * entry
-        entries.append(rest / np.where(pivot > 0.0, pivot, 1.0))
-    return np.concatenate([entry[..., None] for entry in entries], -1)
-
-
 def cholesky(s: np.ndarray) -> np.ndarray:
     """The lower factor of ``S (..., p, p)``; a row that is not positive definite is NaN."""
     if is_traced(s):
         return linear.cholesky(s)
     if rescuing():
-        return regular_root(np.where(np.isfinite(s), s, 0.0))
+        return regular(semidefinite_cholesky(np.where(np.isfinite(s), s, 0.0)))
     try:
         return np.linalg.cholesky(s)
     except np.linalg.LinAlgError:
@@ -217,49 +203,39 @@ def cholesky(s: np.ndarray) -> np.ndarray:
         return np.where(lowest > 0.0, root, np.nan)
 
 
-@np.errstate(all="ignore")
 def log_density(e: np.ndarray, s: np.ndarray, seen: np.ndarray, size: np.ndarray) -> np.ndarray:
     """Log density ``(...)`` of the first independent components of ``e (..., p)`` under N(0, S).
 
     Where a component is not ``seen (..., p)``, e is 0 and s ``(..., p, p)`` unit and uncorrelated.
     They are differences of numbers of ``size (..., p)``, with whose rounding e comes.
     """
-    scale, unit = equilibrated(s)
-    root = semidefinite_cholesky(unit)
-    spread = root.diagonal(0, -2, -1)
-    square = np.square(whitened(root, e / scale)).sum(-1)
-    logs, rank = np.log(spread * scale).sum(-1), seen.sum(-1)
-    flat = ~((spread > 1e-4) & (scale > _DIGITS * size)).all(-1) & np.isfinite(unit).all((-2, -1))
-    if flat.any():
-        square, logs, rank = np.array(square), np.array(logs), np.array(rank)
-        square[flat], logs[flat], independent = semidefinite_form(e[flat], s[flat], size[flat])
-        rank[flat] = (independent & seen[flat]).sum(-1)
-    return -0.5 * (square + rank * np.log(2.0 * np.pi)) - logs
+    square, logs, independent = semidefinite_form(e, s, size)
+    return -0.5 * (square + (independent & seen).sum(-1) * np.log(2.0 * np.pi)) - logs
 
 
 @np.errstate(all="ignore")
 def semidefinite_form(
     e: np.ndarray, s: np.ndarray, size: Any
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """``e' S^+ e (...)`` for a singular S, and its first independent components ``(..., p)``.
+    """``e' S^+ e (...)`` for a semidefinite S, and its first independent components ``(..., p)``.
 
     In units of standard deviations; infinite where e is outside the range of S by more than the
-    rounding of numbers of ``size (..., p)``. Between them comes half the log-determinant of the
-    independent components.
+    rounding of numbers of ``size (..., p)``; NaN where S is not finite. Between them comes half the
+    log-determinant of the independent components.
     """
     rounding = _DIGITS * np.asarray(size)
     exact = np.diagonal(s, axis1=-2, axis2=-1) <= np.square(rounding)
     scale, unit = equilibrated(masked(s, ~exact))
-    scale = np.where(exact, 1e12 * rounding + 1e-100, scale)
-    values, vectors = np.linalg.eigh(unit - exact[..., None] * identity(s.shape[-1]))
+    finite = np.isfinite(unit).all((-2, -1), keepdims=True)
+    unit = np.where(finite, unit, identity(s.shape[-1])) - exact[..., None] * identity(s.shape[-1])
+    scale = np.where(exact, 1e12 * rounding + 1e-100, np.where(finite[..., 0], scale, np.nan))
+    values, vectors = np.linalg.eigh(unit)
     kept = values > SINGULAR * s.shape[-1]
     vectors, values = np.where(kept[..., None, :], vectors, 0.0), np.where(kept, values, 1.0)
     along = np.vecmat(e / scale, vectors)
     outside = np.abs(e / scale - np.matvec(vectors, along))
-    wrong = (
-        outside
-        > 1e-6 * np.maximum(1.0, np.abs(along).max(-1, keepdims=True)) + 8.0 * rounding / scale
-    ).any(-1)
+    largest = np.maximum(1.0, np.abs(along).max(-1, keepdims=True))
+    wrong = (outside > 1e-6 * largest + 8.0 * rounding / scale).any(-1)
     pivots = np.diagonal(semidefinite_cholesky(inner(vectors, vectors)), axis1=-2, axis2=-1)
     independent = pivots > 1e-6
     logs = 0.5 * np.log(values).sum(-1) + np.log(np.where(independent, pivots * scale, 1.0)).sum(-1)

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from estimators.angles import difference
-from estimators.linalg import lacks_rank, semidefinite_form, solve
+from estimators.linalg import semidefinite_form
 
 
 def rmse(
@@ -54,14 +54,7 @@ def nis(
             the innovation has no rounding.
     """
     error, cov = np.asarray(innovation, float), np.asarray(innovation_cov, float)
-    square = np.vecdot(error, solve(cov, error[..., None])[..., 0])
-    flat = np.broadcast_to(lacks_rank(cov), square.shape)
-    if not flat.any():
-        return square
-    cov, square = np.broadcast_to(cov, flat.shape + cov.shape[-2:]), np.array(square)
-    error, size = (np.broadcast_to(a, cov.shape[:-1])[flat] for a in (error, size))
-    square[flat] = semidefinite_form(error, cov[flat], size)[0]
-    return square[()]
+    return semidefinite_form(error, cov, size)[0][()]
 
 
 def chi_square_band(runs: int, degrees: int, confidence: float = 0.95) -> tuple[float, float]:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import as_array, frozen, integer, short_repr
+from estimators.checks import finite_array, frozen, integer, short_repr
 from estimators.first_use import FirstUse, is_own
 from estimators.linalg import masked
 from estimators.varying import Schedule, StateNoise
@@ -18,11 +18,9 @@ def as_covariance(name: str, value: object) -> np.ndarray:
     Raises:
         ValueError: naming the argument and what is wrong with it.
     """
-    cov = as_array(name, value)
-    if cov.ndim < 2 or cov.shape[-1] != cov.shape[-2] or cov.shape[-1] == 0:
+    cov = finite_array(name, value, "...", "k", "k")
+    if cov.shape[-1] != cov.shape[-2] or cov.shape[-1] == 0:
         raise ValueError(f"{name} must be a square matrix (..., k, k), got shape {cov.shape}")
-    if not np.isfinite(cov).all():
-        raise ValueError(f"{name} must be finite")
     if not cov.size:  # no rows
         return cov
     # Correlations: rounding is a share of standard deviations. What has none correlates with none.
@@ -59,14 +57,11 @@ def check_matrices(
     """
     for name in shapes:
         value = getattr(model, name)
-        if isinstance(value, FirstUse):  # of the model of which this one is a copy
-            object.__setattr__(model, name, value.function)
-        elif not callable(value) and (value is not None or name in "ACQR"):
-            array = as_covariance(name, value) if name in "QR" else as_array(name, value)
-            if array.ndim < 2:
-                raise ValueError(f"{name} must be a matrix, got shape {array.shape}")
-            if not np.isfinite(array).all():
-                raise ValueError(f"{name} must be finite")
+        if not callable(value) and (value is not None or name in "ACQR"):
+            shape = "...", *shapes[name]
+            array = (
+                as_covariance(name, value) if name in "QR" else finite_array(name, value, *shape)
+            )
             object.__setattr__(model, name, frozen(array))
     sizes = {letter: _size(model, letter, shapes, *options.get(letter, ())) for letter in "np"}
     sizes["q"] = 0

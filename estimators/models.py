@@ -307,33 +307,29 @@ class NonlinearModel(_Model):
 
 
 def at_columns(
-    model: NonlinearModel, name: str, points: np.ndarray, u: np.ndarray | None, size: int
+    model: NonlinearModel, name: str, points: np.ndarray, u: np.ndarray | None
 ) -> np.ndarray:
-    """A model's function at columns ``(..., n, N)``: values ``(..., size, N)``, contiguous."""
+    """A model's function at columns ``(..., n, N)``: values ``(..., k, N)``, contiguous."""
     function = getattr(model, name)
     if is_traced(points):
         return columnwise(function, points, u)  # type: ignore[return-value]
     if is_compiled(function):
         return _compiled(columnwise, function, points[..., 0], u)(points, u)
-    return np.ascontiguousarray(at_points(name, function, points.mT, u, size).mT)
+    return np.ascontiguousarray(at_points(function, points.mT, u).mT)
 
 
-def at_points(
-    name: str, function: Function, points: np.ndarray, u: np.ndarray | None, size: int
-) -> np.ndarray:
+def at_points(function: Function, points: np.ndarray, u: np.ndarray | None) -> np.ndarray:
     """A model's function at several points of every row.
 
     Args:
-        name: The function's name in the model, for the error.
         function: ``f(x, u)``.
         points: ``(..., k, n)``.
         u: ``(..., m)``, shared by the points of a row.
-        size: Components of a value.
 
     Returns:
         The values ``(..., k, size)``.
     """
-    return values_at(name, function, points, u, size).astype(float, copy=False)
+    return values_at(function, points, u).astype(float, copy=False)
 
 
 def _compiled(

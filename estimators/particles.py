@@ -139,7 +139,7 @@ class ParticleFilter(Filter[ParticleBelief]):
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
         """Weighted mean ``(..., p)`` of what particles expect, the rest ``(..., p, N)``, and R."""
         model, weights = self.model, np.exp(belief.log_weights)
-        expected = at_points("measurement", model.measurement, belief.particles, u, model.p)
+        expected = at_points(model.measurement, belief.particles, u)
         shares = weights[..., None] * np.isfinite(expected)
         shares = shares / shares.sum(-2, keepdims=True)
         mean, anomalies = _about(shares, expected, model.measurement_angles)
@@ -148,7 +148,7 @@ class ParticleFilter(Filter[ParticleBelief]):
     def _predict(self, belief: Any, u: Any, *moved: Any) -> Changes:
         (root, rng), model, batch = moved, self.model, belief.mean.shape[:-1]
         before, log_weights = self._resampled(belief, rng)
-        after = np.array(at_points("transition", model.transition, before, u, model.n))
+        after = np.array(at_points(model.transition, before, u))
         after += (root @ draw(rng, batch, self.particles, root.shape[-1], DIFFUSION)).mT
         gone = ~np.isfinite(after).all(-1)
         after = np.where(gone[..., None], before, after)
@@ -253,14 +253,12 @@ def _about(
     Weights are ``(..., N, k)``, or ``(..., N, 1)`` for all components; points of weight 0 may be
     anything.
     """
-    weights = np.broadcast_to(weights, points.shape)
+    weights, own = np.broadcast_to(weights, points.shape), (..., list(angles))
     counted = np.where(weights > 0.0, points, 0.0)
     mean = (weights * counted).sum(-2)
-    for i in angles:
-        share, turned = weights[..., i], counted[..., i] - mean[..., i, None]
-        centre = np.arctan2((share * np.sin(turned)).sum(-1), (share * np.cos(turned)).sum(-1))
-        mean[..., i] += centre + (share * short_way(turned - centre[..., None])).sum(-1)
+    share, turned = weights[own], counted[own] - mean[own][..., None, :]
+    centre = np.arctan2((share * np.sin(turned)).sum(-2), (share * np.cos(turned)).sum(-2))
+    mean[own] += centre + (share * short_way(turned - centre[..., None, :])).sum(-2)
     away = points - mean[..., None, :]
-    for i in angles:
-        away[..., i] = short_way(away[..., i])
+    away[own] = short_way(away[own])
     return mean, away

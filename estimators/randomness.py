@@ -52,12 +52,7 @@ class RandomKeys:
     @classmethod
     def seeded(cls, seeds: Sequence[int]) -> "RandomKeys":
         """Keys of rows from a seed each: whole numbers of any size that are not negative."""
-        keys = np.zeros((len(seeds), 2), np.uint64)
-        try:
-            keys[:, 0] = np.array(seeds, np.uint64)
-        except OverflowError:  # some have more than 64 bits
-            keys[:] = [key(seed) for seed in seeds]
-        return cls(keys)
+        return cls(np.array([key(seed) for seed in seeds], np.uint64).reshape(-1, 2))
 
     @property
     def words(self) -> list[np.ndarray]:

@@ -12,10 +12,11 @@ from estimators.kalman import ExtendedKalmanFilter, joseph_update
 from estimators.linalg import (
     joined,
     principal_root,
+    regular,
     semidefinite_cholesky,
     solve,
+    solve_lower,
     symmetrise,
-    whitened,
 )
 
 
@@ -50,27 +51,19 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
         model: A `LinearModel` or a `NonlinearModel`.
         gamma: Residual, in standard deviations, beyond which the loss is linear. 1.345 keeps 95 %
             of the efficiency of least squares on Gaussian noise; infinity gives the Kalman filter.
-        iterations: Largest number of times that the weights are computed.
-        tolerance: A row stops when no ``1 / psi`` changes by more than this relative amount.
+        iterations: Number of times that the weights are computed.
 
     Raises:
-        ValueError: if ``gamma`` or ``tolerance`` is not positive or ``iterations`` is below 1.
+        ValueError: if ``gamma`` is not positive or ``iterations`` is below 1.
     """
 
     name = "huber-kf"
 
-    def __init__(
-        self, model: Model, gamma: float = 1.345, iterations: int = 2, tolerance: float = 1e-3
-    ) -> None:
+    def __init__(self, model: Model, gamma: float = 1.345, iterations: int = 2) -> None:
         super().__init__(model)
-        infinite = isinstance(gamma, float | np.floating) and gamma == np.inf
-        self.gamma = (
-            np.inf
-            if infinite
-            else number("gamma", gamma, 0.0, what="positive (standard deviations)")
-        )
-        self.iterations = integer("iterations", iterations, 1)
-        self.tolerance = number("tolerance", tolerance, 0.0, what="positive")
+        if not isinstance(gamma, float) or gamma != np.inf:
+            gamma = number("gamma", gamma, 0.0, what="positive (standard deviations)")
+        self.gamma, self.iterations = gamma, integer("iterations", iterations, 1)
 
     def _update(
         self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any, *_: Any
@@ -86,19 +79,14 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
         return {"mean": mean, "cov": cov, "innovation_cov": S}
 
     def _inflation(self, M: np.ndarray, S: np.ndarray, e: np.ndarray) -> np.ndarray:
-        """``1 / psi (..., n + p)`` for the last update; a row that has converged is left alone."""
+        """``1 / psi (..., n + p)`` for the last update."""
         n = self.model.n
-        seen = self._weighted(whitened(M[..., n:], e))
-        inflation = joined([np.ones((n, 1)), seen[..., None]], -2)[..., 0]
-        running = seen[..., 0] > 0.0
+        seen = self._weighted(solve_lower(regular(M[..., n:]), e[..., None]))
+        inflation = joined([np.ones((n, 1)), seen], -2)[..., 0]
         for _ in range(self.iterations - 1):
             S_weighted = S + (M * (inflation - 1.0)[..., None, :]) @ M.mT
-            following = self._weighted(
-                inflation * np.matvec(M.mT, solve(S_weighted, e[..., None])[..., 0])
-            )
-            moved = 1.0 * (np.abs(following / inflation - 1.0) > self.tolerance)
-            inflation = np.where(running[..., None], following, inflation)
-            running = running & (moved.sum(-1) > 0.0)
+            solved = solve(S_weighted, e[..., None])[..., 0]
+            inflation = self._weighted(inflation * np.matvec(M.mT, solved))
         return inflation
 
     def _weighted(self, zeta: np.ndarray) -> np.ndarray:

@@ -43,9 +43,6 @@ class Series(Generic[Record]):
     updated: Record
     last: Record | DelayedBelief
 
-    def __len__(self) -> int:
-        return len(self.updated.mean)
-
     @property
     def mean(self) -> np.ndarray:
         """``(T, ..., n)`` estimates after each measurement."""
@@ -127,7 +124,7 @@ def run(
     T, batch = len(y), y.shape[1:-2] if isinstance(filter, Delayed) else y.shape[1:-1]
     continued = _continues(filter, prior, batch, rng, first)
     if isinstance(prior, Gaussian):
-        prior = Gaussian(np.broadcast_to(prior.mean, (*batch, prior.mean.shape[-1])), prior.cov)
+        prior = prior.about(np.broadcast_to(prior.mean, batch + prior.mean.shape[-1:]))
     available, R = _over_time("available", available, T), _over_time("R", R, T)
     after, at = _known_inputs(filter, u, t, T + continued, batch)
     if isinstance(rng, int | np.integer):

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from estimators.angles import difference
-from estimators.checks import as_array, as_mask, number
+from estimators.checks import as_array, number
 from estimators.factory import unknown
 from estimators.models import Gaussian
 from estimators.randomness import RandomKeys
@@ -29,19 +29,19 @@ from estimators.series import Series, run
 _OBJECTIVES = ("likelihood", "prediction-error")
 _POSITIVE = "a positive number, or be named in signed if it may have any sign"
 _QUANTILE = 1.959963984540054
-_FAR = 20.0
-"""How far a search may go from its start, in logarithms: a factor of 5e8."""
 _LARGEST = 300.0
-"""How far a search may go at all, in logarithms."""
+"""Largest logarithm of a parameter, of either sign."""
 _LITTLE = 0.1
 """Less information than this on a logarithm leaves its 95 % interval a factor of 490 either way."""
 _WORSE = 1.0
 """What is less likely by more than this log-likelihood is not as likely."""
 _LEFT = 0.02
 """As much log-likelihood may be left to gain where a search has converged."""
+_INVOLVED = 0.1
+"""Share of a direction above which it involves a parameter."""
 _SMOOTH, _ROUGH = 0.1, 0.5
 """Steps of the Hessian's differences in standard errors; the second where members are drawn."""
-_AWAY = np.arange(4.0, 2.0 * _FAR, 4.0)
+_AWAY = np.arange(4.0, 40.0, 4.0)
 """How far along a direction without information is looked whether there is some farther on."""
 
 
@@ -53,14 +53,15 @@ class Fit:
         estimates: The most likely value of each, by name.
         standard_errors: Of each; infinite where the measurements do not determine it, or the search
             found no maximum.
-        intervals: 95 % interval of each, infinite in the same cases; of a positive parameter that of its logarithm.
+        intervals: 95 % interval of each, that of the logarithm of a positive parameter; infinite in
+            the same cases.
         correlation: ``(k, k)`` of the errors of the estimates (of logarithms where they are
             positive), in their order; NaN where one is not determined.
         log_likelihood: Of all measurements, at the estimates.
         undetermined: What the measurements cannot determine: a sentence for each direction.
         converged: Whether the search found a maximum.
-        filter: The filter of the estimates, as `fit` was told to build it.
-        prior: Its prior, likewise.
+        filter: The filter built with the estimates.
+        prior: The prior built with the estimates.
     """
 
     estimates: dict[str, float]
@@ -91,8 +92,6 @@ def fit(
     y: np.ndarray,
     u: np.ndarray | None = None,
     t: np.ndarray | None = None,
-    available: np.ndarray | None = None,
-    R: np.ndarray | None = None,
     signed: Iterable[str] = (),
     objective: str = "likelihood",
     rng: RandomKeys | int = 0,
@@ -116,10 +115,8 @@ def fit(
             logarithms.
         y: ``(T, ..., p)`` measurements, as `run` takes them; rows of a batch are independent series
             of the same parameters.
-        u: As for `run`.
-        t: Likewise.
-        available: Likewise.
-        R: Likewise.
+        u: Known inputs, as `run` takes them.
+        t: Times, as `run` takes them.
         signed: Names of parameters that may have any sign; start them at their order of magnitude.
         objective: "likelihood" or "prediction-error".
         rng: Seed or keys of the numbers that a filter draws.
@@ -134,17 +131,17 @@ def fit(
     origin, positive = _origin(start, set(signed))
     units = np.where(positive | (origin == 0.0), 1.0, np.abs(origin))
     y = as_array("y", y)
-    arrived = np.isfinite(y) if available is None else np.isfinite(y) & as_mask("", available)
+    arrived = np.isfinite(y)
 
     def evaluate(filter: Any, prior: Gaussian) -> float:
         with np.errstate(all="ignore"):
-            series = run(filter, prior, y, u, t, arrived, R, rng)
+            series = run(filter, prior, y, u, t, rng=rng)
             lost = arrived & ~series.updated.available & ~series.updated.healthy[..., None]
             if lost.any():  # a measurement that is given up must not pay
                 return np.inf
             if objective == "likelihood":
                 return -float(series.log_likelihood.sum())
-            return _prediction_error(series, y, arrived)
+            return _prediction_error(series, y)
 
     search = _Search(build, tuple(start), positive, units, evaluate)
     first = origin / units
@@ -171,7 +168,7 @@ def _origin(start: Mapping[str, float], signed: set[str]) -> tuple[np.ndarray, n
     return origin, positive
 
 
-def _prediction_error(series: Series, y: np.ndarray, arrived: np.ndarray) -> float:
+def _prediction_error(series: Series, y: np.ndarray) -> float:
     """The cost of Gaussian prediction errors whose covariance is what it is found to be.
 
     Where measurements are missing, each entry of the covariance is of those that came together.
@@ -179,7 +176,7 @@ def _prediction_error(series: Series, y: np.ndarray, arrived: np.ndarray) -> flo
     model, p = series.filter.model, y.shape[-1]
     expected = model.measurement(series.predicted.mean, series.updated.u)
     e = difference(y, expected, model.measurement_angles)
-    mask = (arrived & np.isfinite(e)).reshape(-1, p)
+    mask = np.isfinite(e).reshape(-1, p)
     flat, together = np.where(mask, e.reshape(-1, p), 0.0), mask.T @ (1.0 * mask)
     _, size = np.linalg.slogdet(flat.T @ flat / np.maximum(together, 1.0))
     return float(0.5 * np.trace(together) / p * (size + p * (1.0 + np.log(2.0 * np.pi))))
@@ -223,23 +220,18 @@ class _Search:
         """The fit of a search from here, by gradients or, if the cost is rough, by a simplex."""
         start, self.rough = first, rough
         while True:
-            edge = np.where(self.positive, _FAR, np.inf)
-            low, high = start - edge, start + edge
-            self.best, self.least = self._minimum(start, low, high)
+            self.best = self._minimum(start)
+            self.least = self.cost(self.best)
             slopes, information = self._derivatives(_ROUGH if self.rough else _SMOOTH)
             covariance, flat, peaked = _covariance(information, self.positive)
             with np.errstate(invalid="ignore"):
                 gain = 0.5 * slopes @ covariance @ slopes + sum(abs(slopes @ way) for way in flat)
             converged = peaked and bool(gain < _LEFT)
             # A search may end on a plateau, as that of a variance beside a far greater one.
-            ways = [sign * far * way for way in flat for far in _AWAY for sign in (1.0, -1.0)]
-            points = [np.clip(self.best + way, low, high) for way in ways]
+            points = [self.best + far * way for way in flat for far in (*_AWAY, *-_AWAY)]
             farther = min(points, key=self.cost, default=self.best)
-            at_edge = ((self.best <= low) | (self.best >= high)).any()
             if self.cost(farther) < self.least - _LEFT:
                 start = farther
-            elif not converged and at_edge and np.abs(self.best).max() < _LARGEST:
-                start = self.best
             elif converged or self.rough:
                 return self._report(covariance, flat, converged)
             else:  # such as the likelihood of weights that are found by iteration
@@ -248,7 +240,9 @@ class _Search:
     def _report(self, covariance: np.ndarray, flat: list[np.ndarray], converged: bool) -> Fit:
         """The record of what the search found."""
         best, positive, spread = self.best, self.positive, np.sqrt(np.diagonal(covariance))
-        loose = np.any([np.zeros(best.shape, bool), *map(_involved, flat)], 0) | (not converged)
+        loose = np.any(
+            [np.zeros(best.shape, bool), *(np.abs(way) > _INVOLVED for way in flat)], 0
+        ) | (not converged)
         errors = np.where(loose, np.inf, spread)
         covariance[loose], covariance[:, loose] = np.nan, np.nan
         values = self.values(best)
@@ -265,34 +259,28 @@ class _Search:
             intervals=by_name(zip(*ends, strict=True)),
             correlation=covariance / (spread * spread[:, None]),
             log_likelihood=-self.least,
-            undetermined=tuple(dict.fromkeys(s for way in flat for s in self._statements(way))),
+            undetermined=tuple(dict.fromkeys(map(self._statement, flat))),
             converged=converged,
             filter=filter,
             prior=prior,
         )
 
-    def _minimum(
-        self, start: np.ndarray, low: np.ndarray, high: np.ndarray, digits: float = 1e-13
-    ) -> tuple[np.ndarray, float]:
-        """The parameters ``(k,)`` of least cost, and that cost."""
-        from scipy.optimize import (
-            Bounds,
-            minimize,
-        )  # late: it takes longer to import than the package
+    def _minimum(self, start: np.ndarray) -> np.ndarray:
+        """The parameters ``(k,)`` of least cost."""
+        from scipy.optimize import Bounds, minimize  # late: they take longer than the package
 
         least = self.cost(start)
         worst = least + 100.0 * (1.0 + abs(least))  # what a search can step back from
-
+        edge = np.where(self.positive, _LARGEST, np.inf)
         if self.rough:
             method, jac, simplex = "Nelder-Mead", None, np.eye(len(start) + 1, len(start), -1)
             options = {"initial_simplex": start + 0.5 * simplex, "xatol": 1e-3, "fatol": 1e-3}
         else:
-            method, jac, options = "L-BFGS-B", "3-point", {"ftol": digits, "gtol": 1e-4}
-        best = minimize(
+            method, jac, options = "L-BFGS-B", "3-point", {"ftol": 1e-13, "gtol": 1e-4}
+        return minimize(
             lambda theta: min(self.cost(theta), worst),
-            start, method=method, jac=jac, bounds=Bounds(low, high), options=options,
+            start, method=method, jac=jac, bounds=Bounds(-edge, edge), options=options,
         ).x  # fmt: skip
-        return best, self.cost(best)
 
     def _derivatives(self, step: float) -> tuple[np.ndarray, np.ndarray]:
         """First and second derivatives ``(k,)`` and ``(k, k)`` by central differences.
@@ -322,59 +310,28 @@ class _Search:
             hessian[i, j] = hessian[j, i] = 0.25 * ends
         return slopes / sizes, hessian / sizes / sizes[:, None]
 
-    def _statements(self, way: np.ndarray) -> list[str]:
-        """A direction without information in words: of parameters together, or of each alone."""
-        moved = np.flatnonzero(_involved(way)).tolist()
-        ends = {i: [self._end(i, sign, way) for sign in (-1.0, 1.0)] for i in moved}
-        alone = _AWAY[-1] * np.eye(len(way))
-        joined = [
-            i for i in moved
-            if None in ends[i]
-            and min(map(self.cost, (self.best + alone[i], self.best - alone[i]))) > self._unlikely
-        ]  # fmt: skip
-        joined = joined if len(joined) > 1 else []
-        found = [self._sentence(i, *ends[i]) for i in moved if i not in joined]
-        if joined:
-            *names, last = (self.names[i] for i in joined)
-            up = way * way[joined[0]] > 0.0
-            ways = " and ".join(f"{self.names[i]} {'up' if up[i] else 'down'}" for i in joined)
-            found.append(
-                f"the measurements cannot tell {', '.join(names)} and {last} apart: with {ways} they"
-                " are as likely"
+    def _statement(self, way: np.ndarray) -> str:
+        """A direction without information in words."""
+        moved = np.flatnonzero(np.abs(way) > _INVOLVED).tolist()
+        *names, last = (self.names[i] for i in moved)
+        if names:
+            up = way * way[moved[0]] > 0.0
+            ways = " and ".join(f"{self.names[i]} {'up' if up[i] else 'down'}" for i in moved)
+            return (
+                f"the measurements cannot tell {', '.join(names)} and {last} apart: with {ways}"
+                " they are as likely"
             )
-        return found
-
-    @property
-    def _unlikely(self) -> float:
-        """The least cost of parameters that are less likely than the best."""
-        return self.least + _WORSE
-
-    def _end(self, i: int, sign: float, way: np.ndarray) -> float | None:
-        """The value at which a parameter becomes less likely whatever the others are, or None."""
-        best, point, moved = self.best, self.best, np.arange(len(way)) == i
-        for far in sign * np.geomspace(0.5, _AWAY[-1], 8):
-            sideways = np.where(moved, best[i] + far, point)
-            point = min(sideways, best + far / way[i] * way, key=self.cost)
-            cost, others = self.cost(point), np.where(moved, 0.0, _FAR)
-            if self._unlikely < cost < np.inf:
-                point, cost = self._minimum(point, point - others, point + others, 1e-5)
-            if not cost <= self._unlikely:
-                return self.values(point)[i] if cost < np.inf else None
-        return None
-
-    def _sentence(self, i: int, low: float | None, high: float | None) -> str:
-        """A sentence on a parameter that is less likely below ``low`` and above ``high``."""
-        name = self.names[i]
-        if low is None and high is None:
-            return f"the measurements tell nothing of {name}: they are as likely with another"
-        if low is not None and high is not None:
-            found = f"between {low:.2g} and {high:.2g}"
-        elif self.positive[i]:
-            size = "great" if high is None else "small"
-            found = f"{size}: as likely if it is {size}er still"
-        else:
-            found = f"above {low:.2g}" if high is None else f"below {high:.2g}"
-        return f"measurements say of {name} only that it is {found}"
+        far = np.where(np.abs(way) > _INVOLVED, _AWAY[-1], 0.0)
+        less, more = (self.cost(self.best + each) <= self.least + _WORSE for each in (-far, far))
+        if less and more:
+            return f"the measurements tell nothing of {last}: they are as likely with another"
+        if less or more:
+            size = "small" if less else "great"
+            return (
+                f"measurements say of {last} only that it is {size}: as likely if it is"
+                f" {size}er still"
+            )
+        return f"measurements say of {last} only its order of magnitude"
 
 
 def _covariance(
@@ -396,8 +353,3 @@ def _covariance(
     peaked = finite.all() and values[0] > -max(1.0, 1e-3 * values[-1])
     ways = vectors.T[~known] / units
     return covariance, list(ways / np.linalg.norm(ways, axis=-1, keepdims=True)), bool(peaked)
-
-
-def _involved(direction: np.ndarray) -> np.ndarray:
-    """The mask of the parameters that a direction moves."""
-    return np.abs(direction) > 0.1

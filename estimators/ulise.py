@@ -73,15 +73,12 @@ class ULISE(DelayedInputFilter):
             now, observable = np.zeros((), int), np.linalg.matrix_rank((C @ G + H) @ self._root)
         else:
             now, observable = observable_ranks(C, G @ self._root, H @ self._root)
-        late = q - now
-        if (observable < late).any():
-            row = np.argmax(late - observable)
-            shape = (late - observable).shape
-            late, observable = (
-                np.broadcast_to(rank, shape).flat[row] for rank in (late, observable)
-            )
+        now, observable = np.broadcast_arrays(now, observable)
+        if (now + observable < q).any():
+            row = np.argmin(now + observable)
             raise ValueError(
-                f"ulise needs rank(C2 G2) = q - rank(H) = {q} - {q - late}, got {observable}:"
+                f"ulise needs rank(C2 G2) = q - rank(H) = {q} - {now.flat[row]}, got"
+                f" {observable.flat[row]}:"
                 " measure the input, or a state that it drives directly, by a measurement that no"
                 " other unknown input disturbs"
             )

@@ -364,7 +364,7 @@ class EndedUMVFilter(ExtendedUMVFilter):
 
     With F the formulas are those of `ExtendedUMVFilter`, so that the belief is about x(k) with the
     input in it. It is `UMVFilter` on the equivalent model of ``x' = x - G d(k-1)``, with ``G' = A
-    G`` and ``H' = C G + H``: see `estimators.input_delayed`.
+    G`` and ``H' = C G + H``.
 
     Sources: Gillijns & De Moor (2007b); Kitanidis (1987).
 

@@ -62,7 +62,7 @@ class SigmaPoints(Filter[Any]):
             mean, A, *more = super().propagate(belief, u)
             return mean, A @ belief.cov @ A.mT, *more
         points, _ = self._spread(belief)
-        mean, slopes, excess = self._transform("transition", model.n, points, u)
+        mean, slopes, excess = self._transform("transition", points, u)
         answer = mean, slopes.mT @ slopes + excess, resolve(model.Q, u)
         return answer if self.input_delay is None else (*answer, model.input_matrix(belief.mean, u))
 
@@ -72,7 +72,7 @@ class SigmaPoints(Filter[Any]):
         if isinstance(model, LinearModel):
             return super().expect(belief, u, R)
         points, root = self._spread(belief, invertible=True)
-        mean, slopes, excess = self._transform("measurement", model.p, points, u)
+        mean, slopes, excess = self._transform("measurement", points, u)
         C = solve_upper(root.mT, slopes).mT
         answer = mean, C, self._noise(belief, u, R) + excess
         return answer if self.input_delay is None else (*answer, resolve(model.H, u))
@@ -81,7 +81,7 @@ class SigmaPoints(Filter[Any]):
         if isinstance(self.model, LinearModel):
             return super()._slopes(belief, u)
         points, root = self._spread(belief, invertible=True)
-        slopes = self._transform("transition", self.model.n, points, u)[1]
+        slopes = self._transform("transition", points, u)[1]
         return solve_upper(root.mT, slopes).mT
 
     def _spread(self, belief: Any, invertible: bool = False) -> tuple[np.ndarray, np.ndarray]:
@@ -103,7 +103,7 @@ class SigmaPoints(Filter[Any]):
         return self.alpha**2 * (self.model.n + self.kappa)
 
     def _transform(
-        self, name: str, size: int, points: np.ndarray, u: np.ndarray | None
+        self, name: str, points: np.ndarray, u: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """The unscented transform of a function of the model.
 
@@ -113,9 +113,9 @@ class SigmaPoints(Filter[Any]):
         """
         model, n, c2 = cast(NonlinearModel, self.model), self.model.n, self._c2
         if is_traced(points):
-            values = at_columns(model, name, points.mT, u, size).mT
+            values = at_columns(model, name, points.mT, u).mT
         else:
-            values = at_points(name, getattr(model, name), points, u, size)
+            values = at_points(getattr(model, name), points, u)
         angles = model.state_angles if name == "transition" else model.measurement_angles
         centre = values[..., 0, :]
         apart = difference(values[..., 1:, :], centre[..., None, :], angles)

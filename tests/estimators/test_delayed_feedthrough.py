@@ -10,9 +10,7 @@ from estimators import (
     Gaussian,
     LinearModel,
     UMVFilter,
-    input_delayed,
     make,
-    stacked,
 )
 from estimators.kalman import with_input
 from tests.estimators.cases import Record, track
@@ -46,7 +44,9 @@ def test_it_is_the_direct_feedthrough_of_what_the_input_did_to_state_and_measure
 ):
     """X' + G d of `UMVFilter` with G' = A G, H' = C G + H is x; its d is that of the last step."""
     model = _model(ended)
-    direct = make("kf-umv-ui", input_delayed(model), input_prior=PRIOR)
+    G, H = model.A @ model.G, model.C @ model.G + model.H
+    equivalent = replace(model, G=G, H=H, delayed_feedthrough=False)
+    direct = make("kf-umv-ui", equivalent, input_prior=PRIOR)
     assert isinstance(direct, UMVFilter)
     found = track(make(name, model, input_prior=PRIOR), START, RECORD)
     # The first measurement contains no input: the other filter begins behind it.
@@ -66,8 +66,10 @@ def test_it_is_the_direct_feedthrough_of_what_the_input_did_to_state_and_measure
 def test_a_kalman_filter_told_the_variance_has_it_as_white_noise_of_state_and_measurement():
     model, D = _model(), np.array([[0.5, 0.2], [0.2, 0.9]])
     found = track(make("kf", model, input_cov=D), START, RECORD)
-    whole = stacked(model)
-    noisy = LinearModel(whole.A, whole.C, whole.Q + whole.G @ D @ whole.G.T, whole.R)
+    A, G = np.pad(model.A, (0, Q)), np.vstack([model.G, np.eye(Q)])  # d(k-1) as more states
+    noisy = LinearModel(
+        A, np.hstack([model.C, model.H]), np.pad(model.Q, (0, Q)) + G @ D @ G.T, model.R
+    )
     start = Gaussian(np.zeros(N + Q), np.diag([1.0] * N + [0.0] * Q))
     for one, other in zip(found, track(make("kf", noisy), start, RECORD), strict=True):
         assert np.r_[one.mean, one.input_mean] == pytest.approx(other.mean, abs=1e-10)

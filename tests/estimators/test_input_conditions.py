@@ -141,7 +141,7 @@ def test_without_a_steady_state_deviations_are_those_of_the_measurements_alone()
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({"A": np.zeros((2, 3, 3))}, "of one system: give"),
+        ({"A": np.zeros((2, 3, 3))}, r"A must have shape \(n, m\)"),
         ({"R": [[0.0]]}, "not positive definite"),
         ({"prior": -1.0}, "prior must be positive semidefinite"),
     ],

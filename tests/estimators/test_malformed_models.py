@@ -16,7 +16,7 @@ OPTIONS: dict[tuple[str, str], list[Any]] = {
     ("ukf", "alpha"): [0.0, np.nan], ("ukf", "beta"): [-0.1], ("ukf-umv", "kappa"): [-4.0],
     ("enkf", "members"): [1, 2.5], ("enkf", "inflation"): [0.0, np.inf], ("etkf", "draws"): ["some"],
     ("huber-kf", "gamma"): [0.0, np.nan], ("huber-kf", "iterations"): [0],
-    ("huber-kf", "tolerance"): [0.0], ("robust-kf", "radius"): [-0.1, np.nan],
+    ("robust-kf", "radius"): [-0.1, np.nan],
     ("iekf", "iterations"): [], ("iekf", "tolerance"): [],
     ("pf", "particles"): [], ("pf", "threshold"): [], ("pf", "jitter"): [],
 }  # fmt: skip

@@ -61,16 +61,12 @@ def _near(angle: np.ndarray, centre: np.ndarray) -> np.ndarray:
 
 
 def _together(angle: np.ndarray) -> np.ndarray:
-    """Angles ``(..., N)`` of members, whole turns taken off so that their mean is one of angles.
+    """Angles ``(..., N)`` of members, whole turns taken off so that they lie about their mean.
 
-    Where they are close to the first they come to lie beside it; where they are spread out, beside
-    their circular mean.
+    Their mean is the circular one, and lies within half a turn of the first.
     """
-    first = angle[..., :1]
-    close = _near(angle, first)
     middle = np.arctan2(np.sin(angle).mean(-1), np.cos(angle).mean(-1))[..., None]
-    apart = (np.abs(close - first) > 0.25 * np.pi).any(-1, keepdims=True)
-    return np.where(apart, _near(angle, middle), close)
+    return _near(angle, _near(middle, angle[..., :1]))
 
 
 def _centred(numbers: RandomKeys, members: int, count: int, use: int) -> np.ndarray:
@@ -153,11 +149,8 @@ def test_updates_are_those_of_the_textbook_formulas(
 def test_predictions_are_those_of_the_textbook_formulas(members: int, draws: str, spread: float):
     filter = make("enkf", _wrapping(), members=members, draws=draws)
     begun, numbers, *_ = _begun(filter, spread)
-    x = begun.ensemble
-    after = filter.model.transition(x, None)
-    step = after[..., 2] - x[..., 2]
-    apart = (np.abs(step - step[:, :1]) > np.pi).any(-1)
-    after[apart, :, 2] = (x[..., 2] + _near(step, step[:, :1]))[apart]
+    after = filter.model.transition(begun.ensemble, None)
+    after[..., 2] = _together(after[..., 2])
     normals = _centred(numbers, members, filter._noise_root.shape[-1], PROCESS)
     if draws == "exact":
         moved = after - after.mean(-2, keepdims=True)

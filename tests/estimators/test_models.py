@@ -70,7 +70,7 @@ REFUSED: list[tuple[type, dict, str, object, str]] = [
         ("transition", I2, "function"), ("measurement", None, "function"),
         ("G", np.ones((3, 1)), "shape"),
     ]),
-    (Gaussian, PRIOR, "mean", 0.0, "shape"), (Gaussian, PRIOR, "cov", [1.0, 1.0], "square"),
+    (Gaussian, PRIOR, "mean", 0.0, "shape"), (Gaussian, PRIOR, "cov", [1.0, 1.0], "shape"),
     *((Schedule, TABLE, name, value, problem) for name, value, problem in [
         ("table", I2, r"have shape \(k, n, m\), got \(2, 2\)"),
         ("scale", np.nan, "a finite number, got nan"),

@@ -17,7 +17,6 @@ from estimators import (
     ParticleFilter,
     RandomKeys,
     make,
-    wrap,
 )
 from estimators.particles import systematic
 from tests.estimators.cases import (
@@ -225,20 +224,6 @@ def test_a_heading_that_may_be_on_both_sides_of_the_cut_is_averaged_on_the_circl
     assert len(np.unique(turns)) > 1
     assert abs(np.angle(np.exp(1j * (belief.mean[0] - 3.1)))) < 0.02
     assert belief.cov[0, 0] == pytest.approx(1e-2, rel=0.3)
-
-
-def test_a_transition_may_wrap_its_angles():
-    """A turn across the seam is a small one, whichever particles cross it."""
-
-    def predicted(f) -> Belief:
-        model = NonlinearModel(f, lambda x, u: x, [[0.01]], [[1.0]], state_angles=(0,))
-        filter, numbers = make("pf", model, particles=50), _numbers(0)[0]
-        belief = filter.init(Gaussian([2.0], [[0.5]]), rng=numbers)
-        return filter.predict(belief, rng=numbers.at(1))
-
-    plain, wrapped = predicted(lambda x, u: x + 1.0), predicted(lambda x, u: wrap(x + 1.0))
-    np.testing.assert_allclose(wrapped.cov, plain.cov, rtol=1e-12)
-    np.testing.assert_allclose(wrap(wrapped.mean - plain.mean), 0.0, rtol=0, atol=1e-12)
 
 
 def test_weights_moments_and_likelihood_are_those_of_the_particles():

@@ -9,7 +9,6 @@ import numpy as np
 from agents.controllers.dive import DiveAutopilot
 from agents.jobs import Job
 from estimators import EnsembleTransformFilter, Filter, Model, make
-from estimators.ensemble import analysed
 from estimators.linalg import cholesky
 from studies.papers.dive import Experiment, channel_sd, own_step, rms
 from vessel_gym.envs.auv import ITSUNUSA_AUV
@@ -92,11 +91,9 @@ class PublishedSquareRootFilter(EnsembleTransformFilter):
     def __init__(self, model: Model, members: int) -> None:
         super().__init__(model, members, draws="independent")
 
-    def _update(
-        self, belief: Any, u: Any, e: Any, Y: Any, R: Any, available: Any, *more: Any
+    def _analysis(
+        self, belief: Any, e: Any, Y: Any, S: Any, R: Any, available: Any, rng: Any
     ) -> Any:
-        symmetric = super()._update(belief, u, e, Y, R, available, *more)
-        S = symmetric["innovation_cov"]
         X = np.linalg.inv(cholesky(S)) @ Y / np.sqrt(self.members - 1)
         X[~np.isfinite(X).all((-2, -1))] = 0.0  # rows without a finite mean are lost anyway
         _, s, Vt = np.linalg.svd(X)
@@ -104,8 +101,8 @@ class PublishedSquareRootFilter(EnsembleTransformFilter):
         scale[..., : s.shape[-1]] = np.sqrt(np.maximum(1.0 - s**2, 0.0))
         # (..., N, n)
         anomalies = scale[..., None] * (Vt @ (belief.members - belief.mean[..., None]).mT)
-        members = np.ascontiguousarray(symmetric["mean"][..., None] + anomalies.mT)
-        return analysed(members.mean(-1), members, S)
+        shift, _ = super()._analysis(belief, e, Y, S, R, available, rng)
+        return shift, np.ascontiguousarray(anomalies.mT)
 
 
 def _filter(experiment: Experiment, form: str, members: int) -> Filter:
