@@ -1,4 +1,4 @@
-"""Sequential search for the cheapest suite that keeps a share of the truth's score, and its confirmation.
+"""Sequential search for the cheapest suite that keeps a share of a score, and its confirmation.
 
 The two parts fly different seeds. The search may therefore look as often as it likes: no error of
 the confirmation depends on what the search compared.
@@ -14,7 +14,7 @@ the confirmation depends on what the search compared.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,7 @@ TRUTH = -1
 FIRST_LOOK = 32
 """Episodes after which a suite is looked at first; their number doubles from look to look."""
 ROUND = 16
-"""Suites that are flown before the next choice. A constant, so that no result depends on the number of processes."""
+"""Suites that are flown before the next choice, whatever the number of processes."""
 DOES, FAILS, OPEN, REFUSED = "keeps it", "keeps less", "not decided", "refused"
 """Verdicts on a suite. Refused: the environment cannot fly the estimator on these sensors."""
 
@@ -38,14 +38,12 @@ class Request(NamedTuple):
     episodes: int
 
 
-Fly = Callable[[Sequence[Request]], list[np.ndarray | None]]
+Fly = Callable[[Sequence[Request]], list[Any]]
 """Scores ``(episodes,)`` of each request; None for a suite that the environment refuses."""
-Progress = Callable[[int, int], None]
-"""Called with the number of suites that are decided or need no flight, and with the number of all."""
 
 
 def share_kept(scores: np.ndarray, truth: np.ndarray, comparisons: int = 1) -> Interval:
-    """Mean score over the truth's on the same seeds, with an interval that follows the skewness of the differences.
+    """Mean score over the truth's on the same seeds; its interval follows the skewness.
 
     Args:
         scores: ``(N,)``, N at least 2.
@@ -62,8 +60,7 @@ def share_kept(scores: np.ndarray, truth: np.ndarray, comparisons: int = 1) -> I
 
 def looks(episodes: int) -> list[int]:
     """Numbers of episodes at which a suite is looked at: 32, 64, 128 ... and the last."""
-    count = max(int(np.ceil(np.log2(episodes / FIRST_LOOK))), 0)
-    return [*(FIRST_LOOK << i for i in range(count)), episodes]
+    return sorted({min(FIRST_LOOK << i, episodes) for i in range(32)})
 
 
 @dataclass
@@ -71,7 +68,7 @@ class Search:
     """A search over suites in order of their cost, the cheapest first.
 
     Attributes:
-        costs: ``(K,)`` of the suites, ascending.
+        costs: Of the suites, ascending: prices, or whatever else has an order.
         ranks: ``(K, s)`` of their sensors, 0 for the best.
         keep: Share of the truth's score that is asked for.
         fly: Flies what is asked for.
@@ -81,7 +78,7 @@ class Search:
         verdicts: Of each suite flown.
     """
 
-    costs: np.ndarray
+    costs: Sequence[Any]
     ranks: np.ndarray
     keep: float
     fly: Fly
@@ -90,106 +87,87 @@ class Search:
     shares: dict[int, Interval] = field(default_factory=dict)
     verdicts: dict[int, str] = field(default_factory=dict)
 
-    @property
-    def comparisons(self) -> int:
-        """Number of intervals that hold at once: those of all suites at all looks, flown or not."""
-        return len(self.ranks) * len(looks(self.episodes))
+    def run(self, progress: Callable[[int, int], None]) -> None:
+        """Fly until no further look may change the answer.
 
-    def run(self, progress: Progress | None = None) -> None:
-        """Fly until every suite cheaper than the cheapest one that keeps the share is decided, or has all episodes.
+        Every suite cheaper than the cheapest one that keeps the share is then decided, is no better
+        than one that fails, or has all episodes.
+
+        Args:
+            progress: Called with the number of suites that are decided or need no flight, and with
+                the number of all.
+        """
+        count = len(self.ranks)
+        while len(undecided := self.undecided()):
+            progress(count - len(undecided), count)
+            self.look(self.worthwhile(undecided)[:ROUND].tolist())
+        progress(count, count)
+
+    def undecided(self) -> np.ndarray:
+        """Suites of which a further look may change the answer.
 
         A suite that is no better in any sensor than one that fails is not flown. That it fails,
         too, is an assumption: no test relies on it, but a cheaper suite may be missed where it does
         not hold.
         """
-        undecided = self.undecided()
-        while len(undecided):
-            if progress is not None:
-                progress(len(self.ranks) - len(undecided), len(self.ranks))
-            self.look(self.worthwhile(undecided)[:ROUND].tolist())
-            undecided = self.undecided()
-        if progress is not None:
-            progress(len(self.ranks), len(self.ranks))
-
-    def undecided(self) -> np.ndarray:
-        """Suites of which a further look may change the answer."""
-        cheapest = min(self.where(DOES), default=len(self.ranks))
-        candidates = [
-            i for i in range(cheapest)
-            if self.verdicts.get(i, OPEN) == OPEN and len(self.scores.get(i, ())) < self.episodes
-        ]  # fmt: skip
-        skipped = self.skipped(candidates)
-        return np.array([i for i in candidates if i not in skipped], int)
-
-    def cheaper(self, suite: int) -> range:
-        """Suites that cost less than one."""
-        return range(int(np.searchsorted(self.costs, self.costs[suite])))
-
-    def skipped(self, suites: Sequence[int]) -> set[int]:
-        """Those of some suites that were not flown and are no better in any sensor than one that fails."""
         failed = self.ranks[self.where(FAILS)]
-        return {
-            i for i in suites if i not in self.verdicts and (self.ranks[i] >= failed).all(-1).any()
-        }
+        return np.array([
+            i for i in range(min(self.where(DOES), default=len(self.ranks)))
+            if self.verdicts.get(i, OPEN) == OPEN and self.flown(i) < self.episodes
+            and (self.flown(i) or not (self.ranks[i] >= failed).all(-1).any())
+        ], int)  # fmt: skip
 
     def where(self, verdict: str) -> list[int]:
-        """Suites with a verdict, the cheapest first."""
-        return sorted(i for i, found in self.verdicts.items() if found == verdict)
+        """Suites with a verdict."""
+        return [i for i, found in self.verdicts.items() if found == verdict]
 
-    def worthwhile(self, undecided: np.ndarray) -> np.ndarray:
-        """Undecided suites by what their next look settles an episode, whichever way it ends, the most first.
-
-        A suite that fails settles those that are no better in any sensor; one that keeps the share,
-        the dearer ones.
-        """
-        ranks = self.ranks[undecided]
-        if_fails = np.array([(ranks >= one).all(-1).sum() for one in ranks])
-        costs = self.costs[undecided]
-        if_does = len(costs) - np.searchsorted(costs, costs)
-        price = np.array([self.next_look(i) - len(self.scores.get(i, ())) for i in undecided])
-        return undecided[np.argsort(-np.minimum(if_fails, if_does) / price, kind="stable")]
+    def flown(self, suite: int) -> int:
+        """Episodes of a suite so far."""
+        return len(self.scores.get(suite, ()))
 
     def next_look(self, suite: int) -> int:
         """Episodes of a suite at its next look."""
-        return next(look for look in looks(self.episodes) if look > len(self.scores.get(suite, ())))
+        return min(max(FIRST_LOOK, 2 * self.flown(suite)), self.episodes)
+
+    def worthwhile(self, undecided: np.ndarray) -> np.ndarray:
+        """Undecided suites by what their next look settles an episode, the most first.
+
+        A suite that fails settles those that are no better in any sensor; one that keeps the share,
+        those that cost more. Of the two, the smaller number counts.
+        """
+        ranks = self.ranks[undecided]
+        if_fails = (ranks >= ranks[:, None]).all(-1).sum(1)
+        if_does = np.arange(len(undecided), 0, -1)
+        price = [self.next_look(i) - self.flown(i) for i in undecided]
+        return undecided[np.argsort(-np.minimum(if_fails, if_does) / price, kind="stable")]
 
     def look(self, suites: Sequence[int]) -> None:
-        """Fly suites up to their next look, and decide on them."""
-        ends = {i: self.next_look(i) for i in suites}
-        ends = {TRUTH: max(len(self.scores.get(TRUTH, ())), *ends.values())} | ends
-        self.extend(ends)
-        for i in suites:
-            if self.verdicts.get(i) != REFUSED:
-                self.judge(i)
+        """Fly suites up to their next look, the truth as far, and decide on them.
 
-    def extend(self, ends: dict[int, int]) -> None:
-        """Fly suites up to numbers of episodes."""
-        start = {i: len(self.scores.get(i, ())) for i in ends}
-        requests = [
-            Request(i, start[i], end - start[i]) for i, end in ends.items() if end > start[i]
-        ]
-        for request, flown in zip(requests, self.fly(requests), strict=True):
-            if flown is None:
-                self.verdicts[request.suite] = REFUSED
-            else:
-                self.scores[request.suite] = np.append(self.scores.get(request.suite, ()), flown)
-
-    def judge(self, suite: int) -> None:
-        """Compute the share that a suite keeps, and decide on it if its interval is on one side of what is asked."""
-        scores = self.scores[suite]
-        share = self.shares[suite] = share_kept(
-            scores, self.scores[TRUTH][: len(scores)], self.comparisons
-        )
-        self.verdicts[suite] = (
-            DOES if share.low >= self.keep else FAILS if share.high < self.keep else OPEN
-        )
+        A suite's interval holds together with those of all suites at all looks, flown or not.
+        """
+        ends = {TRUTH: 0} | {i: self.next_look(i) for i in suites}
+        ends[TRUTH] = max(ends.values())
+        requests = [Request(i, n, end - n) for i, end in ends.items() if end > (n := self.flown(i))]
+        for (i, *_), scores in zip(requests, self.fly(requests), strict=True):
+            if scores is None:
+                self.verdicts[i] = REFUSED
+                continue
+            self.scores[i] = np.append(self.scores.get(i, ()), scores)
+            if i != TRUTH:
+                truth = self.scores[TRUTH][: self.flown(i)]
+                comparisons = len(self.ranks) * len(looks(self.episodes))
+                share = self.shares[i] = share_kept(self.scores[i], truth, comparisons)
+                no = FAILS if share.high < self.keep else OPEN
+                self.verdicts[i] = DOES if share.low >= self.keep else no
 
     @property
     def sequence(self) -> list[int]:
-        """Suites to confirm, in their order: by the lower end of their interval, each cheaper than those before.
+        """Suites to confirm, in their order, each cheaper than those before.
 
-        Suites whose mean does not keep the share are left out. Of those that keep it for certain
-        the two cheapest are enough, one of them for the case that the other is not confirmed.
+        The order is that of the lower ends of their intervals, the highest first. Suites whose mean
+        does not keep the share are left out. Of those that keep it for certain the two cheapest are
+        enough, one of them for the case that the other is not confirmed.
         """
         found: list[int] = []
         good = (i for i, share in self.shares.items() if share.mean >= self.keep)
@@ -202,10 +180,10 @@ class Search:
 
 def confirm(
     sequence: Sequence[int], keep: float, fly: Fly, first: int, episodes: int
-) -> dict[int, Interval]:
-    """Shares with 95 % intervals on fresh seeds of suites in their order, up to the first that is not confirmed.
+) -> tuple[dict[int, Interval], int | None]:
+    """Confirm suites on fresh seeds in their order, up to the first that is not confirmed.
 
-    Those whose interval is not below ``keep`` are confirmed. The probability that the last one
+    Those whose 95 % interval is not below ``keep`` are confirmed. The probability that the last one
     confirmed keeps less is at most 2.5 %, however many are tried, since the order is fixed before
     these seeds are flown.
 
@@ -215,21 +193,16 @@ def confirm(
         fly: Flies what is asked for.
         first: Number of the first fresh seed.
         episodes: Number of them.
+
+    Returns:
+        Shares with their intervals, and the last suite that was confirmed, which is the cheapest of
+        them; None if there is none.
     """
     found: dict[int, Interval] = {}
-    truth = None
+    answer = None
     for suite in sequence:
-        who = [suite] if truth is not None else [TRUTH, suite]
-        *new, scores = fly([Request(i, first, episodes) for i in who])
-        truth = new[0] if new else truth
-        assert truth is not None
-        assert scores is not None
-        found[suite] = share_kept(scores, truth)
+        found[suite] = share_kept(*fly([Request(i, first, episodes) for i in (suite, TRUTH)]))
         if found[suite].low < keep:
             break
-    return found
-
-
-def answer(confirmed: dict[int, Interval], keep: float) -> int | None:
-    """The last suite that was confirmed, which is the cheapest of them; None if there is none."""
-    return next((suite for suite in reversed(confirmed) if confirmed[suite].low >= keep), None)
+        answer = suite
+    return found, answer

@@ -1,10 +1,13 @@
 """Find the cheapest sensors that do: ``vessel-gym budget SigmaCorvette-v0 --keep 0.95``."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from agents.commands.console import asked, in_range, print_table, progress
-from agents.refusal import Refusal
+
+ROWS = 8
+"""The most rows of the table in the console; the page has all suites that were flown."""
 
 
 def main(
@@ -21,10 +24,10 @@ def main(
     out: Path | None = None,
     processes: int = 2,
 ) -> int:
-    """Find the cheapest grades of sensors that keep a share of the score on the truth, and confirm them on fresh seeds.
+    """Find the cheapest grades of sensors that keep a share of the score on the truth.
 
-    Results are kept in the output folder. After an interruption, run the same command again: it
-    goes on with what is missing.
+    They are confirmed on fresh seeds. Results are kept in the output folder. After an interruption,
+    run the same command again: it goes on with what is missing.
 
     Args:
         env_id: Registered environment.
@@ -46,10 +49,10 @@ def main(
     Returns:
         The exit status: 1 if no suite is confirmed.
     """
-    from agents.budget.flights import World
-    from agents.budget.suites import choices_of, suites_of
-    from agents.files import check_folder
-    from agents.page import listed
+    from agents.budget.result import Budget, budget_study
+    from agents.budget.suites import choices_of, price_list, prices_toml, suites_of
+    from agents.files import check_folder, replacing
+    from agents.studies.records import DEFAULT
     from agents.studies.worlds import environment_id, system_of
     from vessel_gym.extras import require
     from vessel_gym.toml_file import TomlFile
@@ -57,79 +60,45 @@ def main(
     with asked():
         environment_id(env_id)
         _check_numbers(keep, episodes, first_seed, processes)
-        system = system_of(env_id)
-        choices = choices_of(system, rates)
-        suites = suites_of(choices, None if prices is None else TomlFile(prices).data)
-        world = World(env_id, estimator, agent, disturbance)
-        world.check()
-        require("matplotlib", "jinja2", "joblib")
+        choices = choices_of(system_of(env_id), rates)
+        costs = price_list(choices, None if prices is None else TomlFile(prices).data)
+        suites = suites_of(choices, costs)
+        study = budget_study(env_id, estimator or DEFAULT, agent, disturbance, suites)
+        require("jinja2", "joblib", "pyarrow")
         out = out or Path("results") / f"budget-{env_id.rpartition(':')[2]}"
         check_folder(out)
-    if fixed := [sensor.name for sensor in system.nominal_sensors if sensor.name not in choices]:
-        print(
-            f"the vehicle's file of grades has no choice for {listed(fixed)}: flown as in the"
-            " environment"
-        )
-    return _search(world, suites, keep, episodes, first_seed, out, processes, prices is not None)
+    if not (out / "prices.toml").exists():  # the user's own may lie there
+        with replacing(out / "prices.toml") as path:
+            path.write_text(prices_toml(costs), encoding="utf-8")
+    study = replace(study, episodes=episodes, first_seed=first_seed)
+    return _search(Budget(study, suites, keep, out, processes), prices is not None)
 
 
 def _check_numbers(keep: float, episodes: int, first_seed: int, processes: int) -> None:
     """Refuse numbers out of range."""
     from agents.budget.result import FRESH
     from agents.budget.search import FIRST_LOOK
-    from agents.seeds import evaluation_seeds
 
     if not 0.0 < keep <= 1.0:
         raise ValueError(f"--keep must be above 0 and at most 1, got {keep:g}")
     in_range("--processes", processes, 1)
-    in_range("--episodes", episodes, FIRST_LOOK)
-    in_range("--first-seed", first_seed, 0, FRESH - 1)
-    evaluation_seeds(episodes, first_seed + FRESH)
+    in_range("--episodes", episodes, FIRST_LOOK, FRESH)
+    in_range("--first-seed", first_seed, 0, FRESH - episodes)
 
 
-def _search(
-    world: Any,
-    suites: Any,
-    keep: float,
-    episodes: int,
-    first_seed: int,
-    out: Path,
-    processes: int,
-    priced: bool,
-) -> int:
+def _search(budget: Any, priced: bool) -> int:
     """Search and confirm, write the report, and print the answer; the exit status."""
-    from rich.console import Console
+    from agents.budget.report import conclusion, suites_table, write_report
 
-    from agents.budget import result
-    from agents.budget.flights import Flights
-    from agents.budget.report import conclusion, guarantees, write_report
-    from agents.budget.suites import prices_toml
-    from agents.files import replacing
-
-    if not (out / "prices.toml").exists():  # the user's own may lie there
-        with replacing(out / "prices.toml") as path:
-            path.write_text(prices_toml(suites), encoding="utf-8")
-    with progress(f"{len(suites)} suites", counted=True) as show:
-        flights = Flights(world, suites, out, processes, first_seed)
-        try:
-            found = result.cheapest(flights, keep, episodes, show)
-        except RuntimeError as error:
-            raise Refusal(str(error)) from error
-    report = write_report(found, out, priced)
-    console = Console(markup=False, highlight=False, soft_wrap=True)
-    console.print(*conclusion(found), sep="\n")
-    _show(found)
-    console.print(guarantees(found, priced)[-1], f"Report: {report}", sep="\n")
-    return int(found.answer is None)
-
-
-def _show(found: Any) -> None:
-    """Print the table of the suites round the answer."""
-    from agents.budget.report import summary
-
-    beside = summary(found)
-    header = [beside.first, *(label for label, _ in beside.head)]
-    sections = (
-        [[name, *map(str, entries)] for name, entries in rows] for _, rows in beside.sections
-    )
-    print_table(beside.title, header, sections)
+    with progress(f"{len(budget.suites)} suites", counted=True) as show:
+        budget.run(show)
+    notes = [] if priced else [
+        "No prices were given, so each step to a better grade of any sensor counts 1. Other suites"
+        " of the same price may keep the share, too. Give prices with --prices."
+    ]  # fmt: skip
+    report = write_report(budget, notes)
+    print(*conclusion(budget), sep="\n")
+    table = suites_table(budget, ROWS).reset_index()
+    print_table("Suites round the answer", list(table.columns), [table.itertuples(index=False)])
+    print(*notes, f"Report: {report}", sep="\n")
+    return int(budget.answer is None)

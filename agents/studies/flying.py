@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.metrics import consistency, nees_of, nis_consistency, scores
+from agents.metrics import SCORE, consistency, nees_of, nis_consistency, scores
 from agents.rollouts import Rollout, batch, rollout
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import (
@@ -32,6 +32,7 @@ def fly(
     episodes: int,
     own: dict[str, str],
     timed_beside: str | None = None,
+    metrics: bool = True,
     needs: Sequence[Path] = (),
 ) -> dict[str, Any]:
     """Fly the evaluation seeds and score them on the truth.
@@ -39,13 +40,13 @@ def fly(
     Args:
         environment: As in the study.
         options: Of the environment.
-        agent: As `agents.controllers.make_controller` takes it, or ``"checkpoint"``: the one that
-            is needed.
+        agent: As `agents.load_agent` takes it, or ``"checkpoint"``: the one that is needed.
         first_seed: See `agents.seeds.evaluation_seeds`.
         episodes: Number of seeds.
         own: Source digests of the user's own modules, by name: part of the job, and imported for
             what they register.
         timed_beside: Measure the CPU time of a step, too, in turns with this estimator.
+        metrics: Compute all metrics; else the score alone, for which no history is recorded.
         needs: The checkpoint, if there is one.
 
     Returns:
@@ -58,16 +59,17 @@ def fly(
     """
     import_own(own)
     flown = rollout(
-        str(needs[0]) if agent == "checkpoint" else classical_controller(agent, environment),
+        str(needs[0]) if agent == "checkpoint" else agent,
         registered_id(environment),
         evaluation_seeds(episodes, first_seed),
         environment_options(environment, options),
+        record=metrics,
     )
     return {
-        "figures": scores(flown),
-        "nees_in_band": consistency(flown),
-        "nis_in_band": nis_consistency(flown),
-        "diverged": _diverged(flown),
+        "figures": scores(flown) if metrics else {SCORE.key: flown.score},
+        "nees_in_band": consistency(flown) if metrics else None,
+        "nis_in_band": nis_consistency(flown) if metrics else None,
+        "diverged": _diverged(flown) if metrics else np.zeros(episodes, bool),
         "ends": np.where(flown.terminated & (flown.end == ""), "terminated", flown.end).tolist(),
         "steps": int(flown.length.sum()),
     } | (

@@ -1,5 +1,6 @@
 """A study as jobs: who is trained on what, who is steered on what, and what is left out and why."""
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -54,12 +55,16 @@ class Plan:
         return [flight.job for flight in self.flights]
 
 
-def plan(study: Study) -> Plan:
+def plan(study: Study, metrics: bool = True) -> Plan:
     """Every flight of a study. What an environment cannot carry is left out there, with the reason.
 
     That is an estimator that does not fit its model, or a controller that its task does not have.
+
+    Args:
+        study: What is asked; the kind of an agent may be the path of a policy, too.
+        metrics: Compute all metrics and CPU times; else scores alone.
     """
-    places = [_EnvironmentPlan(study, name) for name in study.environments]
+    places = [_EnvironmentPlan(study, name, metrics) for name in study.environments]
     flights = tuple(flight for place in places for flight in place.flights())
     return Plan(study, flights, tuple(skipped for place in places for skipped in place.skipped))
 
@@ -77,7 +82,8 @@ def options(
 class _EnvironmentPlan:
     """An environment of a study: the estimators that it can carry, and what is left out."""
 
-    def __init__(self, study: Study, environment: str) -> None:
+    def __init__(self, study: Study, environment: str, metrics: bool) -> None:
+        self.metrics = metrics
         self.study, self.environment, self.system = study, environment, system_of(environment)
         self.skipped: list[Skipped] = []
         self.estimators: list[Estimator] = []
@@ -111,7 +117,8 @@ class _EnvironmentPlan:
         for agent in self.study.agents:
             if agent.environments and self.environment not in agent.environments:
                 continue
-            if not agent.learned and not is_controller(agent.kind, self.system):
+            acts = is_controller(agent.kind, self.system) or os.path.isfile(agent.kind)
+            if not agent.learned and not acts:
                 self._skip(agent.name, unknown_controller(agent.kind, self.system))
                 continue
             policies = list(self._policies(agent))
@@ -183,7 +190,9 @@ class _EnvironmentPlan:
             "episodes": study.episodes,
             "own": own | registered(env, controller),
         }
-        if not training and condition == study.conditions[0]:
+        if not self.metrics:
+            arguments["metrics"] = False
+        elif not training and condition == study.conditions[0]:
             arguments["timed_beside"] = ORACLE
         label = f"{agent.name if training else controller} on {estimator.name} in {env}"
         label += f", {condition.name}"

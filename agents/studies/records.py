@@ -94,7 +94,10 @@ class Condition:
 
     Attributes:
         name: In the study.
-        sensors: Sensor suite, or ``"module:object"``: a list of sensors of one's own.
+        sensors: Sensor suite; ``"module:object"``: a list of sensors of one's own; or the grade of
+            each sensor by its name, perhaps at a rate, such as ``{"receiver": "SBAS at 0.5 Hz"}``:
+            sensors that are not named are nominal, and those that an environment lacks are ignored
+            there.
         disturbance: Sea, water or air by name, or ``"module:object"``: one's own.
         mismatch: Relative spread of the truth's parameters around the filters'.
         latency: Seconds by which sensors are late, by name; an environment has those of them that
@@ -105,7 +108,7 @@ class Condition:
     """
 
     name: str
-    sensors: str = "nominal"
+    sensors: str | dict[str, str] = "nominal"
     disturbance: str = "moderate"
     mismatch: float = 0.0
     latency: dict[str, float] = field(default_factory=dict)
@@ -117,9 +120,9 @@ class Condition:
         return not self.environments or environment in self.environments
 
     @property
-    def own(self) -> tuple[str, str]:
+    def own(self) -> tuple[str, ...]:
         """Names that may be the user's own."""
-        return self.sensors, self.disturbance
+        return tuple(n for n in (self.sensors, self.disturbance) if isinstance(n, str))
 
     @property
     def options(self) -> dict[str, Any]:
@@ -171,10 +174,6 @@ class Study:
     def learned(self) -> bool:
         """True if anything has to be trained."""
         return any(agent.learned for agent in self.agents)
-
-    def estimator(self, name: str) -> Estimator:
-        """The estimator of that name; the environments' default has none of its own unless the study gives it one."""
-        return next((e for e in self.estimators if e.name == name), Estimator(name, name))
 
     def resolved(self) -> dict[str, Any]:
         """Every setting as plain data."""

@@ -1,34 +1,39 @@
 """Study files, read from TOML and checked before anything runs."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
-from functools import partial
-from itertools import combinations
+from math import inf
 from pathlib import Path
 from typing import Any
 
 from agents.controllers import AUTOPILOT, PPO, controller_names, is_controller, make_controller
-from agents.named import named_object
 from agents.seeds import evaluation_seeds
-from agents.studies.plan import options
 from agents.studies.records import DEFAULT, FLOOR, ORACLE, RAW, Agent, Condition, Estimator, Study
-from agents.studies.toml_reader import Place, StudyError, TomlReader, keys_of
 from agents.studies.worlds import (
-    check_estimator_name,
-    environment_id,
+    environment_options,
     estimated_world,
     refusal,
     registered_id,
     system_of,
 )
-from agents.training.algorithms import MEMORIES, describe, hyperparameters
+from agents.training.algorithms import describe
 from estimators.checks import short_repr
+from estimators.factory import unknown
 from vessel_gym.configuration import TERMINATIONS
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensor_faults import SensorFault
-from vessel_gym.sensors import SUITE_NAMES
 from vessel_gym.toml_file import TomlError, TomlFile
+
+
+class StudyError(ValueError):
+    """Everything that is wrong with a study file, a line each."""
+
+    def __init__(self, path: Path | str, mistakes: Sequence[tuple[int, str]]) -> None:
+        self.mistakes = list(mistakes)
+        many = f" has {len(mistakes)} mistakes:\n" if len(mistakes) > 1 else ": "
+        lines = [f"line {line}: {text}" if line else text for line, text in sorted(self.mistakes)]
+        super().__init__(f"{path}{many}" + "\n".join(lines))
 
 
 def read_study(path: Path | str) -> Study:
@@ -47,333 +52,299 @@ def read_study(path: Path | str) -> Study:
         raise StudyError(path, [(error.line, error.sentence)]) from None
     study = reader.study()
     if reader.mistakes:
-        raise StudyError(path, reader.mistakes)
+        raise StudyError(path, list(dict.fromkeys(reader.mistakes)))
     return study
 
 
 _SECTIONS = ("environments", "estimators", "agents", "conditions")
-_LEARNED = ("observe", "memory", "trained_on", "flown_on", "steps", "guidance", "settings")
+_LEARNED = {"observe", "memory", "trained_on", "flown_on", "steps", "guidance", "settings"}
 """Keys of agents that learn."""
-_LEAST = {"episodes": 2, "training_seeds": 1, "first_seed": 0}
-"""Least values of numbers of a study."""
-_MOST_TRAINING_SEEDS, _MOST_STEPS = 1000, 2**31 - 1
+_CHOICES = {"observe": ("mean", "mean+std", "measurement"), "termination": TERMINATIONS}
+"""Values that there are, by key."""
+_RANGES: dict[str, tuple[float, float, str]] = {
+    "episodes": (2, inf, "at least 2"),
+    "training_seeds": (1, 1000, "at least 1 and at most 1000"),
+    "first_seed": (0, inf, "at least 0"),
+    "margin": (1e-9, 1.0 - 1e-9, "a share between 0 and 1"),
+    "mismatch": (0.0, 0.25, "between 0 and 0.25"),
+    "steps": (1, 2**31 - 1, "whole numbers of at least 1 and at most 2147483647"),
+}
+"""Least and greatest value, and their description, by key."""
+_NAMES, _GRADES = tuple[str, ...], str | dict[str, str]
+_KINDS: dict[Any, tuple[Any, str]] = {
+    str: (str, "a name"),
+    int: (int, "a whole number"),
+    float: (int | float, "a number"),
+    bool | None: (bool, "true or false"),
+    dict[str, Any]: (dict, "a table"),
+    dict[str, int]: (dict, "a table of numbers by environment"),
+    dict[str, float]: (dict, "a table of seconds by sensor"),
+    tuple[dict[str, Any], ...]: (list, "a list of tables"),
+    _GRADES: (str | dict, "a name, or a table of grades by sensor"),
+    _NAMES: (list, "a list of names"),
+}
+"""Type in TOML of a record's attributes, by their annotation, and what it is called."""
 
 
-class _Reader(TomlReader):
-    """Makes a study of parsed TOML and notes what is wrong with it."""
+class _Reader:
+    """Makes a study of parsed TOML and notes what is wrong with it.
 
-    WORDS = {
-        "title": "a text",
-        "steps": "a table of numbers by environment",
-        "settings": "a table of hyperparameters",
-        "latency": "a table of seconds by sensor",
-    }
-    CHOICES = {
-        "observe": ("mean", "mean+std", "measurement"),
-        "memory": MEMORIES,
-        "termination": TERMINATIONS,
-    }
+    Attributes:
+        mistakes: Line and sentence of each.
+        place: Keys that lead to the entry that is being read.
+        ids: Environments of the study.
+        worlds: Those that can be used.
+    """
+
+    def __init__(self, file: TomlFile) -> None:
+        self.file, self.data = file, file.data
+        self.mistakes: list[tuple[int, str]] = []
+        self.place: tuple[str, ...] = ()
 
     def study(self) -> Study:
         """The study; meaningless if there are mistakes."""
-        plain = [key for key in keys_of(Study) if key not in _SECTIONS]
-        for key in self.data:
-            self.name("key", key, (*plain, *_SECTIONS), (key,))
-        values = self.values(
-            Study, {key: value for key, value in self.data.items() if key in plain}, ()
-        )
-        values["title"] = values.get("title") or "What does the estimator cost?"
-        ids = tuple(self.section("environments", (), required=True))
-        worlds = [
-            name for name in ids if self.accepts(("environments", name), estimated_world, name)
-        ]
-        estimators, agents = self.estimators(ids), self.agents(ids, worlds)
-        # Measurements contain no belief: where any agent is shown them, the truth ends a mission.
-        values.setdefault("termination", "task" if any(agent.raw for agent in agents) else "belief")
-        sections = {
-            "environments": ids,
-            "estimators": estimators,
-            "agents": agents,
-            "conditions": self.conditions(ids),
-        }
-        study = Study(**values | sections)
-        self.check_numbers(study)
-        self.check(study, worlds)
+        self.known("key", self.data, [each.name for each in fields(Study)])
+        self.ids = tuple(self.section("environments"))
+        if self.data.get("environments", {}) == {}:
+            form = "a study needs environments: [environments] with a line 'name = {}' for each"
+            self.wrong(form, "environments")
+        names: dict[str, str] = {}
+        for name in self.ids:
+            self.place = ("environments", name)
+            if not self.accepts("", estimated_world, name):
+                continue
+            if (other := names.setdefault(registered_id(name), name)) != name:
+                self.wrong(f"{other} and {name} are one environment: leave one of them out")
+        self.worlds = list(names.values())
+        conditions = self.conditions()
+        estimators = self.estimators(conditions[0])
+        agents = self.agents(estimators)
+        self.place = ()
+        values = self.values(Study, {k: v for k, v in self.data.items() if k not in _SECTIONS})
+        # Measurements contain no belief: where an agent sees them, the truth ends a mission.
+        values.setdefault("termination", "task" if any(a.raw for a in agents) else "belief")
+        title = values.pop("title", "What does the estimator cost?")
+        found = tuple(estimators.values())
+        study = Study(title, self.ids, found, agents, conditions, **values)
+        self.accepts("episodes", evaluation_seeds, study.episodes, study.first_seed)
         return study
-
-    def check_numbers(self, study: Study) -> None:
-        """Seeds are at least as many as needed, and the margin is a share."""
-        for key, least in _LEAST.items():
-            if (value := getattr(study, key)) < least:
-                self.wrong((key,), f"{key} must be at least {least}, got {value}")
-        self.accepts(
-            ("episodes",), evaluation_seeds, max(study.episodes, 1), max(study.first_seed, 0)
-        )
-        if not 0.0 < study.margin < 1.0:
-            self.wrong(("margin",), f"margin must be a share between 0 and 1, got {study.margin:g}")
-        if study.training_seeds > _MOST_TRAINING_SEEDS:
-            text = (
-                f"training_seeds must be at most {_MOST_TRAINING_SEEDS}, got {study.training_seeds}"
-            )
-            self.wrong(("training_seeds",), text)
-
-    # --- what only the environments can tell ------------------------------------------------------
-
-    def check(self, study: Study, worlds: Sequence[str]) -> None:
-        """Note names and options that no environment knows."""
-        for one, other in combinations(worlds, 2):
-            if registered_id(one) == registered_id(other):
-                self.wrong(
-                    ("environments", other),
-                    f"{one} and {other} are one environment: leave one of them out",
-                )
-        for condition in study.conditions:
-            here = [world for world in worlds if condition.is_in(world)]
-            for world in here if ":" not in condition.disturbance else ():
-                seas = system_of(world).disturbances
-                self.name(
-                    "disturbance",
-                    condition.disturbance,
-                    seas,
-                    ("conditions", condition.name, "disturbance"),
-                )
-            self.check_condition(condition, here)
-        for estimator in study.estimators:
-            place = ("estimators", estimator.name)
-            known = estimator.estimator == DEFAULT
-            if known or self.accepts(
-                (*place, "estimator"), check_estimator_name, estimator.estimator
-            ):
-                self.check_estimator(
-                    place,
-                    study,
-                    estimator,
-                    [w for w in worlds if w in (estimator.environments or worlds)],
-                )
-        for agent in study.agents:
-            place = ("agents", agent.name)
-            here = [w for w in worlds if w in (agent.environments or worlds)]
-            controllers = dict.fromkeys(
-                name for w in here for name in controller_names(system_of(w))
-            )
-            self.own_name(place, agent.kind, (PPO, AUTOPILOT, *controllers))
-            if ":" in agent.kind:
-                for world in here:
-                    self.accepts((*place, "kind"), make_controller, agent.kind, system_of(world))
-            elif not agent.learned and not any(
-                is_controller(agent.kind, system_of(w)) for w in here
-            ):
-                self.name(
-                    "kind of agent",
-                    agent.kind,
-                    (*(controllers or (AUTOPILOT,)), PPO),
-                    (*place, "kind"),
-                )
-            if not agent.learned:
-                continue
-            here = [
-                world for world in here if self.accepts((*place, "kind"), environment_id, world)
-            ]
-            for world in here if agent.memory in MEMORIES else ():
-                described = (environment_id(world), None, 0, agent.steps.get(world), agent.memory)
-                if self.accepts(
-                    (*place, "settings"),
-                    hyperparameters,
-                    described[0],
-                    agent.memory,
-                    agent.settings,
-                ):
-                    self.accepts((*place, "steps"), describe, *described, agent.settings)
-            flown = [
-                w
-                for name in agent.trained_on
-                for w in here
-                if w in (study.estimator(name).environments or here)
-            ]
-            if here and agent.trained_on and not flown and not agent.raw:
-                text = f"{agent.name} is in no environment of an estimator that it is trained on"
-                self.wrong((*place, "trained_on"), text)
-
-    def check_condition(self, condition: Condition, worlds: Sequence[str]) -> None:
-        """Note own sensors and disturbances, and late or failing sensors, that an environment refuses."""
-        place = ("conditions", condition.name)
-        own = {
-            key: name
-            for key in ("sensors", "disturbance")
-            if ":" in (name := getattr(condition, key))
-        }
-        found = [self.accepts((*place, key), named_object, name) for key, name in own.items()]
-        if not (own or condition.latency or condition.faults) or not all(found):
-            return
-        plain = {"sensors": condition.sensors, "disturbance": condition.disturbance}
-        if own and self.refused(condition, plain, worlds):
-            return
-        sensors = named_object(own["sensors"]) if "sensors" in own else "nominal"
-        known = dict.fromkeys(
-            s.name for world in worlds for s in system_of(world).sensors_of(sensors).each
-        )
-        named = [
-            *(("latency", name) for name in condition.latency),
-            *(("faults", f["sensor"]) for f in condition.faults),
-        ]
-        for key, name in named if worlds else ():
-            self.name("sensor", name, known, (*place, key))
-        if all(name in known for _, name in named):
-            self.refused(condition, condition.options, worlds)
-
-    def refused(
-        self, condition: Condition, chosen: Mapping[str, Any], worlds: Sequence[str]
-    ) -> bool:
-        """Note environments that refuse the options of a condition, and return whether there are any."""
-        errors = {world: refusal(world, {"estimator": ORACLE, **chosen}) for world in worlds}
-        for world, error in errors.items():
-            if error is not None:
-                self.wrong(
-                    ("conditions", condition.name),
-                    f"{world} refuses the condition {condition.name}: {error}",
-                )
-        return any(error is not None for error in errors.values())
-
-    def check_estimator(
-        self, place: Place, study: Study, estimator: Estimator, worlds: Sequence[str]
-    ) -> None:
-        """An estimator may be refused by some environments, but not by all, and not for its options."""
-        reasons = []
-        for world in worlds:
-            first = study.conditions[0]
-            if refusal(world, {"estimator": ORACLE} | first.options):
-                first = Condition("nominal")
-            error = refusal(world, options(study, first, estimator, world))
-            if error is None:
-                continue
-            plain = replace(estimator, options={})
-            if estimator.options and not refusal(world, options(study, first, plain, world)):
-                text = f"{world} refuses the options of {estimator.name}: {error}"
-                self.wrong((*place, "options"), text)
-            else:
-                reasons.append(str(error))
-        if worlds and len(reasons) == len(worlds):
-            text = f"no environment of the study can carry {estimator.name}: {reasons[0]}"
-            self.wrong(place, text)
 
     # --- sections ---------------------------------------------------------------------------------
 
-    def estimators(self, ids: Sequence[str]) -> tuple[Estimator, ...]:
-        found = []
-        for name, table in self.section("estimators", keys_of(Estimator)).items():
-            place = ("estimators", name)
-            estimator = Estimator(
-                **{"name": name, "estimator": name} | self.values(Estimator, table, place)
-            )
-            plain = {
-                key: None if value == "none" else value for key, value in estimator.options.items()
-            }
-            estimator = replace(estimator, options=plain)
-            self.own_name(place, estimator.estimator, (DEFAULT, RAW, *estimator_names()))
-            self.names("environment", estimator.environments, ids, (*place, "environments"))
-            if (
-                name == estimator.estimator
-                and name in (ORACLE, FLOOR)
-                and estimator != Estimator(name, name)
-            ):
-                self.wrong(
-                    place, f"{name} is an end of the scale: leave it as it is, {name} = {{}}"
-                )
-            found.append(estimator)
-        names = [e.name for e in found]
-        return tuple(
-            Estimator(name, name) for name in (ORACLE, FLOOR) if name not in names
-        ) + tuple(found)
-
-    def agents(self, ids: Sequence[str], worlds: Sequence[str]) -> tuple[Agent, ...]:
-        named = self.data.get("estimators", {})
-        estimators = [ORACLE, FLOOR, DEFAULT, *(named if isinstance(named, dict) else ())]
-        found = []
-        for name, table in self.section("agents", keys_of(Agent)).items():
-            place = ("agents", name)
-            agent = Agent(**{"name": name, "kind": name} | self.values(Agent, table, place))
-            for key in (key for key in _LEARNED if key in table):
-                if not agent.learned:
-                    self.wrong(
-                        (*place, key),
-                        f"{key} is for agents that learn; {name} is of kind {agent.kind}",
-                    )
-                if agent.raw and key in ("trained_on", "flown_on"):
-                    self.wrong(
-                        (*place, key),
-                        f"{name} sees raw measurements: it is trained and flown on no estimator",
-                    )
-            self.names("estimator", agent.trained_on, estimators, (*place, "trained_on"))
-            self.names(
-                "estimator",
-                agent.flown_on,
-                [e for e in estimators if e != DEFAULT],
-                (*place, "flown_on"),
-            )
-            self.names("environment", agent.environments, ids, (*place, "environments"))
-            self.names("environment", agent.steps, ids, (*place, "steps"))
-            for number in agent.steps.values():
-                if (
-                    isinstance(number, bool)
-                    or not isinstance(number, int)
-                    or not 1 <= number <= _MOST_STEPS
-                ):
-                    text = (
-                        f"steps must be whole numbers of at least 1 and at most {_MOST_STEPS}, got"
-                        f" {number!r}"
-                    )
-                    self.wrong((*place, "steps"), text)
-                    agent = replace(agent, steps={})
-            if agent.environments:
-                self.names(
-                    f"environment of {name}", agent.steps, agent.environments, (*place, "steps")
-                )
-            found.append(agent)
-        if worlds and not any(is_controller(AUTOPILOT, system_of(world)) for world in worlds):
-            if all(agent.learned for agent in found):
-                text = (
-                    "no environment of the study has an autopilot: name a controller, module:object"
-                    " if it is your own"
-                )
-                self.wrong(("agents",), text)
-            return tuple(found)
-        if any(agent.kind == AUTOPILOT for agent in found):
-            return tuple(found)
-        return (Agent(AUTOPILOT, AUTOPILOT), *found)
-
-    def conditions(self, ids: Sequence[str]) -> tuple[Condition, ...]:
+    def conditions(self) -> tuple[Condition, ...]:
+        """The conditions without their mistakes."""
         found: list[Condition] = []
-        for name, table in self.section("conditions", keys_of(Condition)).items():
-            place = ("conditions", name)
-            values = self.values(Condition, table, place)
-            values["faults"] = self.faults(place, values.get("faults", ()))
-            condition = Condition(name, **values)
-            if not 0.0 <= condition.mismatch <= 0.25:
-                text = f"mismatch must be between 0 and 0.25, got {short_repr(condition.mismatch)}"
-                self.wrong((*place, "mismatch"), text)
-                condition = replace(condition, mismatch=0.0)
-            self.names("environment", condition.environments, ids, (*place, "environments"))
+        for condition in self.records("conditions", Condition):
             if condition.environments and not found:
                 self.wrong(
-                    (*place, "environments"),
-                    "the first condition is that of trainings: no environments",
+                    "the first condition is that of trainings: no environments", "environments"
                 )
-            if ":" not in condition.sensors:
-                self.name("sensor suite", condition.sensors, SUITE_NAMES, (*place, "sensors"))
-            found.append(condition)
+            faults = tuple(f for f in condition.faults if self.accepts("faults", _fault, f))
+            found.append(self.checked(replace(condition, faults=faults)))
         return tuple(found) or (Condition("nominal"),)
 
-    def faults(self, place: Place, faults: Sequence[Any]) -> tuple[dict[str, Any], ...]:
-        """The faults of a condition that are some."""
-        known = [each.name for each in fields(SensorFault)]
-        good = []
-        for fault in faults:
-            if not isinstance(fault, dict) or not {"sensor", "kind"} <= set(fault) <= set(known):
-                text = (
-                    "faults must be tables of sensor, kind and perhaps size, begin, end, duration,"
-                    f" got {fault!r}"
-                )
-                self.wrong((*place, "faults"), text)
-            elif self.accepts((*place, "faults"), partial(SensorFault, **fault)):
-                good.append(fault)
-        return tuple(good)
+    def checked(self, condition: Condition) -> Condition:
+        """A condition, after a note of what no environment knows and what one refuses."""
+        worlds, names = self.here(condition), dict[str, None]()
+        for world in worlds:
+            found = self.accepts("sensors", _sensor_names, world, condition)
+            if found is None:
+                return self.checked(replace(condition, sensors="nominal"))
+            names |= found
+        graded = condition.sensors if isinstance(condition.sensors, dict) else {}
+        faults = [fault["sensor"] for fault in condition.faults]
+        for key, named in (("sensors", graded), ("latency", condition.latency), ("faults", faults)):
+            self.known("sensor", named, names or named, key)
+        for world in worlds:
+            if error := refusal(world, {"estimator": ORACLE} | condition.options):
+                self.wrong(f"{world} refuses the condition {condition.name}: {error}")
+                return Condition(condition.name)
+        return condition
+
+    def estimators(self, condition: Condition) -> dict[str, Estimator]:
+        """The estimators by name, and before them the ends of the scale."""
+        found = {name: Estimator(name, name) for name in (ORACLE, FLOOR)}
+        for each in self.records("estimators", Estimator, "estimator"):
+            given = {k: None if value == "none" else value for k, value in each.options.items()}
+            name, estimator = each.name, replace(each, options=given)
+            self.own_name(each.estimator, (DEFAULT, RAW, *estimator_names()))
+            if estimator != found.setdefault(name, estimator):
+                self.wrong(f"{name} is an end of the scale: leave it as it is, {name} = {{}}")
+            self.check_estimator(estimator, condition)
+        return found
+
+    def check_estimator(self, estimator: Estimator, condition: Condition) -> None:
+        """Note an estimator that all environments refuse, or one of them for its options."""
+        reasons, name = [], estimator.name
+        own = {"estimator_options": estimator.options} if estimator.options else {}
+        for world in self.here(estimator):
+            kind = estimator.estimator
+            kind = system_of(world).estimator if kind == DEFAULT else kind
+            plain = condition.options | {"estimator": kind}
+            error = refusal(world, plain | own)
+            reasons.append(error if refusal(world, plain) else None)
+            if error and not reasons[-1]:
+                self.wrong(f"{world} refuses the options of {name}: {error}", "options")
+        if reasons and all(reasons):
+            self.wrong(f"no environment of the study can carry {name}: {reasons[0]}")
+
+    def agents(self, estimators: Mapping[str, Estimator]) -> tuple[Agent, ...]:
+        """The agents, and before them the autopilot if the file names none and there is one."""
+        found = []
+        for agent in self.records("agents", Agent, "kind"):
+            found.append(agent)
+            name = agent.name
+            for key in _LEARNED & set(self.data["agents"][name]):
+                if not agent.learned:
+                    self.wrong(
+                        f"{key} is for agents that learn; {name} is of kind {agent.kind}", key
+                    )
+                elif agent.raw and key in ("trained_on", "flown_on"):
+                    text = f"{name} sees raw measurements: it is trained and flown on no estimator"
+                    self.wrong(text, key)
+            self.check_kind(agent)
+            if agent.learned:
+                self.check_training(agent, estimators)
+        acts = not self.worlds or any(is_controller(AUTOPILOT, system_of(w)) for w in self.worlds)
+        if acts and not any(agent.kind == AUTOPILOT for agent in found):
+            found.insert(0, Agent(AUTOPILOT, AUTOPILOT))
+        if all(agent.learned for agent in found):
+            self.place = ("agents",)
+            self.wrong(
+                "no environment of the study has an autopilot: name a controller, module:object if"
+                " it is your own"
+            )
+        return tuple(found)
+
+    def check_kind(self, agent: Agent) -> None:
+        """Note an agent that has the name of another kind, or is none in its environments."""
+        systems = [system_of(world) for world in self.here(agent)]
+        names = dict.fromkeys(name for system in systems for name in controller_names(system))
+        self.own_name(agent.kind, (PPO, AUTOPILOT, *names))
+        if ":" in agent.kind:
+            for system in systems:
+                self.accepts("kind", make_controller, agent.kind, system)
+        else:
+            known = (*(names or (AUTOPILOT,)), PPO)
+            self.known("kind of agent", [agent.kind], known, "kind")
+
+    def check_training(self, agent: Agent, estimators: Mapping[str, Estimator]) -> None:
+        """Note estimators, steps and settings that a training cannot have."""
+        here, name, schools = self.here(agent), agent.name, agent.trained_on
+        self.known("estimator", schools, (*estimators, DEFAULT), "trained_on")
+        self.known("estimator", agent.flown_on, estimators, "flown_on")
+        own = agent.environments or self.ids
+        self.known(f"environment of {name}", agent.steps, own, "steps")
+        for world in here:
+            arguments = agent.steps.get(world), agent.memory, agent.settings
+            key = "settings" if agent.settings else "steps"
+            self.accepts(key, describe, registered_id(world), None, 0, *arguments)
+        homes = [self.here(estimators.get(school, Estimator(school))) for school in schools]
+        if here and not agent.raw and not any(set(here) & set(home) for home in homes):
+            text = f"{name} is in no environment of an estimator that it is trained on"
+            self.wrong(text, "trained_on")
+
+    # --- tables -----------------------------------------------------------------------------------
+
+    def wrong(self, text: str, key: str = "") -> None:
+        """Note a mistake at a key of the entry, or at the nearest place that has a line."""
+        self.mistakes.append((self.file.line((*self.place, key)) or 0, text))
+
+    def accepts(self, key: str, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Call a function and return what it does, or note its ValueError or TypeError."""
+        try:
+            return function(*arguments)
+        except (ValueError, TypeError) as error:
+            self.wrong(str(error), key)
+
+    def known(self, kind: str, names: Iterable[str], known: Iterable[str], key: str = "") -> None:
+        """Note those of some names that are not known, at a key or where they are keys."""
+        for name in names:
+            if name not in known:
+                self.wrong(unknown(kind, name, known), key or name)
+
+    def own_name(self, kind: str, known: Sequence[str]) -> None:
+        """Note the name of an entry that something else has."""
+        if (name := self.place[-1]) != kind and name in known:
+            self.wrong(f"the name {name!r} is taken: give this {kind!r} another one")
+
+    def here(self, record: Any) -> list[str]:
+        """The environments of an estimator, agent or condition."""
+        return [world for world in self.worlds if world in (record.environments or self.worlds)]
+
+    def section(self, section: str, options: Sequence[str] = ()) -> Iterator[str]:
+        """Names of the tables of a section, each while its table is the entry."""
+        self.place, tables = (section,), self.data.get(section, {})
+        if not isinstance(tables, dict):
+            self.wrong(f"{section} must be a table: [{section}] with a line 'name = {{}}' for each")
+            return
+        for name, table in tables.items():
+            self.place = (section, name)
+            if not isinstance(table, dict):
+                self.wrong(f"{section}.{name} must be a table, e.g. {{}}, got {table!r}")
+                continue
+            if not name.isprintable() or not name.strip():
+                self.wrong(f"names of {section} must be text in a line, got {name!r}")
+            self.known(f"key in {section}.{name}", table, options)
+            yield name
+
+    def records(self, section: str, record: type, second: str = "") -> Iterator[Any]:
+        """Records of a section, each while its table is the entry.
+
+        The attribute ``second``, if there is one, is the name where the file lacks it.
+        """
+        options = [each.name for each in fields(record) if each.name != "name"]
+        for name in self.section(section, options):
+            named = {"name": name} | ({second: name} if second else {})
+            each = record(**named | self.values(record, self.data[section][name]))
+            self.known("environment", each.environments, self.ids, "environments")
+            yield each
+
+    def values(self, record: type, table: Mapping[str, Any]) -> dict[str, Any]:
+        """Values of a table for the attributes of a record; wrong ones are noted and left out."""
+        found = {}
+        for each in fields(record):
+            if (key := each.name) in table:
+                value = table[key]
+                if text := _mistake(each.type, key, value):
+                    self.wrong(text, key)
+                else:
+                    found[key] = tuple(value) if isinstance(value, list) else value
+        return found
+
+
+def _mistake(kind: Any, key: str, value: Any) -> str:
+    """Sentence about a value that is not as an attribute must be, or nothing."""
+    types, words = _KINDS[kind]
+    each = list(value.values()) if isinstance(value, dict) else [value]
+    each = value if isinstance(value, list) else each
+    right = isinstance(value, types) and isinstance(value, bool) == (types is bool)
+    if kind in (_NAMES, _GRADES):
+        right &= all(isinstance(name, str) for name in each)
+    if not right:
+        return f"{key} must be {words}, got {value!r}"
+    if kind == _NAMES and not 0 < len(each) == len(set(each)):
+        return f"{key} must name one or more, each once, or be left out, got {value!r}"
+    if value not in (choices := _CHOICES.get(key, (value,))):
+        return unknown(key, value, choices)
+    least, most, words = _RANGES.get(key, (0, 0, ""))
+    for number in each if words else ():
+        if type(number) not in (int, float) or not least <= number <= most:
+            return f"{key} must be {words}, got {short_repr(number)}"
+    return ""
+
+
+def _sensor_names(environment: str, condition: Condition) -> dict[str, None]:
+    """Names of the sensors of an environment in a condition."""
+    chosen = environment_options(environment, {"sensors": condition.sensors})
+    sensors = system_of(environment).sensors_of(chosen.get("sensors", "nominal"))
+    return dict.fromkeys(sensor.name for sensor in sensors.each)
+
+
+def _fault(fault: Any) -> SensorFault:
+    """A fault by its table."""
+    try:
+        return SensorFault(**fault)
+    except TypeError:
+        text = "faults must be tables of sensor, kind and perhaps size, begin, end, duration, got"
+        raise TypeError(f"{text} {fault!r}") from None

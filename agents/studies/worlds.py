@@ -1,8 +1,13 @@
-"""Look-up of the environments, estimators and agents of a study, the package's own or ``module:object``."""
+"""Look-up of the environments, estimators and agents of a study."""
 
 import json
+import os
+import re
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
+from hashlib import sha256
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -16,8 +21,9 @@ from agents.source import source_digest
 from agents.wrapped import Wrapped, taken_options, wrapped_system
 from estimators.factory import unknown
 from vessel_gym.envs import VesselVectorEnv
-from vessel_gym.estimation import estimator_names
 from vessel_gym.sensor_faults import SensorFault
+from vessel_gym.sensors import Sensor
+from vessel_gym.sensors.grades import NOMINAL, grades_of
 
 
 def environment_id(name: str) -> str:
@@ -111,32 +117,52 @@ def environment_options(environment: str, options: dict[str, Any]) -> dict[str, 
     Estimator, sensors and disturbance of one's own are imported; of late sensors and faults those
     are taken that the environment has.
     """
-    names = {key: options[key] for key in ("estimator", "sensors", "disturbance") if key in options}
-    made = options | {
-        key: named_object(name) if ":" in name else name for key, name in names.items()
-    }
+    system, made = system_of(environment), dict(options)
+    for key in ("estimator", "sensors", "disturbance"):
+        if isinstance(name := made.get(key), str) and ":" in name:
+            made[key] = named_object(name)
+    if isinstance(grades := made.get("sensors"), dict):
+        made["sensors"] = graded_sensors(environment, grades)
+    if isinstance(system, Wrapped):
+        return taken_options(registered_id(environment), made)
     latency, faults = made.pop("latency", {}), made.pop("faults", ())
-    if isinstance(system_of(environment), Wrapped):
-        return taken_options(
-            registered_id(environment),
-            made | {"latency": latency or None, "faults": faults or None},
-        )
-    if not latency and not faults:
-        return made
-    chosen = system_of(environment).sensors_of(made.get("sensors", "nominal"))
-    there = {sensor.name for sensor in chosen.each}
-    own = [SensorFault(**fault) for fault in faults if fault["sensor"] in there]
-    return made | {
-        "sensors": [
+    if latency or faults:
+        chosen = system.sensors_of(made.get("sensors", "nominal"))
+        there = {sensor.name for sensor in chosen.each}
+        own = [SensorFault(**fault) for fault in faults if fault["sensor"] in there]
+        made["sensors"] = [
             replace(sensor, latency=latency.get(sensor.name, sensor.latency))
             for sensor in chosen.each
-        ],
-        "sensor_faults": [*own, *chosen.faults],
-    }
+        ]
+        made["sensor_faults"] = [*own, *chosen.faults]
+    return made
+
+
+def graded_sensors(environment: str, grades: Mapping[str, str]) -> list[Sensor]:
+    """Sensors of an environment, some of them of a grade and perhaps at a rate, the others nominal.
+
+    Args:
+        environment: One of ours.
+        grades: Such as ``"SBAS"`` or ``"SBAS at 0.5 Hz"``, by sensor.
+
+    Raises:
+        ValueError: if there are no grades, or not this one of a sensor.
+    """
+    found = []
+    for name, known in grades_of(system_of(environment)).items():
+        words = grades.get(name, NOMINAL)
+        at_rate = re.fullmatch(r"(.+) at ([\d.]+) Hz", words)
+        if words in known:
+            found.append(known[words])
+        elif at_rate and at_rate[1] in known:
+            found.append(replace(known[at_rate[1]], rate=float(at_rate[2])))
+        else:
+            raise ValueError(unknown(f"grade of {name}", words, known))
+    return found
 
 
 def classical_controller(agent: str, environment: str) -> Any:
-    """The controller that an agent which does not learn stands for, see `agents.controllers.make_controller`."""
+    """The controller that an agent which does not learn stands for."""
     return make_controller(agent, system_of(environment))
 
 
@@ -146,56 +172,43 @@ def refusal(name: str, options: dict[str, Any]) -> Exception | None:
     It is a ValueError if it cannot carry the estimator, and a TypeError for an option. Each
     environment is built once for that.
     """
-    key = name, json.dumps(options, sort_keys=True)
-    if key not in _REFUSALS:
-        try:
-            batch(registered_id(name), 1, environment_options(name, options)).close()
-            _REFUSALS[key] = None
-        except (ValueError, TypeError) as error:
-            _REFUSALS[key] = error
-    return _REFUSALS[key]
+    return _refusal(name, json.dumps(options, sort_keys=True))
 
 
-_REFUSALS: dict[tuple[str, str], Exception | None] = {}
-
-
-def check_estimator_name(name: str) -> None:
-    """Refuse what is no estimator.
-
-    Raises:
-        ValueError: naming the mistake.
-    """
-    if ":" in name:
-        if not callable(named_object(name)):
-            raise ValueError(f"{name!r} is not an estimator: it cannot be called")
-    elif name not in estimator_names():
-        raise ValueError(unknown("estimator", name, ("default", *estimator_names())))
+@cache
+def _refusal(name: str, options: str) -> Exception | None:
+    try:
+        batch(registered_id(name), 1, environment_options(name, json.loads(options))).close()
+    except (ValueError, TypeError) as error:
+        return error
+    return None
 
 
 def digests(*names: str) -> dict[str, str]:
-    """The source of whatever is the user's own among names, so that results follow its changes."""
-    own = sorted({name.rpartition(":")[0] for name in names if ":" in name})
-    return {module: source_digest(module) for module in own}
+    """The source of whatever is the user's own among names, so that results follow its changes.
+
+    Modules are given by their names, and the files of agents by their paths.
+    """
+    modules = {name.rpartition(":")[0] for name in names if ":" in name}
+    files = {name: sha256(Path(name).read_bytes()) for name in names if os.path.isfile(name)}
+    found = {module: source_digest(module) for module in sorted(modules)}
+    return found | {name: each.hexdigest() for name, each in files.items()}
 
 
 def registered(environment: str, controller: str) -> dict[str, str]:
-    """The source of the metrics of an environment's task and of its controller of that name, if they are not ours.
+    """The source of other people's metrics of an environment's task, and of its controller.
 
     Modules of ours are part of what computes a job; those of others need not be imported by
     anything that it names.
     """
     task = system_of(environment).task
-    modules = {TASK_METRICS.modules(task).get(""), CONTROLLERS.modules(task).get(controller)}
-    return {
-        module: source_digest(module) for module in sorted(m for m in modules if m and not _ours(m))
-    }
+    found = {TASK_METRICS.modules(task).get(""), CONTROLLERS.modules(task).get(controller)}
+    own = sorted(m for m in found if m and not m.startswith(("agents.", "vessel_gym.")))
+    return {module: source_digest(module) for module in own}
 
 
 def import_own(own: dict[str, str]) -> None:
-    """Import the modules that source digests are of: whatever they register is there."""
+    """Import the modules that digests are of, for what they register; files are left out."""
     for module in own:
-        imported_module(module, module)
-
-
-def _ours(module: str) -> bool:
-    return module.partition(".")[0] in ("agents", "vessel_gym")
+        if not os.path.isfile(module):
+            imported_module(module, module)

@@ -1,4 +1,4 @@
-"""Study files: what is written is what is run, and every mistake is found at once, with its line."""
+"""Study files: what is written is run, and every mistake is found at once, with its line."""
 
 import json
 from pathlib import Path
@@ -8,7 +8,7 @@ import pytest
 from agents.commands.ablate import STUDIES
 from agents.seeds import evaluation_seeds
 from agents.studies.plan import plan
-from agents.studies.records import Study
+from agents.studies.records import Agent, Condition, Estimator, Study
 from agents.studies.study import StudyError, read_study
 from agents.studies.worlds import environment_options, system_of
 
@@ -30,7 +30,7 @@ nominal = {}
 rough = { disturbance = "rough", mismatch = 0.1 }
 
 [agents]
-PPO = { kind = "ppo", trained_on = ["truth", "default"], steps = { SigmaCorvette-v0 = 1000 } }
+PPO = { kind = "ppo", trained_on = ["truth"], steps = { SigmaCorvette-v0 = 1000 }, settings = { gamma = 0.9 } }
 raw = { kind = "ppo", observe = "measurement", memory = "lstm", environments = ["SegorogeniAUV-v0"] }
 """
 
@@ -47,53 +47,35 @@ def mistakes(tmp_path: Path, text: str) -> list[tuple[int, str]]:
     return sorted(raised.value.mistakes)
 
 
+def expect(found: list[tuple[int, str]], expected: dict[int, str]) -> None:
+    for line, words in expected.items():
+        assert any(number == line and words in text for number, text in found), (line, found)
+    assert {line for line, _ in found} == set(expected)
+
+
 def test_a_study_is_what_its_file_says(tmp_path):
     study = read(tmp_path, SMALL)
-    assert study.title == "A small study"
-    assert (study.episodes, study.training_seeds, study.seeds) == (3, 2, evaluation_seeds(3))
+    assert (study.title, study.training_seeds, study.termination) == ("A small study", 2, "task")
+    assert study.seeds == evaluation_seeds(3)
     assert study.environments == ("SigmaCorvette-v0", "SegorogeniAUV-v0")
-    plain = study.estimator("plain enkf")
-    assert (plain.estimator, plain.options, plain.environments) == (
-        "enkf",
-        {"members": None},
-        ("SegorogeniAUV-v0",),
+    assert [e.name for e in study.estimators] == ["truth", "dead-reckoning", "kf", "plain enkf"]
+    assert study.estimators[-1] == Estimator(
+        "plain enkf", "enkf", {"members": None}, ("SegorogeniAUV-v0",)
     )
-    assert [(c.name, c.disturbance, c.sensors, c.mismatch) for c in study.conditions] == [
-        ("nominal", "moderate", "nominal", 0.0), ("rough", "rough", "nominal", 0.1)
-    ]  # fmt: skip
-    ppo = next(a for a in study.agents if a.name == "PPO")
-    assert (ppo.learned, ppo.raw, ppo.trained_on, ppo.steps) == (
-        True,
-        False,
-        ("truth", "default"),
-        {"SigmaCorvette-v0": 1000},
+    assert study.conditions[1] == Condition("rough", disturbance="rough", mismatch=0.1)
+    assert study.agents[0] == Agent("autopilot", "autopilot")
+    assert study.agents[1] == Agent(
+        "PPO",
+        "ppo",
+        trained_on=("truth",),
+        steps={"SigmaCorvette-v0": 1000},
+        settings={"gamma": 0.9},
     )
-
-
-def test_the_ends_of_the_scale_and_the_classical_agent_are_always_there(tmp_path):
-    study = read(tmp_path, SMALL)
-    assert [e.name for e in study.estimators][:2] == ["truth", "dead-reckoning"]
-    assert study.agents[0].kind == "autopilot"
+    assert json.loads(json.dumps(study.resolved()))["conditions"][0]["sensors"] == "nominal"
     assert read(tmp_path, SMALL + "autopilot = {}\n").agents[-1].kind == "autopilot"
-
-
-def test_what_is_left_out_has_its_documented_default(tmp_path):
-    study = read(tmp_path, "[environments]\nItsunusaAUV-v0 = {}\n")
-    assert (study.episodes, study.training_seeds, [c.name for c in study.conditions]) == (
-        100,
-        10,
-        ["nominal"],
-    )
-    assert [e.name for e in study.estimators] == ["truth", "dead-reckoning"]
-    assert not study.learned
-
-
-def test_a_resolved_study_is_plain_data_with_every_default(tmp_path):
-    resolved = read(tmp_path, SMALL).resolved()
-    assert json.loads(json.dumps(resolved))["conditions"][1] == {
-        "name": "rough", "sensors": "nominal", "disturbance": "rough", "mismatch": 0.1, "latency": {}, "faults": [],
-        "environments": [],
-    }  # fmt: skip
+    least = read(tmp_path, "[environments]\nItsunusaAUV-v0 = {}\n")
+    assert least.conditions == (Condition("nominal"),)
+    assert (least.episodes, least.training_seeds, least.termination) == (100, 10, "belief")
 
 
 @pytest.mark.parametrize("name", STUDIES)
@@ -104,48 +86,14 @@ def test_the_studies_of_the_package_are_studies_of_which_no_filter_assumes_anoth
     study = read_study(STUDIES[name])
     assert study.title
     assert all("input_cov" not in estimator.options for estimator in study.estimators)
-    if name == "quick":
-        assert len(study.environments) == 4
-        assert len(study.estimators) >= 8
-        assert len(study.conditions) >= 3
-        assert study.episodes == 50
-
-
-RULED = """
-first_seed = 40
-margin = 0.02
-
-[environments]
-SegorogeniAUV-v0 = {}
-
-[agents]
-PPO = { kind = "ppo", guidance = false, settings = { gamma = 0.9, policy_kwargs = { net_arch = [32] } } }
-"""
-
-
-def test_seeds_margin_and_settings_of_an_agent_are_read(tmp_path):
-    study = read(tmp_path, "episodes = 3\n" + RULED)
-    assert study.seeds == evaluation_seeds(3, 40)
-    assert (study.margin, study.termination) == (0.02, "belief")
-    ppo = study.agents[-1]
-    assert (ppo.guidance, ppo.settings) == (
-        False,
-        {"gamma": 0.9, "policy_kwargs": {"net_arch": [32]}},
-    )
 
 
 @pytest.mark.parametrize("chosen", ["belief", "task"])
-def test_all_arms_end_by_one_termination_which_is_the_truth_where_an_agent_sees_measurements(
-    tmp_path, chosen
-):
-    raw = (
-        SMALL
-        if chosen == "task"
-        else SMALL.replace("episodes = 3", f'episodes = 3\ntermination = "{chosen}"')
-    )
-    planned = plan(read(tmp_path, raw))
-    jobs = [each for job in planned.jobs for each in (job, *job.needs)]
-    assert {job.arguments["options"]["termination"] for job in jobs} == {chosen}
+def test_all_arms_end_by_one_termination(tmp_path, chosen):
+    text = f'termination = "{chosen}"\n' + SMALL
+    jobs = plan(read(tmp_path, text)).jobs
+    found = [each.arguments["options"] for job in jobs for each in (job, *job.needs)]
+    assert {options["termination"] for options in found} == {chosen}
 
 
 def test_what_is_wrong_with_seeds_margin_and_termination_is_reported_with_its_line(tmp_path):
@@ -173,35 +121,31 @@ half = { kind = "ppo", settings = { n_steps = 0.5 } }
         11: "the setting gamma must be such as 1.0, got inf",
         12: "the setting n_steps must be such as 64, got 0.5",
     }
-    found = mistakes(tmp_path, text)
-    for line, words in expected.items():
-        assert any(number == line and words in text for number, text in found), (line, found)
-    assert {line for line, _ in found} == set(expected)
+    expect(mistakes(tmp_path, text), expected)
 
 
-def test_sensors_may_be_late_and_fail_in_a_condition(tmp_path):
+def test_sensors_may_be_late_fail_and_be_of_a_grade_in_a_condition(tmp_path):
     text = """[environments]
 SegorogeniAUV-v0 = {}
 SigmaCorvette-v0 = {}
 [conditions]
 late = { sensors = "degraded", latency = { "acoustic position" = 1.0, receiver = 2.0 } }
 spoofed = { faults = [{ sensor = "receiver", kind = "drift", size = [0.5, -0.2], begin = [20.0, 40.0], end = inf }] }
+slow = { sensors = { receiver = "SBAS at 0.5 Hz", "rate gyro" = "consumer MEMS" } }
 """
-    late, spoofed = read(tmp_path, text).conditions
+    late, spoofed, slow = read(tmp_path, text).conditions
     for world, delays in (("SegorogeniAUV-v0", [0, 0, 0, 0, 10]), ("SigmaCorvette-v0", [0, 0, 4])):
         own = environment_options(world, late.options)
         assert [sensor.delay(system_of(world).vehicle.dt) for sensor in own["sensors"]] == delays
-        assert {sensor.dropout > 0.0 for sensor in own["sensors"]} == {
-            True
-        }  # of the suite, all the same
-        assert own["sensor_faults"] == []
+        assert all(sensor.dropout > 0.0 for sensor in own["sensors"])  # of the suite, all the same
+        nominal = system_of(world).nominal_sensors
+        graded = environment_options(world, slow.options)["sensors"]
+        changed = [one.name for one, other in zip(graded, nominal, strict=True) if one != other]
+        assert changed == ([] if "AUV" in world else ["rate gyro", "receiver"])
+    assert graded[-1].rate == 0.5
+    denied = environment_options("SigmaCorvette-v0", spoofed.options | {"sensors": "denied"})
+    assert [each.kind for each in denied["sensor_faults"]] == ["drift", "off"]  # of the suite, too
     assert environment_options("SegorogeniAUV-v0", spoofed.options)["sensor_faults"] == []
-    (fault,) = environment_options("SigmaCorvette-v0", spoofed.options)["sensor_faults"]
-    assert (fault.kind, fault.begin) == ("drift", [20.0, 40.0])
-    denied = environment_options("SigmaCorvette-v0", spoofed.options | {"sensors": "denied"})[
-        "sensor_faults"
-    ]
-    assert [each.kind for each in denied] == ["drift", "off"]  # that of the suite, too
 
 
 def test_what_is_wrong_with_times_and_faults_is_reported_with_its_line(tmp_path):
@@ -216,6 +160,10 @@ e = { faults = [{ sensor = "gyroscope" }] }
 f = { faults = [{ sensor = "gyro", kind = "off" }] }
 g = { faults = [{ sensor = "gyroscope", kind = "bias", size = [1.0, 2.0] }] }
 h = { faults = { sensor = "gyroscope" } }
+i = { sensors = { "acoustic positon" = "nominal" } }
+j = { sensors = { gyroscope = "consumer MEMZ" } }
+k = { sensors = { gyroscope = "consumer MEMS at 3 Hz" } }
+l = { sensors = { gyroscope = 3 } }
 """
     found = mistakes(tmp_path, text)
     expected = {
@@ -233,10 +181,12 @@ h = { faults = { sensor = "gyroscope" } }
             " or 3"
         ),
         11: "faults must be a list of tables",
+        12: "unknown sensor 'acoustic positon' (did you mean 'acoustic position'?)",
+        13: "unknown grade of gyroscope 'consumer MEMZ' (did you mean 'consumer MEMS'?)",
+        14: "gyroscope reads at 3 Hz, which does not divide",
+        15: "sensors must be a name, or a table of grades by sensor, got {'gyroscope': 3}",
     }
-    assert [line for line, _ in found] == list(expected)
-    for line, text in found:
-        assert expected[line] in text
+    expect(found, expected)
 
 
 def test_every_mistake_is_reported_at_once_with_its_line(tmp_path):
@@ -270,11 +220,8 @@ trained_on = ["enkf"]
         12: "between 0 and 0.25",
         18: "trained and flown on no estimator",
     }
-    for line, words in expected.items():
-        assert any(number == line and words in text for number, text in found), (line, found)
-    assert {line for line, _ in found} == {*expected, 11, 14}
-    assert sum(line == 11 for line, _ in found) == 2
-    assert sum(line == 14 for line, _ in found) == 2
+    expect(found, expected | {11: "nominl", 14: "elkf"})
+    assert [line for line, _ in found].count(11) == [line for line, _ in found].count(14) == 2
 
 
 @pytest.mark.parametrize(
@@ -337,37 +284,33 @@ def test_one_environment_under_two_names_is_refused(tmp_path):
     )
 
 
-def test_an_agent_that_could_be_trained_nowhere_is_refused_and_one_that_cannot_be_here_is_left_out(
-    tmp_path,
-):
+def test_an_agent_that_could_be_trained_nowhere_is_refused_and_elsewhere_left_out(tmp_path):
     text = """[environments]
 SigmaCorvette-v0 = {}
 SegorogeniAUV-v0 = {}
 [estimators]
-ukf = { environments = ["SegorogeniAUV-v0"] }
-[agents.PPO]
-kind = "ppo"
-trained_on = ["ukf"]
+ekf = { environments = ["SegorogeniAUV-v0"] }
+[agents]
+PPO = { kind = "ppo", trained_on = ["ekf"] }
 """
     out = [each for each in plan(read(tmp_path, text)).skipped if each.what == "PPO"]
-    assert [(each.environment, each.reason) for each in out] == [
-        ("SigmaCorvette-v0", "no estimator that it is trained on flies here")
-    ]
-    (found,) = mistakes(tmp_path, text + 'environments = ["SigmaCorvette-v0"]\n')
-    assert found == (8, "PPO flies in no environment of an estimator that it is trained on")
-    (found,) = mistakes(tmp_path, text.replace("ukf = {", "ekf = {") .replace('["ukf"]', '["ekf"]')
-                        + 'environments = ["SegorogeniAUV-v0"]\nsteps = { SigmaCorvette-v0 = 9000 }\n')  # fmt: skip
-    assert found == (
-        10,
-        "unknown environment of PPO 'SigmaCorvette-v0': choose from SegorogeniAUV-v0",
+    assert [each.environment for each in out] == ["SigmaCorvette-v0"]
+    here = '["ekf"], environments = ["S'
+    expect(
+        mistakes(tmp_path, text.replace('["ekf"]', here + 'igmaCorvette-v0"]')),
+        {7: "PPO is in no environment of an estimator that it is trained on"},
+    )
+    steps = here + 'egorogeniAUV-v0"], steps = { SigmaCorvette-v0 = 9000 }'
+    expect(
+        mistakes(tmp_path, text.replace('["ekf"]', steps)),
+        {7: "unknown environment of PPO 'SigmaCorvette-v0': choose from SegorogeniAUV-v0"},
     )
 
 
-def test_a_file_that_is_not_text_is_refused_in_a_sentence(tmp_path):
-    path = tmp_path / "study.toml"
-    path.write_bytes(b"\xff\xfe\x00")
+def test_what_is_no_text_file_is_refused_in_a_sentence(tmp_path):
+    (tmp_path / "study.toml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(StudyError, match="UTF-8"):
-        read_study(path)
+        read_study(tmp_path / "study.toml")
     with pytest.raises(TypeError, match=r"^path must be that of a study file, got None"):
         read_study(None)
     with pytest.raises(OSError, match=r"missing\.toml"):
