@@ -54,7 +54,10 @@ def variant(name: str) -> tuple[str, dict[str, Any]]:
 
 
 EstimatorChoice = str | Callable[..., Filter]
-"""A name of `estimator_names`, perhaps with one of `VARIANTS`, or your own: a `Filter` subclass, or any function of a model that returns a filter."""
+"""A name of `estimator_names`, perhaps with one of `VARIANTS`, or your own.
+
+Your own is a `Filter` subclass, or any function of a model that returns a filter.
+"""
 
 
 @dataclass(frozen=True)

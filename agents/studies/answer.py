@@ -21,7 +21,7 @@ from agents.statistics import (
     verdict,
 )
 from agents.studies import shares
-from agents.studies.records import Condition
+from agents.studies.records import Condition, Estimator
 from agents.studies.results import Results
 
 BEST = 5
@@ -279,11 +279,12 @@ def to_copy(results: Results) -> pd.DataFrame:
 
 def _line(results: Results, environment: str, name: str) -> str:
     """The line that makes an environment with an estimator of the study."""
-    estimator = results.plan.study.estimator(name)
-    kind = repr(estimator.estimator or name).replace("'", '"')
-    options = f", estimator_options={estimator.options}" if estimator.options else ""
-    own = ":" in estimator.estimator
-    kind = estimator.estimator.rpartition(":")[2] if own else kind
+    found = next(
+        (e for e in results.plan.study.estimators if e.name == name), Estimator(name, name)
+    )
+    own = found.estimator.rpartition(":")
+    kind = own[2] if own[1] else f'"{found.estimator}"'
+    options = f", estimator_options={found.options}" if found.options else ""
     return f'gym.make("{environment}", estimator={kind}{options})'
 
 

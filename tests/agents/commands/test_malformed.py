@@ -321,7 +321,11 @@ def test_a_study_file_is_read_or_every_mistake_in_it_is_one_sentence_with_the_na
             "line 13: steps must be whole numbers of at least 1 and at most 2147483647, got 999",
         ),
         ("SigmaCorvette-v0 = {}", '".x:y" = {}', "line 7: '.x:y' names no module"),
-        ('estimator = "kf"', 'estimator = "..:x"', "line 10: no environment of the study can carry mine: '..:x'"),
+        (
+            'estimator = "kf"',
+            'estimator = "..:x"',
+            "line 10: no environment of the study can carry mine: '..:x'",
+        ),
     ],
 )
 def test_an_extreme_value_in_a_study_file_is_named_with_its_line(old: str, new: str, mistake: str):
