@@ -21,19 +21,11 @@ SOURCE = "https://github.com/vessel-gym/vessel-gym"
 EPISODE = HERE / "_static" / "episode.html"
 TYPICAL_EPISODE = """
 import sys
-import numpy as np
-from agents import episode, rollout
-from agents.episodes import typical_seed
-from agents.seeds import evaluation_seeds
+from agents import episode
 
-env_id, sea, seeds = "SigmaCorvette-v0", {"disturbance": "rough"}, evaluation_seeds(40)
-names = list(episode(env_id, seed=seeds[0], env_options=sea).scores)
-scores = [rollout("autopilot", env_id, seeds, sea | {"estimator": name}, record=False).score for name in names]
-episode(env_id, names, seed=typical_seed(np.array(scores), seeds), env_options=sea).save(sys.argv[1])
+episode("SigmaCorvette-v0", seed=None, env_options={"disturbance": "rough"}).save(sys.argv[1])
 """
-NUMBER = re.compile(
-    r"(?=.*\d)(?!.*[^\W\d_]{4}).{1,32}"
-)  # a cell with a digit and without a long word
+NUMBER = re.compile(r"(?=.*\d)(?!.*[^\W\d_]{3}).{1,32}")  # a cell with a digit and without a word
 sys.path.insert(0, str(HERE.parent))
 
 project = "vessel-gym"
@@ -118,9 +110,16 @@ html_theme_options = {
     "show_prev_next": True,
     "footer_start": ["copyright"],
     "footer_end": ["theme-version"],
-    "secondary_sidebar_items": ["page-toc"],
+    "secondary_sidebar_items": [],  # the right margin belongs to wide tables
     "pygments_light_style": "a11y-high-contrast-light",
     "pygments_dark_style": "a11y-high-contrast-dark",
+}
+html_sidebars = {
+    "**": ["sidebar-nav-bs", "page-toc"],
+    "index": ["sections"],
+    "genindex": ["sections"],
+    "py-modindex": ["sections"],
+    "search": ["sections"],
 }
 linkcheck_anchors = False
 
@@ -175,6 +174,7 @@ def setup(app: Sphinx) -> None:
     app.add_html_math_renderer("mathml", (_write_mathml, None), (_write_mathml, None))
     app.connect("builder-inited", _fly_the_episode)
     app.connect("doctree-read", _keep_numbers_on_one_line)
+    app.connect("doctree-read", _link_tests)
     app.connect("source-read", lambda app, page, text: _linked(text, (HERE / page).parent))
     app.connect("include-read", lambda app, path, page, text: _linked(text, (HERE / path).parent))
     app.connect(
@@ -204,9 +204,12 @@ def _write_mathml(writer: HTML5Translator, node: nodes.math | nodes.math_block) 
 
 
 def _keep_numbers_on_one_line(app: Sphinx, doctree: nodes.document) -> None:
-    """Mark the cells of numbers and of long text, and bind ± to its operands in text and in output."""
+    """Mark wide tables, cells of numbers and of long text, and bind ± to its operands in text and in output."""
+    for group in doctree.findall(nodes.tgroup):
+        if group["cols"] > 5:
+            group.parent["classes"].append("wide")
     for cell in doctree.findall(nodes.entry):
-        if NUMBER.fullmatch(cell.astext().strip()):
+        if ";" not in cell.astext() and NUMBER.fullmatch(cell.astext().strip()):
             cell["classes"].append("number")
         elif len(cell.astext()) > 14:
             cell["classes"].append("text")
@@ -221,6 +224,17 @@ def _keep_numbers_on_one_line(app: Sphinx, doctree: nodes.document) -> None:
             parent.rawsource = (
                 parent.astext()
             )  # of a literal block that differs nothing is highlighted
+
+
+def _link_tests(app: Sphinx, doctree: nodes.document) -> None:
+    """The name of a test in a table, which is as long as a sentence, becomes a short link to its file."""
+    for code in list(doctree.findall(nodes.literal)):
+        found = re.fullmatch(r"(?:(tests/[\w/]+\.py)::)?(test_\w+)", code.astext())
+        if found and isinstance(code.parent.parent, nodes.entry):
+            file = found[1] or "tests/test_errata.py"
+            link = nodes.reference("", "test", refuri=f"{SOURCE}/blob/main/{file}", internal=False)
+            link["reftitle"] = found[2]
+            code.parent.replace(code, link)
 
 
 def _linked(text: list[str], folder: Path) -> None:

@@ -39,5 +39,5 @@ def test_the_examples_of_a_page_run(
             if name in code:
                 pytest.importorskip(library)
         exec(compile(code, f"docs/{page}.md", "exec"), names)
-    if page in ("dives", "flight"):
+    if page == "dives":
         assert capsys.readouterr().out.count("position_nees") == 4

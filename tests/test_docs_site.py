@@ -78,6 +78,15 @@ def test_every_picture_is_there_and_says_what_it_shows(name: str):
     )
 
 
+CODE = re.compile(r"^```(?:python[^\n]*|py|sh|toml|\{code-cell\})\n(.*?)^```", re.M | re.S)
+
+
+@pytest.mark.parametrize("name", [name for name, page in PAGES.items() if CODE.search(page)])
+def test_code_of_a_page_is_not_cut_on_a_screen(name: str):
+    lines = [line for code in CODE.findall(PAGES[name]) for line in code.splitlines()]
+    assert [line for line in lines if len(line) > 76 and not line.startswith(":")] == []
+
+
 def test_the_switcher_offers_this_version():
     version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
         "version"

@@ -65,11 +65,11 @@ def main(
         check_folder(out)
     console = Console(markup=False, highlight=False, soft_wrap=True)
     _introduce(planned.study, path, out, console)
-    shown = examples(planned)
-    jobs = [*planned.jobs, *shown.values()]
+    episodes = examples(planned)
+    jobs = [*planned.jobs, *episodes.values()]
     with job_progress(study.stem) as progress:
         outcome = run(jobs, out, processes, scheduler, progress)
-    pages = {e: outcome.values[job.key] for e, job in shown.items() if job.key in outcome.values}
+    pages = {e: outcome.values[job.key] for e, job in episodes.items() if job.key in outcome.values}
     _report(Results.of(planned, outcome), pages, out, console)
     console.print(*dict.fromkeys(outcome.failures.values()), sep="\n", end="")
     return int(bool(outcome.failures))

@@ -30,7 +30,7 @@ def main(
     /,
     estimator: str | None = None,
     world: tyro.conf.OmitArgPrefixes[World] = World(),  # noqa: B008  (frozen)
-    seed: int = 0,
+    seed: int | None = None,
     agent: str = "autopilot",
     out: Path | None = None,
     every: int = 6,
@@ -43,7 +43,8 @@ def main(
         estimator: What the agent sees the world through, in an .html at first; the environment's
             default if not given.
         world: Options of the environment.
-        seed: Seed of the episode.
+        seed: Seed of the episode; if not given, an .html shows the most typical of 40 episodes, all
+            else seed 0.
         agent: A controller of the task (autopilot, lqg, pid), ppo (comes with the package), random,
             the path of a checkpoint, or your own as module:object, whose code is run.
         out: An .html, an interactive page on several estimators; a .gif, an .mp4, or a .png of the
@@ -60,7 +61,7 @@ def main(
     with asked():
         options = options_of_command(env_id := registered_id(env_id), world.options(estimator))
         in_range("--every", every, 1)
-        in_range("--seed", seed, 0)
+        in_range("--seed", seed or 0, 0)
         if out is None:
             check_display()
     if out is not None and out.suffix.lower() == ".html":
@@ -74,7 +75,7 @@ def main(
     with closing(env):
         flyer.reset(1)
         with asked():  # the first picture needs pygame
-            observation, _ = env.reset(seed=seed)
+            observation, _ = env.reset(seed=seed or 0)
             drawn(env, env_id)
         episode = fly(env, flyer, observation)
         score = record(env, episode, out, every) if out else show(env, episode)
@@ -82,7 +83,12 @@ def main(
 
 
 def touch(
-    env_id: str, agent: str, seed: int, options: dict[str, Any], trust: bool, out: Path
+    env_id: str,
+    agent: str,
+    seed: int | None,
+    options: dict[str, Any],
+    trust: bool,
+    out: Path,
 ) -> None:
     """Write the episode on several estimators as a page."""
     from agents import episode

@@ -12,6 +12,7 @@ from agents.metrics import core_of, metrics, scores
 from agents.named import vector_class
 from agents.page import number
 from agents.rollouts import Rollout, batch, rollout
+from agents.seeds import evaluation_seeds
 from agents.wrapped import Wrapped, takes, wrapped_system
 from estimators import Filter
 from estimators.checks import short_repr
@@ -24,6 +25,8 @@ from vessel_gym.wrappers.watch import time_step
 
 COMPARED = ("ekf", "enkf", "dead-reckoning", "truth")
 """Estimators beside the environment's own, as far as its models carry them."""
+TYPICAL = 40
+"""Episodes of which the most typical one is shown where no seed is asked for."""
 CLOUDS, MEMBERS = 300, 40
 """Moments at which an ensemble is kept at most, and how many of its members."""
 CHARTS = 6
@@ -34,18 +37,19 @@ def episode(
     env_id: str = "SigmaCorvette-v0",
     estimators: Sequence[str] | None = None,
     agent: Any = "autopilot",
-    seed: int = 0,
+    seed: int | None = 0,
     env_options: dict[str, Any] | None = None,
     trust: bool = False,
 ) -> Episode:
-    """Fly one episode on several estimators, all of which meet the same start, waves, losses and sensor noise.
+    """One episode on several estimators, which meet the same start, waves, losses and sensor noise.
 
     Args:
         env_id: A registered environment of ours, or your own.
         estimators: The first is shown first; None: the environment's own, then those of `COMPARED`
             that its models carry.
         agent: As `rollout` takes it; it steers on each estimator afresh.
-        seed: Of the episode.
+        seed: Of the episode; None: that of the most typical of `TYPICAL` evaluation episodes, see
+            `typical_seed`. An environment of others, whose episodes run one by one, takes 0.
         env_options: Passed to the environment.
         trust: See `agents.load_agent`.
 
@@ -80,17 +84,16 @@ def episode(
     for name in names:
         if names.count(name) > 1:
             raise ValueError(f"each estimator is shown once, and {name!r} is named twice")
-    flown = [
-        rollout(
-            agent,
-            env_id,
-            [seed],
-            _with_estimator(system, options, each),
-            trust=trust,
-            ensembles=True,
-        )
-        for each in estimators
-    ]
+    worlds = [_with_estimator(system, options, each) for each in estimators]
+    if seed is None and isinstance(system, Wrapped):
+        seed = 0
+    elif seed is None:
+        seeds = evaluation_seeds(TYPICAL)
+        flown = [
+            rollout(agent, env_id, seeds, world, trust=trust, record=False) for world in worlds
+        ]
+        seed = typical_seed(np.array([each.score for each in flown]), seeds)
+    flown = [rollout(agent, env_id, [seed], world, trust=trust, ensembles=True) for world in worlds]
     return Episode(page_of(flown, names))
 
 

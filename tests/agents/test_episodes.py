@@ -18,9 +18,10 @@ import agents
 from agents import Episode, episode, load_agent
 from agents.commands import watch
 from agents.commands.console import Refusal
-from agents.episodes.recording import page_of
+from agents.episodes.recording import TYPICAL, page_of
 from agents.metrics import metrics, scores
 from agents.rollouts import rollout
+from agents.seeds import evaluation_seeds
 from estimators import ExtendedKalmanFilter
 from vessel_gym.rendering.palette import DARK, LIGHT
 from vessel_gym.surroundings import pose
@@ -277,6 +278,9 @@ def test_in_a_browser_it_plays_scrubs_switches_and_overlays_without_a_complaint(
         comes_to(lambda time: time == 2.0)
         assert re.match(r"enkf\s+score 0\.\d{3} of 1", pressed())
         assert ("no WebGL" in page.inner_text("#note")) is not webgl
+        assert page.input_value("#second") == "1"  # dead reckoning is laid over from the start
+        assert page.inner_text("#caption").startswith("Blue: where it is.")
+        page.select_option("#second", "-1")
         status, costs = page.inner_text("#status"), page.inner_text("#costs")
         assert "Steering travel" in costs
         page.keyboard.press("2")
@@ -316,6 +320,40 @@ def test_in_a_browser_it_plays_scrubs_switches_and_overlays_without_a_complaint(
         )
         browser.close()
     assert [complaint for complaint in complaints if webgl or "WebGL" not in complaint] == []
+
+
+@pytest.mark.slow
+@pytest.mark.browser
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to look at the page with")
+def test_a_ship_is_followed_and_an_estimate_that_beats_the_truth_is_explained(tmp_path: Path):
+    from playwright.sync_api import sync_playwright
+
+    names, options = ["ekf", "truth"], {"max_episode_steps": 20}
+    page_data = episode("SigmaCorvette-v0", names, env_options=options).page
+    with sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        page = browser.new_page()
+        for score in (0.4, 0.2):
+            flights = [each | {"score": 0.3} for each in page_data["flights"]]
+            flights[0]["score"] = score
+            Episode(page_data | {"flights": flights}).save(tmp_path / f"{score}.html")
+            page.goto((tmp_path / f"{score}.html").as_uri() + "#t=2")
+            assert page.get_attribute("#follow", "aria-pressed") == "true"
+            assert ("ekf scores 0.100 more" in page.inner_text("#luck")) is (score > 0.3)
+        browser.close()
+
+
+def test_without_a_seed_the_most_typical_evaluation_episode_is_shown():
+    names, options = ["ekf", "dead-reckoning"], {"max_episode_steps": 30}
+    seeds = evaluation_seeds(TYPICAL)
+    flown = [
+        rollout("autopilot", "SigmaCorvette-v0", seeds, options | {"estimator": name})
+        for name in names
+    ]
+    off = [abs(each.score - each.score.mean()) / each.score.std() for each in flown]
+    seed = seeds[int((off[0] ** 2 + off[1] ** 2).argmin())]
+    found = episode("SigmaCorvette-v0", names, "autopilot", None, options)
+    assert f"seed {seed}" in found.page["conditions"]
 
 
 def test_an_episode_says_what_it_is_in_a_line(flown: tuple[str, Episode]):

@@ -389,7 +389,7 @@ def read(tmp_path: Path, text: str) -> Study:
 
 def test_studies_fly_registered_controllers_and_leave_out_those_that_a_task_has_not(tmp_path: Path):
     planned = plan(read(tmp_path, STUDY))
-    flown = {(f.environment.partition(":")[2] or f.environment, f.agent) for f in planned.flights}
+    flown = {(f.environment.partition(":")[2] or f.environment, f.policy) for f in planned.flights}
     assert flown == {(ENV, "mine"), ("SigmaCorvette-v0", "lqg"), ("SigmaCorvette-v0", "autopilot")}
     assert [(s.what, "unknown agent 'autopilot'" in s.reason) for s in planned.skipped] == [
         ("autopilot", True)

@@ -38,11 +38,13 @@ function plot(each) {
   const edge = { stroke: "transparent", points }, marks = LOOKS.map(({ fix }) => () => colours[fix]).reverse();
   const ends = [Math.min(chart.limits[0], other?.limits[0] ?? Infinity), Math.max(chart.limits[1], other?.limits[1] ?? -Infinity)];
   const round = [...chart.ticks, ...(other?.ticks ?? [])].sort((a, b) => a - b), levels = [...new Set([round[0], ...round.filter((level) => level === 0), round.at(-1)])];
+  /** Levels of a chart, without one whose label would touch that of an end. */
+  const apart = (self) => levels.filter((v, i) => i === 0 || i === levels.length - 1 || (Math.min(v - levels[0], levels.at(-1) - v) * (self.height - 26)) / (ends[1] - ends[0]) > 13);
   const options = {
     width: Math.max(room.clientWidth, 50), height: Math.max(room.clientHeight, 50), legend: { show: false }, padding: [6, 22, 0, 0],
     cursor: { drag: { x: false, y: false }, y: false, points },
     scales: { x: { time: false, range: [0, duration] }, y: { range: ends } },
-    axes: [{ ...axis, size: 20, gap: 2, values: (_, at) => at.map((v) => `${v} ${data.unit}`) }, { ...axis, size: 44, gap: 3, splits: () => levels, values: (_, at) => at.map((v) => number(v)) }],
+    axes: [{ ...axis, size: 20, gap: 2, values: (_, at) => at.map((v) => (v ? `${v} ${data.unit}` : "")) }, { ...axis, size: 44, gap: 3, splits: apart, values: (_, at) => at.map((v) => number(v)) }],
     bands: [{ series: [1, 2], fill: () => colours.band }, { series: [3, 4], fill: () => colours["band-second"] }],
     series: [{}, edge, edge, edge, edge, { stroke: () => colours.zero, width: 1, points },
       ...marks.map((mark) => ({ width: 0, paths: () => null, points: { show: true, size: 3, fill: mark, stroke: mark } })),

@@ -19,7 +19,14 @@ function choose(first, second = state.second) {
   [...element("second").options].forEach((option) => { option.disabled = Number(option.value) === first; });
   element("second").value = String(state.second);
   element("overlay-note").hidden = !overlaid();
-  layCosts(); layLegend(); layCharts(); layAmbient(); report();
+  layLuck(); layCosts(); layLegend(); layCharts(); layAmbient(); report();
+}
+/** Where an estimate scores more than the truth, how that can be. */
+function layLuck() {
+  const best = flights.find(({ estimator }) => estimator === "truth"), luckier = shown().filter(({ flight }) => best && flight.scored && flight.score > best.score);
+  element("luck").hidden = !luckier.length;
+  element("luck").textContent = luckier.map(({ flight }) => `Here ${flight.estimator} scores ${(flight.score - best.score).toFixed(3)} more than the truth.`).join(" ")
+    + " In one episode that can be chance: an error of the estimate may turn the vehicle the right way, or spare its actuators. Means over many seeds decide.";
 }
 function layCosts() {
   const other = overlaid() ? flights[state.second].costs : [];
@@ -100,6 +107,12 @@ function drawAmbient(time) {
   }
 }
 
+/** What the colours of the scene mean, in one line. */
+function layCaption() {
+  const she = scene.hull === "ship" ? "she" : "it", parts = [["Blue", `: where ${she} is. `], ["Orange", `: ${data.located ? "where" : `the ${focus[0].name} that`} the filter believes ${data.located ? `${she} is` : `${she} has`}. `]];
+  if (scene.path.rows > 1) parts.push(["Dashed line", ": the way to follow."]);
+  element("caption").replaceChildren(...parts.flatMap(([colour, text]) => [Object.assign(document.createElement("b"), { textContent: colour }), text]));
+}
 element("name").textContent = data.name;
 element("conditions").textContent = [...(data.environment === data.name ? [] : [data.environment]), ...data.conditions].join("  ·  ");
 const option = (value, text) => Object.assign(document.createElement("option"), { value, textContent: text });
@@ -142,7 +155,7 @@ function layStage() {
     const fresh = view.cloneNode();
     view.replaceWith(fresh);
     stage = new Plan(fresh);
-    element("note").textContent = "This browser has no WebGL: the flight is drawn in two dimensions, to scale.";
+    element("note").textContent = "This browser has no WebGL: the scene is drawn in two dimensions, to scale.";
   }
   const space = stage instanceof Space, turns = { left: [-0.26, 0, 1], right: [0.26, 0, 1], up: [0, 0.17, 1], down: [0, -0.17, 1], nearer: [0, 0, 1.25], farther: [0, 0, 0.8] };
   element("turns").hidden = element("orbit").hidden = !space;
@@ -171,7 +184,7 @@ function nearest(x, y) {
   const { flight, i } = best;
   return { lines: [`${flight.estimator} at ${clock(i * dt)}`, `true: ${placeInWords(row(flight.true, i))}`, `estimate minus truth: ${errorInWords(flight, i)}`] };
 }
-if (scene) layStage();
+if (scene) { layStage(); layCaption(); }
 if (!scene) { element("stage").hidden = element("follow-help").hidden = element("orbit").hidden = true; document.body.classList.add("charts-only"); }
 
 window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { stage?.theme(); layCharts(); state.dirty = true; });
@@ -205,8 +218,10 @@ function frame(now) {
 
 // "#t=30&estimator=2&over=1" opens a page at a moment, at rest; without it the page plays, unless its reader wants no motion.
 const asked = new URLSearchParams(location.hash.slice(1));
-choose(Math.min(flights.length, Math.max(1, Math.floor(Number(asked.get("estimator"))) || 1)) - 1, Math.floor(Number(asked.get("over"))) - 1);
-if (asked.has("follow")) follow(true);
+// Dead reckoning is laid over the first estimator, and a ship is followed, unless "over=0" or "follow=0" says otherwise.
+const over = asked.has("over") ? Math.floor(Number(asked.get("over"))) - 1 : flights.findIndex(({ estimator }) => estimator === "dead-reckoning");
+choose(Math.min(flights.length, Math.max(1, Math.floor(Number(asked.get("estimator"))) || 1)) - 1, over);
+if (scene) follow(asked.has("follow") ? asked.get("follow") !== "0" : scene.hull === "ship");
 if (asked.has("t")) go(Number(asked.get("t")) || 0);
 play(!asked.has("t") && !window.matchMedia("(prefers-reduced-motion: reduce)").matches);
 requestAnimationFrame(frame);

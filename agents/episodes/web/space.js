@@ -30,16 +30,19 @@ class Space {
     const some = (array) => rows(array).filter((_, i) => i % Math.ceil(array.rows / 40) === 0 || i === array.rows - 1);
     const framed = [scene.path, ...flights.map((f) => f.true)].flatMap((array) => some(array).map(this.place));
     for (const [n, e] of [scene.low, scene.high]) framed.push(...[this.floor, scene.surface ?? this.floor].map((down) => this.place([n, e, down])));
-    const seen = (point) => {
-      const p = point.clone().project(this.camera), x = (p.x + 1) * 0.5 * this.width, y = (1 - p.y) * 0.5 * this.height;
-      return x > 40 && x < this.width - right - 40 && y > top + 16 && y < this.height - 44;
-    };
+    const left = 64, low = top + 30, wide = this.width - right - left - 56, tall = this.height - low - 62;
+    let distance = 3 * extent.span;
     this.controls.target.copy(this.far);
-    for (let distance = 0.6 * extent.span; distance < 12 * extent.span; distance *= 1.05) {
-      this.camera.position.copy(this.far).addScaledVector(away, distance);
-      this.camera.lookAt(this.far); this.camera.updateMatrixWorld();
-      if (framed.every(seen)) break;
+    for (let i = 0; i < 16; i++) { // the middle of what is seen moves to that of the frame, and its size to the frame's
+      this.camera.position.copy(this.controls.target).addScaledVector(away, distance);
+      this.camera.lookAt(this.controls.target); this.camera.updateMatrixWorld();
+      const seen = framed.map((point) => this.onScreen(point)), ends = [0, 1].map((c) => [Math.min(...seen.map((p) => p[c])), Math.max(...seen.map((p) => p[c]))]);
+      const metres = (2 * distance * Math.tan((this.camera.fov * Math.PI) / 360)) / this.height, matrix = this.camera.matrixWorld;
+      this.controls.target.addScaledVector(new THREE.Vector3().setFromMatrixColumn(matrix, 0), metres * ((ends[0][0] + ends[0][1]) / 2 - left - wide / 2));
+      this.controls.target.addScaledVector(new THREE.Vector3().setFromMatrixColumn(matrix, 1), -metres * ((ends[1][0] + ends[1][1]) / 2 - low - tall / 2));
+      distance *= Math.max((ends[0][1] - ends[0][0]) / Math.max(wide, 60), (ends[1][1] - ends[1][0]) / Math.max(tall, 60));
     }
+    this.camera.position.copy(this.controls.target).addScaledVector(away, distance);
   }
   place(p) { return new THREE.Vector3(p[1], -p[2], -p[0]); }
   build() {
@@ -200,7 +203,10 @@ class Space {
     this.moved = true; state.dirty = true;
   }
   pixels(place) {
-    const p = this.place(place).project(this.camera);
+    return this.onScreen(this.place(place));
+  }
+  onScreen(point) {
+    const p = point.clone().project(this.camera);
     return p.z > 1 ? [NaN, NaN] : [(p.x + 1) * 0.5 * this.width, (1 - p.y) * 0.5 * this.height];
   }
   /** Pixels of a place in each view, of which there is one. */
