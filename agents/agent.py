@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -14,6 +14,7 @@ from agents.wrapped import Wrapped
 from estimators.checks import short_repr
 
 
+@runtime_checkable
 class Agent(Protocol):
     """Acts on observations alone."""
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A temporary name beside ``path`` that takes its place at the end; after an error nothing is left of it.
+    """A temporary name beside ``path`` that takes its place at the end.
 
-    Folders are made. A place that cannot be written shows before the work, and nothing lies there
-    during it.
+    After an error nothing is left of it. Folders are made. A place that cannot be written shows
+    before the work, and nothing lies there during it.
 
     Raises:
         OSError: if the file cannot be written there.

@@ -40,7 +40,7 @@ def imported_module(module: str, name: str) -> ModuleType:
 
 
 def vector_class(env_id: str) -> type:
-    """The class of the native batch that an environment is registered with; ``object`` where it has none.
+    """The class of the native batch of an environment; ``object`` where it has none.
 
     Raises:
         gymnasium.error.Error: if there is no such environment.

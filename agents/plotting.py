@@ -22,13 +22,13 @@ PALETTE = (
     "#9aa23a",
     "#d07fa0",
 )
-"""Colours for many lines, told apart also by those who do not see red from green where markers differ as well."""
+"""Colours for many lines; with different markers, also for those who do not see red from green."""
 
 _STYLE = Path(__file__).with_name("templates") / "report.mplstyle"
 
 
 def styled() -> AbstractContextManager[None]:
-    """The context in which a figure is made: serif type, thin axes, and the same bytes from the same data."""
+    """Context of making a figure: serif type, thin axes, equal bytes from equal data."""
     from matplotlib import rc_context, rc_params_from_file
 
     return rc_context(rc_params_from_file(_STYLE, use_default_template=False))

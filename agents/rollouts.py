@@ -1,6 +1,7 @@
 """Fly any agent in any environment over many seeds, and keep what is needed to score it."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -13,6 +14,7 @@ from agents.agent import Agent, load_agent
 from agents.named import vector_class
 from agents.refusal import Refusal
 from estimators import nis
+from estimators.checks import short_repr
 from vessel_gym import checks
 from vessel_gym.checks import is_integer
 from vessel_gym.envs.vector import VesselVectorEnv
@@ -52,18 +54,14 @@ class Rollout:
 
     def __repr__(self) -> str:
         episodes = f"{len(self.seeds)} episode{'s' * (len(self.seeds) != 1)}"
-        return (
-            f"<Rollout {self.env_id}: {episodes}, mean score {self.score.mean():.3f},"
-            f" {self.length.sum()} steps>"
-        )
+        flown = f"mean score {self.score.mean():.3f}, {self.length.sum()} steps"
+        return f"<Rollout {self.env_id}: {episodes}, {flown}>"
 
     @property
     def alive(self) -> np.ndarray:
-        """Mask ``(T + 1, N)`` of the times that an episode lived through, its start and end included."""
-        times = (
-            next(iter(self.history.values())).shape[0]
-            if self.history
-            else int(self.length.max()) + 1
+        """Mask ``(T + 1, N)`` of the times that an episode lived through, its end included."""
+        times = max(
+            (len(values) for values in self.history.values()), default=self.length.max() + 1
         )
         return np.arange(times)[:, None] <= self.length
 
@@ -75,7 +73,6 @@ def rollout(
     env_options: dict[str, Any] | None = None,
     reset_options: dict[str, Any] | None = None,
     record: bool = True,
-    progress: Callable[[int, int], None] | None = None,
     trust: bool = False,
     ensembles: bool = False,
 ) -> Rollout:
@@ -88,7 +85,6 @@ def rollout(
         env_options: Passed to `gymnasium.make_vec`.
         reset_options: Passed to ``reset``.
         record: Keep the history of every numeric array in ``info``.
-        progress: Called with (step, horizon).
         trust: See `agents.load_agent`.
         ensembles: Keep in the history the members of an estimator that has an ensemble, too; NaN at
             an episode's end.
@@ -98,41 +94,55 @@ def rollout(
             fly it; as `acted`.
         TypeError: for an agent that cannot act, or arguments of another kind.
     """
-    seeds = _checked(seeds, agent)
-    checks.function("progress", progress, "(step, horizon)")
-    env = batch(env_id, len(seeds), {} if env_options is None else env_options)
-    try:
+    seeds = list(seeds)
+    if not seeds or not all(is_integer(seed) and seed >= 0 for seed in seeds):
+        raise ValueError(f"seeds must be one or more whole numbers >= 0, got {short_repr(seeds)}")
+    if not isinstance(agent, str | Path | Agent):
+        raise TypeError(
+            f"an agent is a name, the path of a checkpoint, or has reset and act, got {agent!r}"
+        )
+    with closing(batch(env_id, len(seeds), env_options)) as env:
         flyer = load_agent(agent, env, trust) if isinstance(agent, str | Path) else agent
-        flyer.reset(len(seeds))
-        observations, info = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
-        core: Any = getattr(env.unwrapped, "core", None)
-        scenario = None if core is None else core.scenario.copy()
-        history = _History(core, info, len(seeds), ensembles) if record else None
-        alive, ended = np.ones(len(seeds), bool), np.zeros(len(seeds), bool)
-        returns, length = np.zeros(len(seeds)), np.zeros(len(seeds), int)
-        score, end = np.full(len(seeds), np.nan), np.full(len(seeds), "", dtype=object)
-        horizon = env.spec.max_episode_steps if env.spec and env.spec.max_episode_steps else 0
-        while alive.any():
-            observations, reward, terminated, truncated, info = env.step(
-                acted(flyer, observations, env.action_space.shape)
-            )
-            done = (terminated | truncated) & alive
-            final = info.get("final_info", {}) if done.any() else {}
-            if history is not None:
-                history.add(info, final, alive, done)
-            returns += np.where(alive, reward, 0.0)
-            length, ended = length + alive, ended | (terminated & done)
-            score[done], end[done] = final.get("score", score)[done], final.get("end", end)[done]
-            alive &= ~done
-            if progress is not None:
-                progress(int(length.max()), horizon)
-    finally:
-        env.close()
-    score, kept = (
-        np.where(np.isnan(score), returns, score),
-        {} if history is None else history.arrays(),
-    )
-    return Rollout(env_id, np.array(seeds), score, returns, length, ended, end, kept, env, scenario)
+        flown = _flown(env, flyer, seeds, reset_options, record, ensembles)
+    return Rollout(env_id, np.array(seeds), env=env, **flown)
+
+
+def _flown(
+    env: gym.vector.VectorEnv,
+    agent: Agent,
+    seeds: list[int],
+    options: dict[str, Any] | None,
+    record: bool,
+    ensembles: bool,
+) -> dict[str, Any]:
+    """Fields of a `Rollout`: one episode in each environment."""
+    count = len(seeds)
+    agent.reset(count)
+    observations, info = env.reset(seed=seeds, options=options)  # type: ignore[arg-type]
+    core: Any = getattr(env.unwrapped, "core", None)
+    scenario = None if core is None else core.scenario.copy()
+    frames = [_arrays(info) | _of_belief(core, ensembles)] if record else []
+    alive, ended = np.ones(count, bool), np.zeros(count, bool)
+    returns, length = np.zeros(count), np.zeros(count, int)
+    score, end = np.full(count, np.nan), np.full(count, "", dtype=object)
+    while alive.any():
+        action = acted(agent, observations, env.action_space.shape)
+        observations, reward, terminated, truncated, info = env.step(action)
+        done = (terminated | truncated) & alive
+        final = info.get("final_info", {}) if done.any() else {}
+        if record:
+            now, belief = _arrays(info), _of_belief(core, ensembles)
+            frames.append(_next(frames[-1], now, belief, final, alive, done))
+        returns += np.where(alive, reward, 0.0)
+        length, ended = length + alive, ended | (terminated & done)
+        score[done], end[done] = final.get("score", score)[done], final.get("end", end)[done]
+        alive &= ~done
+    return {
+        "score": np.where(np.isnan(score), returns, score),
+        **{"returns": returns, "length": length, "terminated": ended, "end": end},
+        "history": {key: np.stack([each[key] for each in frames]) for key in (frames or [{}])[0]},
+        "scenario": scenario,
+    }
 
 
 def acted(agent: Agent, observations: np.ndarray, shape: tuple[int, ...] | None) -> np.ndarray:
@@ -151,97 +161,83 @@ def acted(agent: Agent, observations: np.ndarray, shape: tuple[int, ...] | None)
     return actions
 
 
-def _checked(seeds: Any, agent: Any) -> list[int]:
-    """The seeds of a rollout as a list; these and the agent are refused if they are none."""
-    if isinstance(seeds, str | bytes | Mapping) or not isinstance(seeds, Iterable):
-        raise TypeError(f"seeds must be a list of whole numbers, got {seeds!r}")
-    seeds = list(seeds)
-    if not seeds:
-        raise ValueError("rollout needs at least one seed")
-    for seed in seeds:
-        if not (is_integer(seed) and seed >= 0):
-            raise ValueError(f"seeds must be whole numbers >= 0, got {seed!r}")
-    acts = all(callable(getattr(agent, method, None)) for method in ("reset", "act"))
-    if not isinstance(agent, str | Path) and not acts:
-        raise TypeError(
-            f"an agent is a name, the path of a checkpoint, or has reset and act, got {agent!r}"
-        )
-    return seeds
+def _arrays(info: dict[str, Any]) -> dict[str, np.ndarray]:
+    """Numeric arrays of an ``info``, by key."""
+    return {
+        key: value
+        for key, value in info.items()
+        if isinstance(value, np.ndarray) and value.dtype != object and not key.startswith("_")
+    }
 
 
-class _History:
-    """Frames of a rollout: the numeric arrays of ``info``, NIS and, if asked for, ensembles."""
-
-    def __init__(self, core: Any, info: dict[str, Any], rows: int, ensembles: bool) -> None:
-        numeric = (
-            key for key, v in info.items() if isinstance(v, np.ndarray) and v.dtype != object
-        )
-        self._core, self._rows, self._ensembles = core, rows, ensembles
-        self._frames = {key: [info[key]] for key in numeric if not key.startswith("_")}
-        self._nis, self._clouds = [self._innovation()], list(self._ensemble())
-
-    def add(
-        self, info: dict[str, Any], final: dict[str, Any], alive: np.ndarray, done: np.ndarray
-    ) -> None:
-        """Append a step: of episodes that end now the final values, of those that have ended the last ones."""
-        for key, frames in self._frames.items():
-            frame = np.where(rows_like(alive, info[key]), info[key], frames[-1])
-            frames.append(
-                np.where(rows_like(done, frame), final[key], frame) if key in final else frame
-            )
-        going = alive & ~done
-        self._nis.append(np.where(going, self._innovation(), np.nan))
-        self._clouds += [
-            np.where(rows_like(going, cloud), cloud, np.nan) for cloud in self._ensemble()
-        ]
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """The history ``(T + 1, N, ...)`` by key; empty if ``info`` held no arrays."""
-        special = {"nis": self._nis} if self._frames else {}
-        special |= {"ensemble": self._clouds} if self._clouds else {}
-        return {key: np.stack(frames) for key, frames in (self._frames | special).items()}
-
-    def _innovation(self) -> np.ndarray:
-        """Normalised innovation squared of every environment ``(N,)``; NaN where there is no innovation."""
-        belief = None if self._core is None else self._core.belief
-        if belief is None or belief.innovation is None or belief.innovation_cov is None:
-            return np.full(self._rows, np.nan)
-        return nis(
-            belief.innovation, belief.innovation_cov, np.abs(belief.mean).max(-1, keepdims=True)
-        )
-
-    def _ensemble(self) -> list[np.ndarray]:
-        """The members of every environment's ensemble ``(N, m, n)``; none without an ensemble."""
-        wanted = (
-            self._ensembles and self._core is not None and self._core.belief.ensemble is not None
-        )
-        return [self._core.belief.ensemble] if wanted else []
+def _of_belief(core: Any, ensembles: bool) -> dict[str, np.ndarray]:
+    """Normalised innovation squared ``(N,)``, NaN if there is none, and any ensemble asked for."""
+    if core is None:
+        return {}
+    belief, found = core.belief, {"nis": np.full(core.num_envs, np.nan)}
+    if belief.innovation is not None and belief.innovation_cov is not None:
+        size = np.abs(belief.mean).max(-1, keepdims=True)
+        found["nis"] = nis(belief.innovation, belief.innovation_cov, size)
+    if ensembles and belief.ensemble is not None:
+        found["ensemble"] = belief.ensemble
+    return found
 
 
-def batch(env_id: str, num_envs: int, options: dict[str, Any]) -> gym.vector.VectorEnv:
-    """Our environments in their native batch; any other one by one, because native batches of others differ."""
+def _next(
+    before: dict[str, np.ndarray],
+    info: dict[str, np.ndarray],
+    belief: dict[str, np.ndarray],
+    final: dict[str, Any],
+    alive: np.ndarray,
+    done: np.ndarray,
+) -> dict[str, np.ndarray]:
+    """The frame of a history after a step.
+
+    Of episodes that end now it holds the final values, of those that have ended the last ones; of a
+    belief, which is by then that of another episode, NaN.
+    """
+    frame = {}
+    for key, last in before.items():
+        if key in belief:
+            frame[key] = np.where(rows_like(alive & ~done, last), belief[key], np.nan)
+            continue
+        frame[key] = np.where(rows_like(alive, last), info[key], last)
+        if key in final:
+            frame[key] = np.where(rows_like(done, last), final[key], frame[key])
+    return frame
+
+
+def batch(
+    env_id: str, num_envs: int, options: Mapping[str, Any] | None = None
+) -> gym.vector.VectorEnv:
+    """Environments in one batch: ours in the native one, any other one by one.
+
+    Native batches of others differ from each other.
+
+    Raises:
+        ValueError: if there is no such environment, or its episodes may never end.
+        TypeError: for arguments of another kind.
+    """
+    options = checks.options("env_options", options)
     if not isinstance(env_id, str):
         raise TypeError(f"env_id must be the name of a registered environment, got {env_id!r}")
-    if not isinstance(options, Mapping) or not all(isinstance(key, str) for key in options):
-        raise TypeError(f"env_options must be a dictionary of options by name, got {options!r}")
     try:
-        batch = vector_class(env_id)
+        native = issubclass(vector_class(env_id), VesselVectorEnv)
     except gym.error.Error as error:
         raise ValueError(str(error)) from None
     same_step = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
-    if issubclass(batch, VesselVectorEnv):
-        native: Any = {"vectorization_mode": "vector_entry_point", **same_step}
-        env = gym.make_vec(env_id, num_envs=num_envs, **native, **options)
-        if cast(VesselVectorEnv, env.unwrapped).max_episode_steps is None:
-            env.close()
-            raise ValueError(
-                f"episodes of {env_id} may never end: register it with max_episode_steps, or give"
-                " that"
-            )
-        return env
-    return gym.make_vec(
-        env_id, num_envs=num_envs, vectorization_mode="sync", vector_kwargs=same_step, **options
+    mode: dict[str, Any] = (
+        {"vectorization_mode": "vector_entry_point", **same_step}
+        if native
+        else {"vectorization_mode": "sync", "vector_kwargs": same_step}
     )
+    env = gym.make_vec(env_id, num_envs=num_envs, **mode, **options)
+    if native and cast(VesselVectorEnv, env.unwrapped).max_episode_steps is None:
+        env.close()
+        raise ValueError(
+            f"episodes of {env_id} may never end: register it with max_episode_steps, or give that"
+        )
+    return env
 
 
 def rows_like(rows: np.ndarray, array: np.ndarray) -> np.ndarray:

@@ -1,4 +1,6 @@
-"""Seeds of evaluation, tuning and training: disjoint, so that no agent is scored on what it was trained or tuned on.
+"""Seeds of evaluation, tuning and training.
+
+They are disjoint: no agent is scored on what it was trained or tuned on.
 
 Row i of a batch seeded s has the seed s + i, so these ranges must not overlap:
 
@@ -53,7 +55,7 @@ def tuning_seeds(count: int) -> list[int]:
 
 
 def training_seed(seed: int) -> int:
-    """The seed of the training batch number ``seed``: batches of up to 100,000 share no environment.
+    """The seed of a training batch by number: batches of up to 100,000 share no environment.
 
     Raises:
         ValueError: for a seed that is not a whole number, negative, or too great for the libraries

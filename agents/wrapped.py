@@ -17,8 +17,12 @@ from gymnasium.envs.registration import load_env_creator
 from vessel_gym.wrappers.watch import Watch, time_step
 
 _IMPLIED = {
-    "sensors": "nominal", "disturbance": "moderate", "mismatch": 0.0, "observe": "mean", "termination": "task",
-}  # fmt: skip
+    "sensors": "nominal",
+    "disturbance": "moderate",
+    "mismatch": 0.0,
+    "observe": "mean",
+    "termination": "task",
+}
 """Options at which commands and studies leave an environment of others as it is registered."""
 _OURS = ("disturbance", "mismatch", "termination", "latency", "faults", "guidance")
 """Options that `EstimatedObservation` does not take: they need a keyword of their own."""

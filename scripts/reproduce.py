@@ -4,17 +4,20 @@ import csv
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Any, Literal
-
-import tyro
+from typing import Any
 
 from agents.commands.console import asked, command, in_range, job_progress
 
-Name = Literal["all", "corvette", "segorogeni", "itsunusa", "robust", "puna"]
+OPTIONS = {
+    "papers": "all, or some of corvette, segorogeni, itsunusa, robust and puna",
+    "out": "folder for the pages, the tables as CSV and summary.json, from which studies.tables"
+    " writes docs",
+}
 
 
 def main(
-    papers: Annotated[tuple[Name, ...], tyro.conf.Positional],
+    papers: tuple[str, ...],
+    /,
     out: Path = Path("results/reproduction"),
     processes: int = 2,
 ) -> int:
@@ -24,12 +27,6 @@ def main(
     interruption, run the same command again. Every number follows from fixed seeds, computation
     times excepted.
 
-    Args:
-        papers: Which papers; all: every one.
-        out: Folder for the pages, the tables as CSV and summary.json, from which `studies.tables
-            papers` writes docs.
-        processes: Processes that compute.
-
     Returns:
         The exit status: 1 if an experiment failed.
     """
@@ -37,6 +34,7 @@ def main(
 
     from agents.files import check_folder
     from agents.jobs import run
+    from vessel_gym.checks import one_of
     from vessel_gym.extras import require
 
     require("joblib")  # before the experiments, not after them
@@ -44,9 +42,9 @@ def main(
     from studies.papers.measures import Row, summary_table
 
     with asked():
-        if not papers:
-            raise ValueError(f"name the papers to reproduce: all, or some of {', '.join(PAPERS)}")
         in_range("--processes", processes, 1)
+        for name in papers:
+            one_of("paper", name, ("all", *PAPERS))
     check_folder(out)
     names = PAPERS if "all" in papers else tuple(dict.fromkeys(papers))
     groups = {name: jobs(name) for name in names}

@@ -258,6 +258,14 @@ def report(env_ids: tuple[str, ...], rows: tuple[int, ...], rounds: int) -> str:
     ))  # fmt: skip
 
 
+OPTIONS = {
+    "env_ids": "registered environments",
+    "rows": "sizes of the batches of filters",
+    "rounds": "blocks of each",
+    "page": "Markdown page: what is printed also goes between its marks",
+}
+
+
 def main(
     env_ids: tuple[str, ...] = ENVIRONMENTS,
     /,
@@ -265,14 +273,7 @@ def main(
     rounds: int = 11,
     page: Path | None = None,
 ) -> None:
-    """Time steps and filters on one core, beside filterpy and bare NumPy, in turns in short blocks.
-
-    Args:
-        env_ids: Registered environments.
-        rows: Sizes of the batches of filters.
-        rounds: Blocks of each.
-        page: A Markdown page: what is printed also goes between its marks.
-    """
+    """Time steps and filters on one core, beside filterpy and bare NumPy, in turns in short blocks."""
     from agents.studies.worlds import environment_id
     from studies.tables import around, put
 
@@ -281,9 +282,6 @@ def main(
     with asked():
         for flag, size in (("--rounds", rounds), *(("--rows", size) for size in rows)):
             in_range(flag, size, 1)
-        for flag, words in {"--rows": rows, "ENV-IDS": env_ids}.items():
-            if not words:
-                raise ValueError(f"{flag} needs at least one word")
         if page is not None:
             around(page, MARK)
         env_ids = tuple(map(environment_id, env_ids))

@@ -960,16 +960,17 @@ with (ROOT / "docs" / "tables.csv").open(encoding="utf-8") as _file:
 """Page and mark of each table and sentence, and the function that writes it."""
 
 
-def main(names: tuple[str, ...] = tuple(BLOCKS), /) -> None:
+OPTIONS = {"names": "which; all if not given"}
+
+
+def main(names: tuple[str, ...] = (), /) -> None:
     """Write tables of docs/ anew: dives, flights, faults and others are flown, in an hour.
 
     Tables of studies are taken from results/ablation, results/suites,
     results/quick and results/latency, where `make ablation` and `vessel-gym ablate suites` (or
     quick, or latency) leave them.
-
-    Args:
-        names: Which.
     """
+    names = names or tuple(BLOCKS)
     for name in names:
         if name not in BLOCKS:
             raise Refusal(f"there is no table {name!r}: known are {', '.join(BLOCKS)}")

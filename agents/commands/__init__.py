@@ -6,7 +6,8 @@ A command imports what takes time within its functions; no other part of `agents
 import sys
 from importlib import import_module
 
-from agents.commands.console import command, complain, one_sentence_errors
+from agents.commands.console import command, one_sentence_errors
+from agents.refusal import Refusal
 
 COMMANDS = ("watch", "evaluate", "train", "ablate", "budget")
 
@@ -19,16 +20,15 @@ def main() -> int | None:
     """
     name, *arguments = sys.argv[1:] or ["--help"]
     if name in COMMANDS:
-        return command(
-            import_module(f"agents.commands.{name}").main, arguments, f"vessel-gym {name}"
-        )
+        module = import_module(f"agents.commands.{name}")
+        return command(module.main, arguments, f"vessel-gym {name}")
     with one_sentence_errors():
-        if name in ("-h", "--help", "--version"):
-            print(_version() if name == "--version" else _listing())
-            return 0
-    from estimators.factory import unknown
+        if name not in ("-h", "--help", "--version"):
+            from estimators.factory import unknown
 
-    return complain(unknown("command", name, COMMANDS))
+            raise Refusal(unknown("command", name, COMMANDS))
+        print(_version() if name == "--version" else _listing())
+    return 0
 
 
 def _version() -> str:
@@ -41,14 +41,8 @@ def _version() -> str:
 def _listing() -> str:
     """List of the commands, each with the first sentence of its help."""
     lines = ["usage: vessel-gym COMMAND ...", ""]
-    lines += [
-        f"  {name:10} {import_module(f'agents.commands.{name}').main.__doc__.splitlines()[0]}"
-        for name in COMMANDS
-    ]
-    return "\n".join(
-        [
-            *lines,
-            "",
-            "vessel-gym COMMAND --help tells what a command takes; --version, which this is.",
-        ]
-    )
+    for name in COMMANDS:
+        summary = import_module(f"agents.commands.{name}").main.__doc__.splitlines()[0]
+        lines.append(f"  {name:10} {summary}")
+    last = "vessel-gym COMMAND --help tells what a command takes; --version, which this is."
+    return "\n".join([*lines, "", last])

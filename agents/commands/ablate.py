@@ -4,9 +4,7 @@ import sys
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any
-
-import tyro
+from typing import Any
 
 from agents.commands.console import asked, in_range, job_progress, print_table
 
@@ -28,8 +26,17 @@ def _shipped() -> dict[str, Path]:
 STUDIES = _shipped()
 
 
+OPTIONS = {
+    "study": "study file (TOML), or the name of one that comes with vessel-gym: corvette, latency,"
+    " quick or suites",
+    "out": "folder for results and report; results/ and the study's name if not given",
+    "scheduler": "Dask scheduler whose workers compute instead, e.g. tcp://10.0.0.1:8786",
+}
+
+
 def main(
-    study: Annotated[Path, tyro.conf.Positional],
+    study: Path,
+    /,
     out: Path | None = None,
     processes: int = 2,
     scheduler: str | None = None,
@@ -39,14 +46,6 @@ def main(
     Results are kept in the output folder, each in a file of its own. After an interruption, run the
     same command again: it goes on with what is missing. Run it on several machines with a folder
     that all of them see, and they share the work.
-
-    Args:
-        study: The study file (TOML; docs/studies.md says what it holds), or the name of one that
-            comes with vessel-gym, e.g. quick.
-        out: Folder for results and report; results/ and the name of the study file if not given.
-        processes: Processes on this machine.
-        scheduler: Address of a Dask scheduler whose workers compute instead, e.g.
-            tcp://10.0.0.1:8786.
 
     Returns:
         The exit status: 1 if something failed or is missing.

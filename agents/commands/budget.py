@@ -9,6 +9,18 @@ from agents.commands.console import asked, in_range, print_table, progress
 ROWS = 8
 """The most rows of the table in the console; the page has all suites that were flown."""
 
+OPTIONS = {
+    "keep": "share of the score on the truth that is asked for, above 0 and at most 1",
+    "prices": "TOML file with a table for each sensor and a number for each of its grades; without"
+    " it, each step to a better grade costs 1. Every run writes such a file, prices.toml, to begin"
+    " with",
+    "rates": "lower rates [Hz] to try, too, for each grade",
+    "estimator": "the environment's default if not given",
+    "disturbance": "calm, moderate or rough",
+    "episodes": "most episodes of a suite in the search, and those of the confirmation",
+    "out": "folder for results and report; results/budget-ENV if not given",
+}
+
 
 def main(
     env_id: str = "SigmaCorvette-v0",
@@ -28,23 +40,6 @@ def main(
 
     They are confirmed on fresh seeds. Results are kept in the output folder. After an interruption,
     run the same command again: it goes on with what is missing.
-
-    Args:
-        env_id: Registered environment.
-        keep: Share of the score on the truth that is asked for, above 0 and at most 1.
-        prices: TOML file with a table for each sensor and a number for each of its grades, in any
-            currency; without it, each step to a better grade costs 1. Every run writes such a file,
-            prices.toml, to begin with.
-        rates: Lower rates [Hz] to try, too, for each grade.
-        estimator: The environment's default if not given.
-        agent: A controller of the task (autopilot, lqg, pid), ppo (comes with the package), the
-            path of a checkpoint, or your own as module:object, whose code is run.
-        disturbance: calm, moderate or rough.
-        episodes: The most episodes of a suite in the search, and their number in the confirmation.
-        first_seed: Number of the first evaluation seed, counted from 0; the fresh seeds begin
-            500,000 above.
-        out: Folder for results and report; results/budget-ENVIRONMENT if not given.
-        processes: Processes on this machine.
 
     Returns:
         The exit status: 1 if no suite is confirmed.

@@ -2,15 +2,28 @@
 
 import shutil
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-import tyro
-
-from agents.commands.console import asked, in_range, training_progress
-from agents.commands.world import World, assigned
+from agents.commands.console import asked, in_range, progress
 
 CHOOSING = 100
 """Tuning seeds on which the best of several trainings is chosen."""
+
+
+OPTIONS = {
+    "out": "policy to write; results/ and the algorithm's name if not given",
+    "algorithm": "ppo, recurrentppo (ppo with --memory lstm), a2c, trpo, sac, td3, tqc, crossq or"
+    " ddpg",
+    "memory": "none, frames (the last observations) or lstm (a recurrent network)",
+    "seed": "number of the training run",
+    "steps": "environment steps; n_timesteps of the settings if not given",
+    "runs": "training runs from --seed on, of which the best on tuning seeds is saved",
+    "hyperparameters": "TOML file with a table for each environment, or [default], of settings that"
+    " replace the tuned ones, with the names of rl_zoo3",
+    "set_": "settings over all these, e.g. learning_rate=1e-3",
+    "resume": "go on with an interrupted training",
+    "force": "replace what is there",
+}
 
 
 def main(
@@ -18,16 +31,15 @@ def main(
     /,
     out: Path | None = None,
     algorithm: str = "ppo",
-    estimator: str | None = None,
-    world: tyro.conf.OmitArgPrefixes[World] = World(),  # noqa: B008  (frozen)
     memory: str = "none",
     seed: int = 0,
     steps: int | None = None,
     runs: int = 1,
     hyperparameters: Path | None = None,
-    settings: Annotated[tuple[str, ...], tyro.conf.arg(name="set")] = (),
+    set_: dict[str, Any] = {},  # noqa: B006  (never changed)
     resume: bool = False,
     force: bool = False,
+    **options: Any,
 ) -> None:
     """Train PPO, with tuned settings, or another algorithm of stable-baselines3.
 
@@ -35,59 +47,25 @@ def main(
     the same name gets progress.csv, TensorBoard's events, evaluations on tuning seeds, the best
     policy and checkpoints. After Ctrl-C, or the death of the process, the same command with
     --resume goes on from the last of them.
-
-    Args:
-        env_id: Registered environment.
-        out: Policy to write; results/ and the name of the algorithm if not given.
-        algorithm: ppo, recurrentppo (ppo with --memory lstm), a2c, trpo, sac, td3, tqc, crossq or
-            ddpg.
-        estimator: What the agent sees the world through; the environment's default if not given.
-        world: Options of the environment.
-        memory: What the agent remembers: none, frames (its last observations) or lstm (a recurrent
-            network).
-        seed: Number of the training run.
-        steps: Environment steps; n_timesteps of the settings if not given.
-        runs: Training runs, numbered from --seed on; of several the one that scores best on tuning
-            seeds is saved.
-        hyperparameters: TOML file with a table for each environment, or [default], of settings that
-            replace the tuned ones, with the names of rl_zoo3.
-        settings: Settings over all these, as name=value, e.g. learning_rate=1e-3 gamma=0.98.
-        resume: Go on with an interrupted training.
-        force: Replace what is there.
     """
-    import gymnasium as gym
-
-    from agents.files import check_file
     from agents.policies.checkpoint import npz_path
     from agents.studies.worlds import environment_id
-    from agents.training.algorithms import ALGORITHMS, describe
-    from estimators.factory import unknown
 
-    named = algorithm.lower()
-    out = npz_path(out or Path("results") / named)
+    algorithm = algorithm.lower()
+    out = npz_path(out or Path("results") / algorithm)
+    if algorithm == "recurrentppo":
+        algorithm, memory = "ppo", "lstm"
     with asked():
-        if named not in (known := (*ALGORITHMS, "recurrentppo")):
-            raise ValueError(unknown("algorithm", algorithm, known))
         if out.exists() and not (resume or force):
             raise ValueError(
                 f"{out} is there already: give --force to replace it, or another --out"
             )
         in_range("--runs", runs, 1)
         in_range("--seed", seed, 0)
-        algorithm, memory = ("ppo", "lstm") if named == "recurrentppo" else (named, memory)
-        env_id, options = environment_id(env_id), world.options(estimator)
-        changed = _settings(env_id, hyperparameters) | assigned("--set", settings)
-        given: dict[str, Any] = {
-            "steps": steps,
-            "memory": memory,
-            "settings": changed,
-            "algorithm": algorithm,
-        }
-        describe(env_id, options, seed, **given)
-        gym.make_vec(env_id, num_envs=1, **options).close()
-    check_file(out)
-    given |= {"env_options": options, "resume": resume, "force": force}
-    with asked():
+        env_id = environment_id(env_id)
+        settings = _settings(env_id, hyperparameters) | set_
+        given = {"settings": settings, "steps": steps, "algorithm": algorithm, "memory": memory}
+        given |= {"env_options": options, "resume": resume, "force": force}
         if runs == 1:
             _once(env_id, out, seed, given)
         else:
@@ -110,8 +88,12 @@ def _once(env_id: str, path: Path, run: int, given: dict[str, Any]) -> None:
     """Train once, with progress."""
     from agents.training.algorithms import train
 
-    with training_progress(f"{env_id}, run {run}") as progress:
-        train(env_id, path, seed=run, progress=progress, folder=path.with_suffix(""), **given)
+    with progress(f"{env_id}, run {run}") as show:
+
+        def report(done: int, total: int, reward: float) -> None:
+            show(done, total, "" if reward != reward else f"evaluation {reward:.3f}")
+
+        train(env_id, path, seed=run, progress=report, folder=path.with_suffix(""), **given)
 
 
 def _best(env_id: str, out: Path, runs: range, given: dict[str, Any]) -> None:

@@ -25,8 +25,7 @@ AUTOPILOT = "autopilot"
 RANDOM = "random"
 """The name of `agents.agent.RandomAgent`, for any task."""
 PPO = "ppo"
-"""The name of the agent that was trained for an environment and comes with the package; in studies, of one that is
-trained anew."""
+"""The name of the trained agent that comes with the package; in studies, of one trained anew."""
 _TAKEN = (RANDOM, PPO, "checkpoint")  # what else agents are called, by commands and in studies
 
 Factory = Callable[[System], Any]
@@ -42,7 +41,7 @@ CONTROLLERS: Registry[Factory] = Registry("controller", _ours)
 
 
 def register_controller(task_type: type, name: str) -> Callable[[F], F]:
-    """A decorator that makes a class, or a function of a `System`, the controller of a kind of task by a name.
+    """A decorator that makes a class, or a function of a `System`, a kind of task's controller.
 
     Subclasses of the task inherit it.
 

@@ -1,28 +1,28 @@
-"""Controllers of dives, with course and flight-path loops designed from the linearised vehicle."""
+"""Controllers of dives: course and flight-path loops designed from the linearised vehicle."""
 
+from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import root
 
 from agents.controllers import AUTOPILOT, register_controller
-from agents.controllers.loops import Loop as PID
-from agents.controllers.loops import first_order, regulator_gains, task_of
+from agents.controllers.loops import Loop, first_order, jacobian, parts_of, regulator_gains
 from estimators import wrap
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import Dive
-from vessel_gym.vehicles.auv import AUV, AUVParameters
-
-_VERTICAL = ("w", "q", "theta")
-_LATERAL = ("v", "p", "r", "phi", "psi")
+from vessel_gym.vehicles.auv import AUV
 
 
 @dataclass(frozen=True)
 class DiveTolerances:
-    """Deviations that count alike in the quadratic costs (Bryson's rule): each weight is 1 / tolerance^2."""
+    """Deviations that count alike in the quadratic costs (Bryson's rule).
+
+    Each weight is 1 / tolerance^2.
+    """
 
     direction: float = 0.06  # rad, of course and flight path
     rate: float = 0.4  # rad/s, of yaw and pitch
@@ -32,7 +32,7 @@ class DiveTolerances:
     offset: float = np.inf  # m off the path; infinite: left to the guidance
 
 
-class Loop(NamedTuple):
+class Regulator(NamedTuple):
     """A regulator about steady motions, which are tabulated over rising commands ``(m,)``.
 
     Attributes:
@@ -55,95 +55,71 @@ class Loop(NamedTuple):
     response: float
     damping: float
 
-    def steady(self, command: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def steady(self, command: np.ndarray) -> list[np.ndarray]:
         """Drift, fin and thrust of the steady motions with commands ``(B,)``."""
-        drift, fin, thrust = (
-            np.interp(command, self.command, table) for table in (self.drift, self.fin, self.thrust)
-        )
-        return drift, fin, thrust
+        return [np.interp(command, self.command, each) for each in self[2:5]]
+
+    def feedback(self, *deviation: np.ndarray) -> np.ndarray:
+        """Fin [rad] against deviations of the states and of the distance, ``(B,)`` each."""
+        return np.stack(deviation[: len(self.gains)], -1) @ self.gains
 
 
 @cache
-def vertical_loop(vehicle: AUV, tolerances: DiveTolerances) -> Loop:
-    """The stern plane on heave, pitch rate and flight path, about steady dives and climbs of up to 45 deg."""
-    speed, names = vehicle.body.cruise_speed, vehicle.state_names
-    moving = [names.index(name) for name in ("u", "w", "q")]
+def regulator(vehicle: AUV, tolerances: DiveTolerances, lateral: bool) -> Regulator:
+    """The regulator of a plane of motion.
 
-    def motion(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        heave, pitch, stern, thrust = z
-        return _state(vehicle, u=speed, w=heave, theta=pitch), _actuators(vehicle, stern, thrust)
+    The stern plane acts on heave, pitch rate and flight path, about steady dives and climbs of up
+    to 45 deg; the rudder on sway, roll, yaw rate and course, about steady level turns.
+    """
+    body, names, speed = vehicle.body, vehicle.state_names, vehicle.body.cruise_speed
+    if lateral:
+        plane, balanced, tilt = ["v", "p", "r", "phi", "psi"], ["u", "v", "p", "r"], "phi"
+        rate, fin, side = 2, 0, 1.0
+        command = np.linspace(-1.0, 1.0, 81) * (speed / (4.0 * body.length))
+    else:
+        plane, balanced, tilt = ["w", "q", "theta"], ["u", "w", "q"], "theta"
+        rate, fin, side = 1, -2, -1.0
+        command = np.deg2rad(np.linspace(-45.0, 45.0, 91))
+    index = [names.index(name) for name in plane]
 
-    def residual(z: np.ndarray, angle: float) -> np.ndarray:
-        changes = _changes(vehicle, *motion(z))[moving]
-        return np.append(changes, z[1] - np.arctan2(z[0], speed) - angle)
+    def motion(z: np.ndarray, command: float) -> tuple[np.ndarray, np.ndarray]:
+        state, actuators = np.zeros(len(names)), np.zeros(len(vehicle.action_names))
+        state[[names.index("u"), index[0], names.index(tilt)]] = speed, z[0], z[1]
+        actuators[[fin, -1]] = z[2:]
+        if lateral:
+            state[index[rate]] = command
+        return state, actuators
 
-    command = np.deg2rad(np.linspace(-45.0, 45.0, 91))
-    table = _steady_motions(
-        residual, command, np.array([0.0, 0.0, 0.0, vehicle.body.cruise_thrust])
-    )
-    level = motion(table[len(command) // 2])
-    A, B = _plane(vehicle, *level, _VERTICAL, -2 if len(level[1]) > 1 else -1)
-    gains = _gains(A, B, vehicle.dt, -1.0 / speed, 1, speed, tolerances)
-    plant = first_order(A[:2, :2], B[:2, 0], 1, vehicle.dt)  # at a given pitch
-    return Loop(gains, command, table[:, 0], table[:, 2], table[:, 3], *plant)
+    def residual(z: np.ndarray, command: float) -> np.ndarray:
+        state, actuators = motion(z, command)
+        change = (_after(vehicle, state, actuators) - state) / vehicle.dt
+        balance = change[[names.index(name) for name in balanced]]
+        return balance if lateral else np.append(balance, z[1] - np.arctan2(z[0], speed) - command)
 
+    table = _steady_motions(residual, command, np.array([0.0, 0.0, 0.0, body.cruise_thrust]))
+    state, actuators = motion(table[len(command) // 2], 0.0)
 
-@cache
-def lateral_loop(vehicle: AUV, tolerances: DiveTolerances) -> Loop:
-    """The rudder on sway, roll, yaw rate and course, about steady level turns."""
-    speed, names = vehicle.body.cruise_speed, vehicle.state_names
-    moving = [names.index(name) for name in ("u", "v", "p", "r")]
+    def step(x: np.ndarray) -> np.ndarray:
+        state[index], actuators[fin] = x[:-1], x[-1]
+        return _after(vehicle, state, actuators)[index]
 
-    def motion(z: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
-        sway, roll, rudder, thrust = z
-        actuators = _actuators(vehicle, 0.0, thrust)
-        actuators[0] = rudder
-        return _state(vehicle, u=speed, v=sway, r=rate, phi=roll), actuators
-
-    def residual(z: np.ndarray, rate: float) -> np.ndarray:
-        return _changes(vehicle, *motion(z, rate))[moving]
-
-    tightest = speed / (4.0 * vehicle.body.length)
-    command = np.linspace(-tightest, tightest, 81)
-    table = _steady_motions(
-        residual, command, np.array([0.0, 0.0, 0.0, vehicle.body.cruise_thrust])
-    )
-    straight = motion(table[len(command) // 2], 0.0)
-    A, B = _plane(vehicle, *straight, _LATERAL, 0)
-    gains = _gains(A, B, vehicle.dt, 1.0 / speed, 2, speed, tolerances)
-    plant = first_order(A[:4, :4], B[:4, 0], 2, vehicle.dt)  # on a given heading
-    return Loop(gains, command, table[:, 0], table[:, 2], table[:, 3], *plant)
-
-
-def _state(vehicle: AUV, **values: float) -> np.ndarray:
-    """A state ``(n,)`` with these components, the others zero."""
-    state = np.zeros(len(vehicle.state_names))
-    for name, value in values.items():
-        state[vehicle.state_names.index(name)] = value
-    return state
-
-
-def _actuators(vehicle: AUV, stern: float, thrust: float) -> np.ndarray:
-    actuators = np.zeros(len(vehicle.action_names))
-    actuators[-2:] = stern, thrust
-    return actuators
+    AB = jacobian(step, np.append(state[index], actuators[fin]))
+    A, B = AB[:, :-1], AB[:, -1:]
+    plant = first_order(A[:-1, :-1], B[:-1, 0], rate, vehicle.dt)  # at a given angle
+    gains = _gains(A, B, side / speed, rate, speed * vehicle.dt, tolerances)
+    return Regulator(gains, command, table[:, 0], table[:, 2], table[:, 3], *plant)
 
 
 def _after(vehicle: AUV, state: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-    """States ``(..., n)`` after a step with constant actuators."""
-    control = np.concatenate([actuators, actuators], -1)
-    return vehicle.drift(state, control, np.zeros(len(vehicle.ambient_flows)))
-
-
-def _changes(vehicle: AUV, state: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-    """Mean rates of the state ``(n,)`` over a step."""
-    return (_after(vehicle, state, actuators) - state) / vehicle.dt
+    """State ``(n,)`` after a step in still water with constant actuators."""
+    flows = np.zeros(len(vehicle.ambient_flows))
+    return vehicle.drift(state, np.concatenate([actuators, actuators]), flows)
 
 
 def _steady_motions(
     residual: Callable[[np.ndarray, float], np.ndarray], command: np.ndarray, guess: np.ndarray
 ) -> np.ndarray:
-    """Solutions ``(m, 4)`` of ``residual(z, command) = 0``, each found from its neighbour, the middle one first."""
+    """Solutions ``(m, 4)`` of ``residual(z, command) = 0``, each from its neighbour's."""
     table, middle = np.empty((len(command), len(guess))), len(command) // 2
     for indices in (range(middle, len(command)), range(middle, -1, -1)):
         z = guess
@@ -155,71 +131,29 @@ def _steady_motions(
     return table
 
 
-def _plane(
-    vehicle: AUV, state: np.ndarray, actuators: np.ndarray, plane: tuple[str, ...], fin: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """``A (k, k)`` and ``B (k, 1)`` of the states of a plane by one fin, by central differences of the vehicle's step.
-
-    About a steady motion ``(n,)`` with its actuators ``(a,)``.
-    """
-    index, step = [vehicle.state_names.index(name) for name in plane], 1e-5
-    offsets = step * np.eye(len(state))[index]
-    constant = np.tile(actuators, (len(plane), 1))
-    A = (_after(vehicle, state + offsets, constant) - _after(vehicle, state - offsets, constant)).T
-    push = np.zeros_like(actuators)
-    push[fin] = step
-    B = _after(vehicle, state, actuators + push) - _after(vehicle, state, actuators - push)
-    return A[index] / (2.0 * step), B[index, None] / (2.0 * step)
-
-
 def _gains(
-    A: np.ndarray,
-    B: np.ndarray,
-    dt: float,
-    drift: float,
-    rate: int,
-    speed: float,
-    tolerances: DiveTolerances,
+    A: np.ndarray, B: np.ndarray, drift: float, rate: int, way: float, tolerances: DiveTolerances
 ) -> np.ndarray:
-    """Gains ``(k,)``, or ``(k + 1,)`` with the distance from the path, of the linear-quadratic regulator of a plane.
+    """Gains ``(k,)`` of a plane's regulator, ``(k + 1,)`` with the distance from the path.
 
     Its states move by ``A (k, k)`` and ``B (k, 1)``: the first moves the direction by ``drift``
-    [rad per m/s], number ``rate`` is the angular velocity, the last the angle; ``speed`` [m/s] is
-    that along the path.
+    [rad per m/s], number ``rate`` is the angular velocity, the last the angle; ``way`` [m] is that
+    of a step along the path.
     """
     direction = np.zeros((1, len(A)))
     direction[0, 0], direction[0, -1] = drift, 1.0
     Q = direction.T @ direction / tolerances.direction**2
     Q[rate, rate] += tolerances.rate**-2
     if np.isfinite(tolerances.offset):
-        A = np.block([[A, np.zeros((len(A), 1))], [speed * dt * direction, np.ones((1, 1))]])
-        B = np.concatenate([B, np.zeros((1, 1))])
-        Q = np.pad(Q, (0, 1))
+        A = np.block([[A, np.zeros((len(A), 1))], [way * direction, np.ones((1, 1))]])
+        B, Q = np.pad(B, ((0, 1), (0, 0))), np.pad(Q, (0, 1))
         Q[-1, -1] = tolerances.offset**-2
-    R = np.array([[tolerances.fin**-2]])
-    return regulator_gains(A, B, Q, R)[0]
-
-
-class _Seen(NamedTuple):
-    """Quantities that controllers take from an observation, ``(B,)`` each."""
-
-    surge: np.ndarray  # m/s too fast
-    sway: np.ndarray  # m/s
-    heave: np.ndarray  # m/s
-    rates: tuple[np.ndarray, np.ndarray, np.ndarray]  # rad/s of roll, pitch and yaw
-    roll: np.ndarray  # rad
-    climb: np.ndarray  # rad, flight-path angle over ground
-    climb_of_path: np.ndarray  # rad
-    turn: np.ndarray  # rad, from the heading to the path's course
-    drift: np.ndarray  # rad, from the heading to the course over ground
-    turning: np.ndarray  # rad/s that the path asks for
-    above: np.ndarray  # m above the path
-    aside: np.ndarray  # m to starboard of the path
+    return regulator_gains(A, B, Q, np.array([[tolerances.fin**-2]]))[0]
 
 
 @register_controller(Dive, AUTOPILOT)
 class DiveAutopilot:
-    """Line-of-sight guidance onto the path; regulators that hold the course and the flight path that it asks for.
+    """Line-of-sight guidance onto the path; regulators of the course and flight path it asks for.
 
     It acts on the observation alone. The guidance aims at a point on the path's tangent a
     look-ahead distance on (Fossen 2011, sec. 10.3) and adds the turn that the path makes; the
@@ -236,44 +170,80 @@ class DiveAutopilot:
     tolerances = DiveTolerances()  # of the design
 
     def __init__(self, system: System) -> None:
-        self._task, vehicle = task_of(system, Dive, "flies dives", AUV), cast(AUV, system.vehicle)
-        tolerances, self._body = self.tolerances, vehicle.body
-        self._ahead = tolerances.look_ahead * vehicle.body.length
-        self._vertical = vertical_loop(vehicle, tolerances)
-        self._lateral = (
-            lateral_loop(vehicle, tolerances) if "rudder" in vehicle.action_names else None
-        )
-        self._thrust_gain = vehicle.body.mass / tolerances.speed
+        self._task, vehicle = parts_of(system, Dive, AUV)
+        t, self._body = self.tolerances, vehicle.body
+        self._ahead = t.look_ahead * vehicle.body.length
+        self._vertical = regulator(vehicle, t, lateral=False)
+        turns = "rudder" in vehicle.action_names
+        self._lateral = regulator(vehicle, t, lateral=True) if turns else None
+        self._thrust_gain = vehicle.body.mass / t.speed
 
     def reset(self, num_envs: int) -> None:
         """Nothing to forget: the autopilot has no memory."""
 
     def act(self, observations: np.ndarray) -> np.ndarray:
         """Actions ``(B, a)``: fins and thrust."""
-        seen, speed = _seen(self._task, observations), self._body.cruise_speed
-        wanted = seen.climb_of_path - np.arctan(seen.above / self._ahead)
-        heave, stern, thrust = self._vertical.steady(wanted)
-        drift = seen.heave - heave
-        deviation = [drift, seen.rates[1], seen.climb - wanted + drift / speed, seen.above]
-        fins = [stern - _stacked(deviation, self._vertical) @ self._vertical.gains]
-
+        o, body = self._observed(observations), self._body
+        heave, stern, thrust = self._vertical.steady(o["wanted climb"])
+        drift = o["heave"] - heave
+        climb = o["climb"] - o["wanted climb"] + drift / body.cruise_speed
+        fins = [stern - self._vertical.feedback(drift, o["pitch rate"], climb, o["above"])]
         if self._lateral is not None:
-            course = wrap(seen.turn - np.arctan(seen.aside / self._ahead) - seen.drift)
-            sway, rudder, turning = self._lateral.steady(seen.turning)
-            drift = seen.sway - sway
-            rates = [seen.rates[0], seen.rates[2] - seen.turning]
-            deviation = [drift, *rates, seen.roll, -course - drift / speed, seen.aside]
-            fins.insert(0, rudder - _stacked(deviation, self._lateral) @ self._lateral.gains)
-            thrust = thrust + turning - self._body.cruise_thrust
-        return _actions(self._body, fins, thrust - self._thrust_gain * seen.surge)
+            sway, rudder, turning = self._lateral.steady(o["turning"])
+            drift = o["sway"] - sway
+            rates = o["roll rate"], o["yaw rate"] - o["turning"]
+            course = -o["course error"] - drift / body.cruise_speed
+            feedback = self._lateral.feedback(drift, *rates, o["roll"], course, o["aside"])
+            fins.insert(0, rudder - feedback)
+            thrust = thrust + turning - body.cruise_thrust
+        return self._actions(fins, thrust - self._thrust_gain * o["surge error"])
+
+    def _observed(self, observations: np.ndarray) -> dict[str, np.ndarray]:
+        """Observed quantities in SI, ``(B,)`` each, and what the guidance makes of them.
+
+        Beside the names of the task: ``climb``, the flight-path angle over ground, and the wanted
+        one; ``course error``; ``turning`` [rad/s] of the path; ``above`` and ``aside`` [m], the
+        distances below the path and to starboard of it, as the path lies.
+        """
+        zero, speed = np.zeros(len(observations)), self._body.cruise_speed
+        o = defaultdict(lambda: zero, self._task.named(observations))
+        attitude, turn = (o["roll"], o["pitch"]), o["heading error"]
+        ahead, aside, below = _levelled(
+            o["surge error"] + speed + o["current ahead"],
+            o["sway"] + o["current to starboard"],
+            o["heave"] + o["current below"],
+            *attitude,
+        )
+        path = _levelled(o["path ahead"], o["path to starboard"], o["path below"], *attitude)
+        o["above"], o["aside"] = path[2], path[0] * np.sin(turn) - path[1] * np.cos(turn)
+        o["climb"] = np.arctan2(-below, np.hypot(ahead, aside))
+        o["turning"] = o["curvature"] * speed
+        o["wanted climb"] = o["pitch error"] + o["pitch"] - np.arctan(o["above"] / self._ahead)
+        sight = np.arctan(o["aside"] / self._ahead)
+        o["course error"] = wrap(turn - sight - np.arctan2(aside, ahead))
+        return o
+
+    def _actions(self, fins: list[np.ndarray], thrust: np.ndarray) -> np.ndarray:
+        """Actions ``(B, a)`` that ask for fins [rad] and thrust [N]."""
+        actions = [fin / self._body.fin_limit for fin in fins]
+        actions.append(2.0 * thrust / self._body.thrust_limit - 1.0)
+        return np.clip(np.stack(actions, -1), -1.0, 1.0).astype(np.float32)
+
+
+def _levelled(
+    x: np.ndarray, y: np.ndarray, z: np.ndarray, roll: np.ndarray, pitch: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A vector in body axes as seen along the heading: ahead, to starboard, down."""
+    aside, below = y * np.cos(roll) - z * np.sin(roll), y * np.sin(roll) + z * np.cos(roll)
+    ahead = x * np.cos(pitch) + below * np.sin(pitch)
+    return ahead, aside, below * np.cos(pitch) - x * np.sin(pitch)
 
 
 @register_controller(Dive, "lqg")
 class DiveRegulator(DiveAutopilot):
-    """The linear-quadratic regulator of both planes with the distance from the path as a state, and no guidance.
+    """The linear-quadratic regulator of both planes, with the distance from the path as a state.
 
-    About the same steady motions as the autopilot, whose line-of-sight guidance this one does
-    without.
+    About the steady motions of the autopilot, whose line-of-sight guidance this one does without.
     """
 
     tolerances = replace(DiveTolerances(), look_ahead=np.inf, offset=Dive.TRACK_TOLERANCE)
@@ -291,80 +261,25 @@ class DivePID(DiveAutopilot):
     def __init__(self, system: System) -> None:
         super().__init__(system)
         t, mass, dt = self.tolerances, self._body.mass, system.vehicle.dt
-        climb, course = self._vertical, self._lateral
-        self._climb = PID(-climb.response, climb.damping, t.direction, t.fin, dt)
-        self._course = None
-        if course is not None:
-            self._course = PID(course.response, course.damping, t.direction, t.fin, dt)
-        self._speed = PID(1.0 / mass, None, t.speed, mass, dt)
+
+        def loop(plane: Regulator, sign: float) -> Loop:
+            return Loop(sign * plane.response, plane.damping, t.direction, t.fin, dt)
+
+        self._loops = [Loop(1.0 / mass, None, t.speed, mass, dt), loop(self._vertical, -1.0)]
+        if self._lateral is not None:
+            self._loops.append(loop(self._lateral, 1.0))
 
     def reset(self, num_envs: int) -> None:
         """Clear the integrals."""
-        for loop in (self._climb, self._speed, self._course):
-            if loop is not None:
-                loop.reset(num_envs)
+        for loop in self._loops:
+            loop.reset(num_envs)
 
     def act(self, observations: np.ndarray) -> np.ndarray:
         """Actions ``(B, a)``: fins and thrust."""
-        seen, body = _seen(self._task, observations), self._body
-        limit = body.fin_limit
-        climb = seen.climb_of_path - np.arctan(seen.above / self._ahead) - seen.climb
-        fins = [-self._climb.act(climb, -seen.rates[1], -limit, limit)]
-        if self._course is not None:
-            course = wrap(seen.turn - np.arctan(seen.aside / self._ahead) - seen.drift)
-            fins.insert(0, self._course.act(course, seen.turning - seen.rates[2], -limit, limit))
-        thrust = self._speed.act(-seen.surge, 0.0, 0.0, body.thrust_limit, body.cruise_thrust)
-        return _actions(body, fins, thrust)
-
-
-def _seen(task: Dive, observations: np.ndarray) -> _Seen:
-    o, speed = task.named(observations), task.auv.cruise_speed
-    zero = np.zeros(len(observations))
-    roll, turn = o.get("roll", zero), o.get("heading error", zero)
-    surge, sway, heave = o["surge error"] + speed, o.get("sway", zero), o["heave"]
-    over_ground = (
-        surge + o["current ahead"],
-        sway + o.get("current to starboard", zero),
-        heave + o["current below"],
-    )
-    ahead, aside, below = _levelled(*over_ground, roll, o["pitch"])
-    path = _levelled(
-        o["path ahead"], o.get("path to starboard", zero), o["path below"], roll, o["pitch"]
-    )
-    return _Seen(
-        surge=o["surge error"],
-        sway=sway,
-        heave=heave,
-        rates=(o.get("roll rate", zero), o["pitch rate"], o.get("yaw rate", zero)),
-        roll=roll,
-        climb=np.arctan2(-below, np.hypot(ahead, aside)),
-        climb_of_path=o["pitch error"] + o["pitch"],
-        turn=turn,
-        drift=np.arctan2(aside, ahead),
-        turning=o.get("curvature", zero) * speed,
-        above=path[2],
-        aside=path[0] * np.sin(turn) - path[1] * np.cos(turn),
-    )
-
-
-def _stacked(deviation: list[np.ndarray], loop: Loop) -> np.ndarray:
-    """The part of a deviation that a loop regulates, ``(B, k)``."""
-    return np.stack(deviation[: len(loop.gains)], -1)
-
-
-def _actions(body: AUVParameters, fins: list[np.ndarray], thrust: np.ndarray) -> np.ndarray:
-    """Actions ``(B, a)`` that ask for fins [rad] and thrust [N]."""
-    actions = [fin / body.fin_limit for fin in fins] + [2.0 * thrust / body.thrust_limit - 1.0]
-    return np.clip(np.stack(actions, -1), -1.0, 1.0).astype(np.float32)
-
-
-def _levelled(
-    x: np.ndarray, y: np.ndarray, z: np.ndarray, roll: np.ndarray, pitch: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A vector in body axes as seen along the heading: ahead, to starboard, down."""
-    aside, below = y * np.cos(roll) - z * np.sin(roll), y * np.sin(roll) + z * np.cos(roll)
-    return (
-        x * np.cos(pitch) + below * np.sin(pitch),
-        aside,
-        below * np.cos(pitch) - x * np.sin(pitch),
-    )
+        o, body, (speed, climb, *course) = self._observed(observations), self._body, self._loops
+        limits = -body.fin_limit, body.fin_limit
+        fins = [-climb.act(o["wanted climb"] - o["climb"], -o["pitch rate"], *limits)]
+        for loop in course:
+            fins.insert(0, loop.act(o["course error"], o["turning"] - o["yaw rate"], *limits))
+        thrust = speed.act(-o["surge error"], 0.0, 0.0, body.thrust_limit, body.cruise_thrust)
+        return self._actions(fins, thrust)

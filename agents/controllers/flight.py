@@ -1,23 +1,23 @@
-"""Controllers of flights, with loops for bank, altitude and airspeed designed from the linearised aircraft."""
+"""Controllers of flights: bank, altitude and airspeed loops from the linearised aircraft."""
 
 from dataclasses import dataclass
 from functools import cache
-from typing import cast
 
 import numpy as np
 
 from agents.controllers import AUTOPILOT, register_controller
-from agents.controllers.loops import Loop, regulator_gains, task_of
+from agents.controllers.loops import Loop, jacobian, parts_of, regulator_gains
 from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.puna import Puna, PunaParameters, trim
 
-_PURPOSE = "flies aircraft along paths"
-
 
 @dataclass(frozen=True)
 class FlightTolerances:
-    """Deviations that count alike in the quadratic costs (Bryson's rule): each weight is 1 / tolerance^2."""
+    """Deviations that count alike in the quadratic costs (Bryson's rule).
+
+    Each weight is 1 / tolerance^2.
+    """
 
     cross_track: float = 2.0  # m
     course: float = 0.15  # rad
@@ -32,7 +32,10 @@ class FlightTolerances:
 
 @cache
 def lateral_gains(vehicle: Puna, tolerances: FlightTolerances) -> np.ndarray:
-    """Gains ``(3,)`` of the commanded bank on cross-track error [m], course error and bank [rad], in level flight."""
+    """Gains ``(3,)`` of the commanded bank in level flight.
+
+    They act on cross-track error [m], course error and bank [rad].
+    """
     body, dt = vehicle.body, vehicle.dt
     speed, rate = body.cruise_speed, body.bank_rate
     # Over a step the bank nears its command as exp(-b t); course and cross-track are its integrals.
@@ -57,37 +60,26 @@ def longitudinal_gains(vehicle: Puna, tolerances: FlightTolerances) -> np.ndarra
     On altitude [m], airspeed [m/s], flight-path angle [rad], thrust and angle of attack, by central
     differences of the vehicle's step about level flight.
     """
-    body, h = vehicle.body, 1e-5
+    body = vehicle.body
     steady, c = trim(body.cruise_speed, body), body.vector()
     decay = np.exp(-vehicle.dt / body.thrust_lag)
 
     def after(z: np.ndarray) -> np.ndarray:
         altitude, speed, slope, thrust, alpha, thrust_command, alpha_command = z
-        state = np.array(
-            [0.0, 0.0, altitude, speed * np.cos(slope), 0.0, speed * np.sin(slope), 0.0]
-        )
+        level, climb = speed * np.cos(slope), speed * np.sin(slope)
+        state = np.array([0.0, 0.0, altitude, level, 0.0, climb, 0.0])
         thrust_after = thrust_command + (thrust - thrust_command) * decay
         before, then = np.array([thrust, alpha, 0.0]), np.array([thrust_after, alpha_command, 0.0])
         moved = vehicle.moved(state, before, then, np.zeros(3), c)
-        ahead, climb = moved[3], moved[5]
-        return np.array(
-            [
-                moved[2],
-                np.hypot(ahead, climb),
-                np.arctan2(climb, ahead),
-                thrust_after,
-                alpha_command,
-            ]
-        )
+        motion = [moved[2], np.hypot(moved[3], moved[5]), np.arctan2(moved[5], moved[3])]
+        return np.array([*motion, thrust_after, alpha_command])
 
     level = np.array([0.0, body.cruise_speed, 0.0] + 2 * [steady.thrust, steady.alpha])
-    jacobian = np.stack(
-        [(after(level + h * e) - after(level - h * e)) / (2.0 * h) for e in np.eye(7)], -1
-    )
+    AB = jacobian(after, level)
     slope = tolerances.climb / body.cruise_speed
     Q = np.diag([tolerances.altitude**-2, tolerances.airspeed**-2, slope**-2, 0.0, 0.0])
     R = np.diag([tolerances.thrust**-2, tolerances.alpha**-2])
-    return regulator_gains(jacobian[:, :5], jacobian[:, 5:], Q, R)
+    return regulator_gains(AB[:, :5], AB[:, 5:], Q, R)
 
 
 @register_controller(Flight, AUTOPILOT)
@@ -109,12 +101,13 @@ class FlightAutopilot:
     tolerances = FlightTolerances()  # of the design
 
     def __init__(self, system: System) -> None:
-        self._task, vehicle = task_of(system, Flight, _PURPOSE, Puna), cast(Puna, system.vehicle)
-        tolerances, self._body = self.tolerances, vehicle.body
-        self._lateral = lateral_gains(vehicle, tolerances)
-        self._longitudinal = longitudinal_gains(vehicle, tolerances)
-        self._approach = tolerances.approach
-        self._slope = self._lateral[0] / self._lateral[1] / tolerances.approach
+        self._task, vehicle = parts_of(system, Flight, Puna)
+        t, self._body = self.tolerances, vehicle.body
+        self._lateral, self._longitudinal = (
+            lateral_gains(vehicle, t),
+            longitudinal_gains(vehicle, t),
+        )
+        self._slope = self._lateral[0] / self._lateral[1] / t.approach
         self._banks = np.linspace(0.0, vehicle.body.bank_limit, 20)
         steady = [trim(vehicle.body.cruise_speed, vehicle.body, bank=bank) for bank in self._banks]
         self._thrusts, self._alphas = np.array([[s.thrust, s.alpha] for s in steady]).T
@@ -135,8 +128,7 @@ class FlightAutopilot:
 
         banked = np.abs(o["bank"])
         thrust, alpha = (
-            np.interp(banked, self._banks, self._thrusts),
-            np.interp(banked, self._banks, self._alphas),
+            np.interp(banked, self._banks, table) for table in (self._thrusts, self._alphas)
         )
         first = len(self._task.observed)
         actuators = body.commands(observations[:, first : first + 3].astype(float))
@@ -152,21 +144,22 @@ class FlightAutopilot:
 
     def _field(self, cross: np.ndarray) -> np.ndarray:
         """Commanded course [rad] to the left of the path at a distance to the right of it [m]."""
-        return self._approach * np.arctan(self._slope * cross)
+        return self.tolerances.approach * np.arctan(self._slope * cross)
 
 
 @register_controller(Flight, "lqg")
 class FlightRegulator(FlightAutopilot):
-    """The linear-quadratic regulators alone: to the path by its distance, without the vector field's bound."""
+    """The linear-quadratic regulators alone, without the vector field's bound."""
 
     def _field(self, cross: np.ndarray) -> np.ndarray:
-        return self._approach * self._slope * cross
+        return self.tolerances.approach * self._slope * cross
 
 
 @register_controller(Flight, "pid")
 class FlightPID:
-    """Three PID loops: bank by the cross-track error, angle of attack by the altitude's, thrust by the airspeed's.
+    """Three PID loops: of bank, angle of attack and thrust.
 
+    They act on the errors of cross-track, altitude and airspeed.
     The loops know nothing of each other; the bank that the path takes is added. Plants are a point
     mass in level flight: weight times bank across, the slope of the lift upwards, thrust ahead.
     """
@@ -174,9 +167,9 @@ class FlightPID:
     tolerances = FlightTolerances()
 
     def __init__(self, system: System) -> None:
-        self._task, vehicle = task_of(system, Flight, _PURPOSE, Puna), cast(Puna, system.vehicle)
-        t, self._body, dt = self.tolerances, vehicle.body, vehicle.dt
-        body = self._body
+        self._task, vehicle = parts_of(system, Flight, Puna)
+        t, dt = self.tolerances, vehicle.dt
+        self._body = body = vehicle.body
         lift = 0.5 * body.density[2] * body.cruise_speed**2 * body.area * body.lift[0]  # N/rad
         self._across = Loop(body.gravity, 0.0, t.cross_track, t.bank, dt)
         self._up = Loop(lift / body.mass, 0.0, t.altitude, t.alpha, dt)

@@ -1,5 +1,6 @@
 """Regulators: loops of proportional, integral and derivative action, and linear-quadratic gains."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -68,8 +69,15 @@ class Loop:
         return np.clip(wanted, low, high)
 
 
+def jacobian(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
+    """Derivatives ``(m, n)`` of a function of vectors ``(n,)``, by central differences."""
+    step = 1e-5
+    columns = [function(x + e) - function(x - e) for e in step * np.eye(len(x))]
+    return np.stack(columns, -1) / (2.0 * step)
+
+
 def first_order(A: np.ndarray, B: np.ndarray, rate: int, dt: float) -> tuple[float, float]:
-    """The plant ``r' + damping r = response u`` that comes nearest to ``x+ = A x + B u``: (response, damping).
+    """The plant ``r' + damping r = response u`` nearest to ``x+ = A x + B u``: (response, damping).
 
     Its step response ends as high and lies as far below its end, in all, as that of the component
     ``rate`` of x does: Nomoto's reduction to first order.
@@ -81,14 +89,15 @@ def first_order(A: np.ndarray, B: np.ndarray, rate: int, dt: float) -> tuple[flo
         dt: Time step [s].
     """
     end = np.linalg.solve(np.eye(len(A)) - A, B)
-    lag = dt * (
-        np.linalg.solve(np.eye(len(A)) - A, end)[rate] / end[rate] - 0.5
-    )  # trapezoidal rule
+    # trapezoidal rule
+    lag = dt * (np.linalg.solve(np.eye(len(A)) - A, end)[rate] / end[rate] - 0.5)
     return float(end[rate] / lag), float(1.0 / lag)
 
 
 def regulator_gains(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Gains K ``(m, n)`` of ``u = -K x`` that minimise the sum of ``x' Q x + u' R u`` for ``x+ = A x + B u``.
+    """Gains K ``(m, n)`` of ``u = -K x`` for ``x+ = A x + B u``.
+
+    They minimise the sum of ``x' Q x + u' R u``.
 
     Args:
         A: ``(n, n)``.
@@ -100,12 +109,15 @@ def regulator_gains(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) 
     return np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
 
 
-def task_of(system: System, kind: type, purpose: str, vehicle: type = object) -> Any:
-    """The task of a system.
+def parts_of(system: System, task: type, vehicle: type = object) -> tuple[Any, Any]:
+    """Task and vehicle of a system.
 
     Raises:
-        ValueError: if it is not of that kind, or not for that kind of vehicle.
+        ValueError: if they are not of these kinds.
     """
-    if not isinstance(system.task, kind) or not isinstance(system.vehicle, vehicle):
-        raise ValueError(f"this autopilot {purpose}, not {type(system.task).__name__}")
-    return system.task
+    if not isinstance(system.task, task) or not isinstance(system.vehicle, vehicle):
+        raise ValueError(
+            f"this controller is for a {task.__name__}, not for a {type(system.task).__name__} of"
+            f" {type(system.vehicle).__name__}"
+        )
+    return system.task, system.vehicle

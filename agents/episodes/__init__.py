@@ -1,4 +1,4 @@
-"""Episodes to touch: the same waves and noise met on several estimators, as one page that needs no network.
+"""Episodes on several estimators, with equal waves and noise, as one page without a network.
 
 They may import rollouts, metrics and `vessel_gym`; studies and commands import them.
 """

@@ -28,9 +28,9 @@ from agents.metrics.metric import (
     consistency,
     core_of,
     ended,
+    nees_in,
     nees_of,
     nis_consistency,
-    position_nees,
     rms,
     rmse,
     steps,
@@ -43,9 +43,27 @@ from vessel_gym.registry import Registry
 from vessel_gym.system import System
 
 __all__ = [
-    "NEES", "SCORE", "STEERING", "UNHEALTHY", "WITHOUT_COVARIANCE", "Metric", "at_end",
-    "components", "consistency", "core_of", "ended", "mean", "metrics", "nees_of", "nis_consistency", "position_nees",
-    "register_metrics", "rms", "rmse", "scores", "steps",
+    "NEES",
+    "SCORE",
+    "STEERING",
+    "UNHEALTHY",
+    "WITHOUT_COVARIANCE",
+    "Metric",
+    "at_end",
+    "components",
+    "consistency",
+    "core_of",
+    "ended",
+    "mean",
+    "metrics",
+    "nees_in",
+    "nees_of",
+    "nis_consistency",
+    "register_metrics",
+    "rms",
+    "rmse",
+    "scores",
+    "steps",
 ]  # fmt: skip
 
 Computation = Callable[[Rollout], dict[str, np.ndarray]]
@@ -79,7 +97,7 @@ TASK_METRICS: Registry[TaskMetrics] = Registry("metrics", _ours)
 def register_metrics(
     task_type: type, metrics: Sequence[Metric], compute: Computation | None = None
 ) -> None:
-    """Register the metrics of a kind of task; subclasses inherit them, unless they register their own.
+    """Register the metrics of a kind of task; subclasses inherit them.
 
     Args:
         task_type: The class of the task.
@@ -95,32 +113,28 @@ def register_metrics(
         ValueError: for a metric without a computation, two metrics of one key, or metrics
             registered elsewhere.
     """
-    metrics = tuple(m for m in metrics if m not in (SCORE, RETURN, NEES, UNHEALTHY))
-    if not all(isinstance(m, Metric) for m in metrics):
+    own = [m for m in metrics if m not in (SCORE, RETURN, NEES, UNHEALTHY)]
+    if not all(isinstance(m, Metric) for m in own):
         raise TypeError(f"a task is registered with objects of the class Metric, got {metrics!r}")
-    if (
-        compute is None
-        and isinstance(task_type, type)
-        and (found := TASK_METRICS.of_class(task_type.__base__ or object))
-    ):
-        compute = found[""].compute
-    for m in metrics:
+    inherited = TASK_METRICS.of_class(getattr(task_type, "__base__", None) or object)
+    if compute is None and inherited:
+        compute = inherited[""].compute
+    for m in own:
         if m.of is None and compute is None:
             raise ValueError(
                 f"nothing computes {m.key!r}: give the metric an `of`, or register_metrics a"
                 " function"
             )
-    own = [m.key for m in metrics]
-    first, inputs = (
-        [m for m in known if m.key not in own] for known in ((STEPS, *STEERING), (INPUT,))
+    named = {m.key for m in own}
+    first, last = (
+        [m for m in known if m.key not in named] for known in ((STEPS, *STEERING), (INPUT,))
     )
-    every = (SCORE, RETURN, *first, *metrics, *inputs, NEES, UNHEALTHY)
+    every = (SCORE, RETURN, *first, *own, *last, NEES, UNHEALTHY)
     keys = [m.key for m in every]
     if len(set(keys)) < len(keys):
         raise ValueError(f"the metrics of a task need keys of their own, got {', '.join(keys)}")
-    TASK_METRICS.register(
-        task_type, TaskMetrics(every, compute), sys._getframe(1).f_globals.get("__name__", "")
-    )
+    module = sys._getframe(1).f_globals.get("__name__", "")
+    TASK_METRICS.register(task_type, TaskMetrics(every, compute), module)
 
 
 def metrics(system: System | Wrapped) -> tuple[Metric, ...]:
@@ -158,9 +172,10 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
 
 
 def mean(metric: Metric, values: np.ndarray) -> Interval | None:
-    """Mean of a metric ``(runs, seeds)`` with its 95 % interval; seeds that lack it in a run are left out.
+    """Mean of a metric ``(runs, seeds)`` with its 95 % interval.
 
-    Shares of the episodes of one agent have Clopper and Pearson's interval.
+    Seeds that lack it in a run are left out. Shares of the episodes of one agent have Clopper and
+    Pearson's interval.
     """
     values = values[:, np.isfinite(values).all(axis=0)]
     if metric.yes_or_no and len(values) == 1 and values.size:
@@ -169,34 +184,31 @@ def mean(metric: Metric, values: np.ndarray) -> Interval | None:
 
 
 def _of_task(system: System | Wrapped) -> TaskMetrics:
-    """Registered metrics of a system's task; without any, those of every task and every estimate."""
-    steering = STEERING if len(getattr(system.vehicle, "steering", ())) else ()
+    """Registered metrics of a system's task, or those of every task and every estimate."""
+    steering = STEERING if getattr(system.vehicle, "steering", ()) else ()
     found = TASK_METRICS.of(system.task)
     if found:
         possible = tuple(m for m in found[""].metrics if m not in STEERING or steering)
         return TaskMetrics(possible, found[""].compute)
-    errors = (
+    errors = [
         Metric(
-            f"{name.replace(' ', '_')}_rmse", name, "", "lower", 4, f"RMS error of the estimated {name} [SI].",
+            f"{name.replace(' ', '_')}_rmse",
+            name,
+            *("", "lower", 4, f"RMS error of the estimated {name} [SI]."),
             of=rmse(name),
         )
         for name in _estimated(system)
-    )  # fmt: skip
+    ]
     if isinstance(system, Wrapped):
-        return TaskMetrics(
-            (_OWN_SCORE, STEPS, *errors, *((NEES, UNHEALTHY) if system.estimator else ()))
-        )
+        last = (NEES, UNHEALTHY) if system.estimator else ()
+        return TaskMetrics((_OWN_SCORE, STEPS, *errors, *last))
     return TaskMetrics((SCORE, RETURN, STEPS, *steering, *errors, INPUT, NEES, UNHEALTHY))
 
 
 def _estimated(system: System | Wrapped) -> tuple[str, ...]:
-    """Components that filters estimate by default under every disturbance: the vehicle's, and its sensors' biases."""
+    """Names of the components that filters estimate by default."""
     if isinstance(system, Wrapped):
         return system.composition.names
-    widest, sensors = {"model": system.vehicle.kinds[0]}, system.sensors_of("nominal")
-    disturbances = (chosen_disturbance(system, name) for name in system.disturbances)
-    first, *others = (
-        build(system, "dead-reckoning", widest, sensors, acting).composition.names
-        for acting in disturbances
-    )
-    return tuple(name for name in first if all(name in names for names in others))
+    world = system.sensors_of("nominal"), chosen_disturbance(system, "moderate")
+    model = {"model": system.vehicle.kinds[0]}
+    return build(system, "dead-reckoning", model, *world).composition.names

@@ -1,13 +1,12 @@
-"""Costs of an episode to the vehicle's owner, unweighted: wear of its steering, and the tails of its errors."""
+"""Costs of an episode to the vehicle's owner, unweighted: wear of its steering, tails of errors."""
 
 import numpy as np
 
 from agents.metrics.metric import core_of, described
 from agents.rollouts import Rollout
-from vessel_gym.checks import is_integer
 
 DEAD_BAND = float(np.deg2rad(0.1))
-"""Motion [rad] back from a turning point that is no reversal yet: less is numerical noise, not wear."""
+"""Motion [rad] back from a turning point that is no reversal yet, but numerical noise."""
 _NEAR = 1e-6  # of the way between the limits of a step: actions are float32
 
 
@@ -15,23 +14,7 @@ def _steering(rollout: Rollout) -> np.ndarray:
     """Actuators that steer [rad], ``(T + 1, N, a)``; after an episode's end they rest."""
     last = np.minimum(np.arange(len(rollout.alive))[:, None], rollout.length)
     actuators = np.take_along_axis(rollout.history["actuators"], last[..., None], axis=0)
-    return actuators[..., _indices(rollout)]
-
-
-def _indices(rollout: Rollout) -> list[int]:
-    """Indices of the actuators that steer.
-
-    Raises:
-        ValueError: if the vehicle does not have one of them.
-    """
-    vehicle, count = core_of(rollout).system.vehicle, rollout.history["actuators"].shape[-1]
-    for index in vehicle.steering:
-        if not (is_integer(index) and 0 <= index < count):
-            title = f"steering of {type(vehicle).__name__}"
-            raise ValueError(
-                f"{title} must be indices below {count}, the number of its actuators, got {index!r}"
-            )
-    return list(vehicle.steering)
+    return actuators[..., list(core_of(rollout).vehicle.steering)]
 
 
 def _minutes(rollout: Rollout) -> np.ndarray:
@@ -64,17 +47,16 @@ def turning_points(values: np.ndarray, dead_band: float) -> np.ndarray:
 
 
 def _saturation(rollout: Rollout) -> np.ndarray:
-    """Share of steps [%] after which an actuator is where the least or the largest action would have brought it."""
-    vehicle, actuators = core_of(rollout).system.vehicle, rollout.history["actuators"]
-    steering, lived = _indices(rollout), rollout.alive[1:]
+    """Share of steps [%] after which an actuator is at the limit of what the step allowed."""
+    vehicle, actuators = core_of(rollout).vehicle, rollout.history["actuators"]
+    steering, lived = list(vehicle.steering), rollout.alive[1:]
     before = np.where(lived[..., None], actuators[:-1], actuators[:1])
-    rows, most = (
-        before.reshape(-1, before.shape[-1]),
-        np.ones((before[..., 0].size, len(vehicle.action_names))),
-    )
+    rows = before.reshape(-1, before.shape[-1])
+    most = np.ones((len(rows), len(vehicle.action_names)))
     low, high = (
-        vehicle.actuate(rows, action).reshape(before.shape)[..., steering] for action in (-most, most)
-    )  # fmt: skip
+        vehicle.actuate(rows, action).reshape(before.shape)[..., steering]
+        for action in (-most, most)
+    )
     after, near = actuators[1:][..., steering], _NEAR * (high - low)
     limited = ((after >= high - near) | (after <= low + near)) & (high > low)
     return 100.0 * (limited.any(-1) & lived).sum(0) / rollout.length
@@ -89,7 +71,7 @@ STEERING = described(
 def tails(
     name: str, error: np.ndarray, alive: np.ndarray, margin: float, scale: float = 1.0
 ) -> dict[str, np.ndarray]:
-    """Tails of errors ``(T, N)`` by key: 95th percentile, maximum, and the share of time [%] beyond the margin.
+    """Tails of errors ``(T, N)`` by key: 95th percentile, maximum, share of time beyond the margin.
 
     Args:
         name: Of the error, with which the first two keys begin.

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agents.metrics import at_end, core_of, ended, position_nees, register_metrics, rms, rmse, steps
+from agents.metrics import at_end, core_of, ended, nees_in, register_metrics, rms, rmse, steps
 from agents.metrics.costs import tails
 from agents.metrics.metric import described
 from agents.rollouts import Rollout
@@ -11,18 +11,16 @@ from vessel_gym.tasks.dive import Dive
 
 POSITION = ("x", "y", "z")
 
-METRICS = (
-    *described(
-        "dive",
-        steps=steps,
-        arrived=ended("arrived"),
-        position_rmse=rmse(*POSITION),
-        velocity_rmse=rmse("u", "v", "w"),
-        rate_rmse=rmse("p", "q", "r", scale=1e3),
-        attitude_rmse=rmse("phi", "theta", "psi", scale=1e3),
-        current_rmse=rmse("current", "current north", "current east"),
-    ),
-    position_nees(*POSITION),
+METRICS = described(
+    "dive",
+    steps=steps,
+    position_nees=nees_in(*POSITION),
+    arrived=ended("arrived"),
+    position_rmse=rmse(*POSITION),
+    velocity_rmse=rmse("u", "v", "w"),
+    rate_rmse=rmse("p", "q", "r", scale=1e3),
+    attitude_rmse=rmse("phi", "theta", "psi", scale=1e3),
+    current_rmse=rmse("current", "current north", "current east"),
 )
 
 
@@ -47,7 +45,7 @@ def compute(rollout: Rollout) -> dict[str, np.ndarray]:
 
 
 def path_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
-    """Distances [m] of the truth from the path, ``(T + 1, N)`` each: across it in plan, and in the vertical plane."""
+    """Distances [m] of the truth from the path ``(T + 1, N)``: in plan, and vertically."""
     task, h = core_of(rollout).task, rollout.history
     rows = h["truth"].reshape(-1, h["truth"].shape[-1])
     scenario = h["reference"][..., 8:]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agents.metrics import at_end, core_of, ended, position_nees, register_metrics, rms, rmse, steps
+from agents.metrics import at_end, core_of, ended, nees_in, register_metrics, rms, rmse, steps
 from agents.metrics.costs import tails
 from agents.metrics.metric import described
 from agents.rollouts import Rollout
@@ -11,18 +11,16 @@ from vessel_gym.vehicles.puna import airspeed
 
 POSITION = ("x", "y", "h")
 
-METRICS = (
-    *described(
-        "flight",
-        steps=steps,
-        arrived=ended("arrived"),
-        hit=ended("hit an obstacle"),
-        position_rmse=rmse("x", "y"),
-        height_rmse=rmse("h"),
-        velocity_rmse=rmse("north", "east", "climb"),
-        bank_rmse=rmse("phi", scale=1e3),
-    ),
-    position_nees(*POSITION),
+METRICS = described(
+    "flight",
+    steps=steps,
+    position_nees=nees_in(*POSITION),
+    arrived=ended("arrived"),
+    hit=ended("hit an obstacle"),
+    position_rmse=rmse("x", "y"),
+    height_rmse=rmse("h"),
+    velocity_rmse=rmse("north", "east", "climb"),
+    bank_rmse=rmse("phi", scale=1e3),
 )
 
 
@@ -45,7 +43,7 @@ def compute(rollout: Rollout) -> dict[str, np.ndarray]:
 
 
 def _energy(rollout: Rollout, scenario: np.ndarray) -> np.ndarray:
-    """Energy of the propeller ``(N,)``, relative; NaN for a disturbance whose states the truth does not hold."""
+    """Relative energy of the propeller ``(N,)``; NaN if the truth does not hold the wind."""
     core, h = core_of(rollout), rollout.history
     forces, names = core.config.world.forces, core.truth_names
     if not set(forces.disturbance.names) <= set(names):
@@ -59,7 +57,7 @@ def _energy(rollout: Rollout, scenario: np.ndarray) -> np.ndarray:
 
 
 def _wind_error(rollout: Rollout) -> np.ndarray:
-    """Error of the estimated level wind [m/s], ``(T + 1, N)``; NaN for a filter that assumes none."""
+    """Error of the estimated level wind [m/s] ``(T + 1, N)``; NaN if a filter assumes none."""
     core, h = core_of(rollout), rollout.history
     composition = core.composition
     if not len(composition.estimated):
@@ -69,7 +67,7 @@ def _wind_error(rollout: Rollout) -> np.ndarray:
 
 
 def path_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
-    """Cross-track error in plan and height above the commanded altitude [m], of the truth, ``(T + 1, N)`` each.
+    """True cross-track error in plan and height above the commanded altitude [m], ``(T + 1, N)``.
 
     The aircraft is looked for near the farthest place it has reached, as in the score.
     """

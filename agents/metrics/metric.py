@@ -59,18 +59,22 @@ def _catalogue() -> list[dict[str, str]]:
 
 
 def described(task: str, **of: PerEpisode) -> tuple[Metric, ...]:
-    """Metrics of a kind of task, as ``metrics.csv`` describes them and in its order, with their functions by key."""
+    """Metrics of a kind of task in the order of ``metrics.csv``, with their functions by key."""
     return tuple(
         Metric(
-            row["key"], row["label"], row["unit"], row["better"], int(row["decimals"]), row["meaning"],
-            row["kind"] == "yes or no", of.get(row["key"]), row["kind"] == "cost",
+            **{name: row[name] for name in ("key", "label", "unit", "better", "meaning")},
+            decimals=int(row["decimals"]),
+            yes_or_no=row["kind"] == "yes or no",
+            of=of.get(row["key"]),
+            cost=row["kind"] == "cost",
         )
-        for row in _catalogue() if task in row["tasks"].split(", ")
-    )  # fmt: skip
+        for row in _catalogue()
+        if task in row["tasks"].split(", ")
+    )
 
 
 def rmse(*names: str, scale: float = 1.0) -> PerEpisode:
-    """RMS error of the estimated state: of those of its components that have these names, together.
+    """RMS error of those components of the estimated state that have these names, together.
 
     NaN where the estimator has none of them.
 
@@ -84,22 +88,16 @@ def rmse(*names: str, scale: float = 1.0) -> PerEpisode:
         if not chosen:
             return np.full(len(rollout.seeds), np.nan)
         core, h = core_of(rollout), rollout.history
-        error = difference(
-            h["estimate"], core.estimated(h["truth"]), core.filter.model.state_angles
-        )[..., chosen]
+        angles = core.filter.model.state_angles
+        error = difference(h["estimate"], core.estimated(h["truth"]), angles)[..., chosen]
         return rms(np.sqrt((error**2).sum(-1)), rollout.alive) * scale
 
     return of
 
 
-def position_nees(*names: str) -> Metric:
-    """NEES of the components with these names, which are the position."""
-
-    def of(rollout: Rollout) -> np.ndarray:
-        return mean_nees(rollout, components(rollout, *names))
-
-    (metric,) = described("position", position_nees=of)
-    return metric
+def nees_in(*names: str) -> PerEpisode:
+    """Mean NEES of the components with these names."""
+    return lambda rollout: mean_nees(rollout, components(rollout, *names))
 
 
 def ended(end: str) -> PerEpisode:
@@ -112,20 +110,27 @@ def steps(rollout: Rollout) -> np.ndarray:
     return rollout.length.astype(float)
 
 
+def input_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray] | None:
+    """Errors of the estimated unknown input ``(T', N, q)``, and when an episode lived ``(T', N)``.
+
+    The estimate of a step is of the input of some steps before: there are as many times fewer. None
+    where none is estimated.
+    """
+    core, h, alive = core_of(rollout), rollout.history, rollout.alive
+    if core.belief.input_mean is None:
+        return None
+    delay = core.config.estimation.input_delay
+    true = h["unknown_input"][: len(alive) - delay]
+    return h["input_estimate"][delay:] - true, alive[delay:]
+
+
 def _input_rmse(rollout: Rollout) -> np.ndarray:
-    core, h = core_of(rollout), rollout.history
-    composition = core.composition
-    if core.belief.input_mean is None or not composition.inputs:
+    composition, found = core_of(rollout).composition, input_errors(rollout)
+    if found is None or not composition.inputs:
         return np.full(len(rollout.seeds), np.nan)
-    delay = (
-        core.config.estimation.input_delay
-    )  # the estimate of step k is of the input of step k - delay
-    true = h["unknown_input"][: len(rollout.alive) - delay]
     with np.errstate(divide="ignore", invalid="ignore"):
-        error = (h["input_estimate"][delay:] - true) / np.sqrt(
-            np.diag(composition.forces.input_cov)
-        )
-    return rms(np.sqrt((error**2).mean(-1)), rollout.alive[delay:])
+        error = found[0] / np.sqrt(np.diag(composition.forces.input_cov))
+    return rms(np.sqrt((error**2).mean(-1)), found[1])
 
 
 def mean_nees(rollout: Rollout, components: tuple[int, ...] | None = None) -> np.ndarray:
@@ -136,15 +141,17 @@ def mean_nees(rollout: Rollout, components: tuple[int, ...] | None = None) -> np
     return np.where(alive, values, 0.0).sum(0) / alive.sum(0) / len(_known(rollout, components))
 
 
+def _unhealthy(rollout: Rollout) -> np.ndarray:
+    return (rollout.alive & ~rollout.history["healthy"]).sum(0).astype(float)
+
+
 SCORE, RETURN, STEPS, INPUT, NEES, UNHEALTHY = described(
     "every",
     score=lambda rollout: rollout.score.astype(float),
     steps=steps,
     input_rmse=_input_rmse,
     nees=mean_nees,
-    unhealthy=lambda rollout: np.sum(rollout.alive & ~rollout.history["healthy"], axis=0).astype(
-        float
-    ),
+    unhealthy=_unhealthy,
     **{"return": lambda rollout: rollout.returns.astype(float)},
 )
 
@@ -160,13 +167,18 @@ def at_end(rollout: Rollout) -> np.ndarray:
 
 
 def core_of(rollout: Rollout) -> Any:
-    """The core of the environment that was flown; of one of others, what stands for it (`agents.wrapped`)."""
-    env = rollout.env.unwrapped
-    return env.core if hasattr(env, "core") else Wrapped(rollout.env_id, env.envs[0])
+    """The core of the environment that was flown, or the `Wrapped` that stands for it."""
+    return core_in(rollout.env, rollout.env_id)
+
+
+def core_in(env: Any, env_id: str) -> Any:
+    """The core of a batch, or the `Wrapped` that stands for it."""
+    env = env.unwrapped
+    return env.core if hasattr(env, "core") else Wrapped(env_id, env.envs[0])
 
 
 def rms(error: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Root mean square over time of errors ``(T, N)`` where the mask holds; NaN where it never does."""
+    """Root mean square over time of errors ``(T, N)`` where the mask holds, if it ever does."""
     count = mask.sum(0)
     mean = np.where(mask, error, 0.0) ** 2
     return np.sqrt(np.where(count > 0, mean.sum(0) / np.maximum(count, 1), np.nan))
@@ -206,26 +218,23 @@ def consistency(rollout: Rollout, components: tuple[int, ...] | None = None) -> 
         rollout: with its history.
         components: of the filter's state; None: those that the truth has, too.
     """
-    values = nees_of(rollout, components)
+    values, alive = nees_of(rollout, components), rollout.alive
     if values is None:
         return None
-    alive = rollout.alive
-    n = len(_known(rollout, components))
-    runs = alive.sum(1)
+    runs, size = alive.sum(1), len(_known(rollout, components))
     flown = runs > 0
     mean = np.where(alive, values, 0.0).sum(1)[flown] / runs[flown]
-    band = np.array([_band(int(count), n) for count in runs[flown]])
-    return float(np.mean((mean >= band[:, 0]) & (mean <= band[:, 1])))
+    return _share_within(mean, [_band(int(count), size) for count in runs[flown]])
 
 
 def nis_consistency(rollout: Rollout) -> float | None:
-    """Share of times at which the mean NIS over the runs lies in its 95 % chi-square band; None without innovations.
+    """Share of times at which the NIS of all runs lies in its 95 % chi-square band.
 
-    The degrees of freedom are the delivered measurements. None, too, for delayed sensors: not every
-    measurement has an innovation when it is delivered.
+    The degrees of freedom are the delivered measurements. None without innovations, and for delayed
+    sensors: not every measurement has an innovation when it is delivered.
     """
     values = rollout.history.get("nis")
-    if values is None or np.isnan(values).all() or core_of(rollout).sensors.horizon:
+    if values is None or core_of(rollout).sensors.horizon:
         return None
     seen = np.isfinite(values)
     degrees = np.where(seen, rollout.history["available"].sum(-1), 0).sum(1)
@@ -233,5 +242,10 @@ def nis_consistency(rollout: Rollout) -> float | None:
     if not compared.any():
         return None
     total = np.where(seen, values, 0.0).sum(1)[compared]
-    band = np.array([_band(1, int(count)) for count in degrees[compared]])
-    return float(np.mean((total >= band[:, 0]) & (total <= band[:, 1])))
+    return _share_within(total, [_band(1, int(count)) for count in degrees[compared]])
+
+
+def _share_within(values: np.ndarray, bands: list[tuple[float, float]]) -> float:
+    """Share of values ``(n,)`` within the bands."""
+    low, high = np.transpose(bands)
+    return float(np.mean((values >= low) & (values <= high)))

@@ -28,14 +28,10 @@ class TrainedAgent:
             for name in ("observation_space", "action_space")
         )
         policy, self._network = load(path, actions, trust)
-        core = getattr(env.unwrapped, "core", None)
-        if core is None:
-            size, observe, here = int(np.prod(observations.shape)), None, "is none of vessel_gym"
-        else:
-            size, observe = core.observation_size, core.observe_mode
-            here = f"gives {observe!r}"
-        # Two kinds of observation may have the same length: ask what it was trained on, not only
-        # how long that is.
+        core, size = getattr(env.unwrapped, "core", None), int(np.prod(observations.shape))
+        observe = None if core is None else core.observe_mode
+        here = "is none of vessel_gym" if core is None else f"gives {observe!r}"
+        # Two kinds of observation may have the same length.
         if policy.observe not in (None, observe):
             raise ValueError(
                 f"{path} was trained on observe={policy.observe!r}, this environment {here}"

@@ -19,14 +19,17 @@ from vessel_gym.wrappers import EstimatedObservation
 _SAME_VEHICLE = 0.25
 """Ratio by which parameters of a vehicle may differ: the largest mismatch."""
 _CHANGES = (
-    gym.ObservationWrapper, gym.ActionWrapper, gym.vector.VectorObservationWrapper, gym.vector.VectorActionWrapper,
-)  # fmt: skip
+    gym.ObservationWrapper,
+    gym.ActionWrapper,
+    gym.vector.VectorObservationWrapper,
+    gym.vector.VectorActionWrapper,
+)
 """Wrappers that a stored policy would lack."""
 
 
 @dataclass(frozen=True)
 class Policy:
-    """What a policy observes, and what it is for.
+    """Observations and actions of a policy, and its purpose.
 
     Attributes:
         observations: Shape of the network's observations.
@@ -121,24 +124,18 @@ def _environment(model: Any) -> dict[str, Any]:
         elif not isinstance(env, VecMonitor) and getattr(env, "norm_obs", True):
             raise ValueError(f"cannot store what {type(env).__name__} does to observations")
         env = env.venv
-    for inner in (*getattr(env, "envs", ())[:1], *([env.env] if hasattr(env, "env") else ())):
-        _refuse_wrappers(inner)
-    core = getattr(env.get_attr("unwrapped", 0)[0], "core", None)
+    inner: Any = getattr(env, "envs", [getattr(env, "env", None)])[0]
+    while isinstance(inner, gym.Wrapper | gym.vector.VectorWrapper):
+        if isinstance(inner, _CHANGES) and not isinstance(inner, EstimatedObservation):
+            raise ValueError(
+                f"cannot store what {type(inner).__name__} does to observations or actions"
+            )
+        inner = inner.env
+    spec, core = (getattr(env.get_attr("unwrapped", 0)[0], name, None) for name in ("spec", "core"))
     if core is None:
-        spec = env.get_attr("spec", 0)[0]
         return known | {"environment": spec.id if spec else ""}
     known |= {"environment": core.system.name, "vehicle": vehicle_of(core.vehicle)}
     return known | {"observe": core.observe_mode}
-
-
-def _refuse_wrappers(env: Any) -> None:
-    """Refuse Gymnasium's wrappers of observations and actions: a policy is flown without them."""
-    while isinstance(env, gym.Wrapper | gym.vector.VectorWrapper):
-        if isinstance(env, _CHANGES) and not isinstance(env, EstimatedObservation):
-            raise ValueError(
-                f"cannot store what {type(env).__name__} does to observations or actions"
-            )
-        env = env.env
 
 
 def vehicle_of(vehicle: Any) -> dict[str, Any]:
@@ -247,8 +244,8 @@ def _foreign(path: Path) -> tuple[Policy, Any]:
     # them always.
     if data.get("_last_original_obs") is not None and "replay_buffer_class" not in data:
         raise ValueError(
-            "it was trained under VecNormalize, whose statistics stable-baselines3 leaves out: load it"
-            " there with its VecNormalize, model.set_env(...), and save it by"
+            "it was trained under VecNormalize, whose statistics stable-baselines3 leaves out: load"
+            " it there with its VecNormalize, model.set_env(...), and save it by"
             " agents.save_agent(model, path)"
         )
     kind, spaces = data["policy_class"], (data["observation_space"], data["action_space"])

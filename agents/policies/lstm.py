@@ -16,7 +16,7 @@ class LstmPolicy(RecurrentActorCriticPolicy):
     """
 
     @staticmethod
-    def _process_sequence(  # type: ignore[override]  # which declares something else than it returns
+    def _process_sequence(  # type: ignore[override]  # whose declared type is wrong
         features: torch.Tensor,
         lstm_states: LstmStates,
         episode_starts: torch.Tensor,

@@ -89,14 +89,13 @@ def hyperparameters(
     tuned = table.get(env_id, table["default"])
     tuned = _merged(tuned, tuned.get(memory, {}))
     tuned = {key: value for key, value in tuned.items() if key not in MEMORIES}
-    parameters = inspect.signature(_algorithm(algorithm, "none")).parameters.values()
-    known = {each.name: each.default for each in parameters if each.name not in _GIVEN}
+    parameters = inspect.signature(_algorithm(algorithm, "none")).parameters
+    known = {name: each.default for name, each in parameters.items() if name not in _GIVEN}
     known |= _OF_TRAINING | tuned
     for name, value in (changed or {}).items():
         if name not in known:
             raise ValueError(unknown("setting", name, known))
-        schedule = name in _SCHEDULES and isinstance(value, str)
-        if not (re.fullmatch(_LINEAR, value) if schedule else _is_such(known[name], value)):
+        if not _is_such(name, known[name], value):
             raise ValueError(
                 f"the setting {name} must be such as {known[name]!r}, got {short_repr(value)}"
             )
@@ -109,17 +108,18 @@ def _merged(settings: Mapping[str, Any], changed: Mapping[str, Any]) -> dict[str
     return {**settings, **changed, "policy_kwargs": network}
 
 
-def _is_such(known: Any, value: Any) -> bool:
-    """Is a value of the kind of the known one: a list, a switch, a count, a finite number, a text?"""
-    if isinstance(known, dict):
-        return isinstance(value, dict) and all(
-            _is_such(each, value.get(key, each)) for key, each in known.items()
-        )
-    if isinstance(known, bool | list):
+def _is_such(name: str, known: Any, value: Any) -> bool:
+    """Is a value of the kind of the known one: a switch, list, table, count, number or text?"""
+    if name in _SCHEDULES and isinstance(value, str):
+        return re.fullmatch(_LINEAR, value) is not None
+    if isinstance(known, dict) and isinstance(value, dict):
+        return all(_is_such(key, known[key], each) for key, each in value.items() if key in known)
+    if isinstance(known, bool | list | dict):
         return isinstance(value, type(known))
-    if isinstance(value, str):
-        return not isinstance(known, int | float)
-    return is_integer(value) if isinstance(known, int) else bool(np.isfinite(as_number(value)))
+    if isinstance(known, int):
+        return is_integer(value)
+    text = isinstance(value, str) and not isinstance(known, float)
+    return text or bool(np.isfinite(as_number(value)))
 
 
 def describe(
@@ -212,11 +212,11 @@ def train(
     """
     described = describe(env_id, env_options, seed, steps, memory, settings, algorithm)
     path, num_envs = npz_path(path), described["hyperparameters"]["n_envs"]
-    check_file(path)
-    if folder is not None:
-        _check_folder(folder, path, described, resume, force)
-    with one_thread(), closing(batch(described, num_envs, env_options)) as env:
-        model = _model(described, env, folder)
+    with _one_thread(), closing(batch(described, num_envs, env_options)) as env:
+        check_file(path)
+        if folder is not None:
+            _prepare(folder, path, described, resume, force)
+        model = _restored(described, env, folder) or _new(described, env)
         env.seed(training_seed(seed) + 2**49 * model.num_timesteps)
         _learn(model, described, env_options, folder, progress)
         if folder is not None:
@@ -230,7 +230,7 @@ def train(
     return path
 
 
-def _check_folder(
+def _prepare(
     folder: Path, path: Path, described: dict[str, Any], resume: bool, force: bool
 ) -> None:
     """Refuse a folder of another training, or remove it."""
@@ -253,22 +253,29 @@ def _check_folder(
         )
 
 
-def _model(described: dict[str, Any], env: Any, folder: Path | None) -> Any:
-    """The model of the last whole checkpoint in the folder, or a new one."""
-    from stable_baselines3.common.noise import NormalActionNoise
-    from stable_baselines3.common.utils import LinearSchedule
-
+def _restored(described: dict[str, Any], env: Any, folder: Path | None) -> Any:
+    """The model of the last whole checkpoint in the folder; None without one."""
     from agents.training.callbacks import checkpoints
 
-    kind, seed = _algorithm(described["algorithm"], described["memory"]), described["seed"]
+    kind = _algorithm(described["algorithm"], described["memory"])
     for steps in reversed(checkpoints(folder) if folder else []):
         with suppress(Exception):  # a file that was being written when the process was killed
             model = kind.load(f"{folder}/rl_model_{steps}_steps.zip", env, device="cpu")
             if hasattr(model, "load_replay_buffer"):
+                # opened here, because the library leaves a damaged file open
                 with open(f"{folder}/rl_model_replay_buffer_{steps}_steps.pkl", "rb") as file:
                     model.load_replay_buffer(file)
-            model.set_random_seed(int(np.random.SeedSequence((seed, steps)).generate_state(1)[0]))
+            seeds = np.random.SeedSequence((described["seed"], steps))
+            model.set_random_seed(int(seeds.generate_state(1)[0]))
             return model
+    return None
+
+
+def _new(described: dict[str, Any], env: Any) -> Any:
+    """An untrained model."""
+    from stable_baselines3.common.noise import NormalActionNoise
+    from stable_baselines3.common.utils import LinearSchedule
+
     settings = described["hyperparameters"]
     arguments = {name: value for name, value in settings.items() if name not in _OF_TRAINING}
     arguments["policy_kwargs"] = dict(settings["policy_kwargs"])  # A2C adds its optimiser
@@ -276,17 +283,16 @@ def _model(described: dict[str, Any], env: Any, folder: Path | None) -> Any:
         from agents.policies.lstm import LstmPolicy
 
         arguments["policy"] = LstmPolicy
+    for name in _SCHEDULES:
+        if isinstance(text := settings.get(name), str):
+            first, last, *_ = *map(float, text.split("_")[1:]), 0.0
+            arguments[name] = LinearSchedule(first, last, 1.0)
+    if "noise_std" in settings:
+        zero = np.zeros(env.action_space.shape[0])
+        arguments["action_noise"] = NormalActionNoise(zero, zero + settings["noise_std"])
+    kind = _algorithm(described["algorithm"], described["memory"])
     try:
-        for name in _SCHEDULES:
-            if isinstance(text := settings.get(name), str):
-                first, last, *_ = *map(float, text.split("_")[1:]), 0.0
-                arguments[name] = LinearSchedule(first, last, 1.0)
-        if "noise_std" in settings:
-            size = env.action_space.shape[0]
-            arguments["action_noise"] = NormalActionNoise(
-                np.zeros(size), np.full(size, settings["noise_std"])
-            )
-        return kind(env=env, seed=seed, device="cpu", **arguments)
+        return kind(env=env, seed=described["seed"], device="cpu", **arguments)
     except (AssertionError, TypeError) as error:  # of settings that do not go together
         raise ValueError(str(error)) from None
 
@@ -341,8 +347,8 @@ def _algorithm(name: str, memory: str) -> Any:
 
 
 @contextmanager
-def one_thread() -> Iterator[None]:
-    """One thread of torch: for small networks a second one costs more than it brings."""
+def _one_thread() -> Iterator[None]:
+    """Context with one thread of torch: for small networks a second one does not pay."""
     import torch
 
     threads = torch.get_num_threads()

@@ -125,7 +125,7 @@ class _Best(BaseCallback):
 
 
 def curves(folder: Path, steps: int) -> Logger:
-    """A logger to TensorBoard and ``progress.csv``, or ``progress_<steps>.csv`` after some steps."""
+    """A logger to TensorBoard and ``progress.csv``; after some steps ``progress_<steps>.csv``."""
     kinds = ["csv", *(["tensorboard"] if find_spec("tensorboard") else [])]
-    suffix = f"_{steps}" if steps else ""
-    return Logger(str(folder), [make_output_format(kind, str(folder), suffix) for kind in kinds])
+    place = str(folder), f"_{steps}" if steps else ""
+    return Logger(place[0], [make_output_format(kind, *place) for kind in kinds])

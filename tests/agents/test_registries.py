@@ -21,7 +21,7 @@ from refusals import refused
 import agents
 from agents import Metric, load_agent, register_controller, register_metrics, rollout
 from agents.commands import evaluate
-from agents.controllers import CONTROLLERS, controller_names, make_controller
+from agents.controllers import CONTROLLERS, controller_names
 from agents.metrics import TASK_METRICS, at_end, components, metrics, rmse, scores
 from agents.source import _closure, source_digest
 from agents.studies import worlds
@@ -30,12 +30,7 @@ from agents.studies.records import Study
 from agents.studies.study import StudyError, read_study
 from vessel_gym.core import Core
 from vessel_gym.envs import (
-    ItsunusaAUVEnv,
-    PunaUAVEnv,
     SegorogeniAUVEnv,
-    SigmaCorvetteEnv,
-    ThesisCorvetteEnv,
-    VesselEnv,
 )
 from vessel_gym.registry import Registry
 from vessel_gym.rendering import make_renderer
@@ -83,23 +78,6 @@ def test_a_task_of_ones_own_flies_and_is_scored_without_metrics(agent: str):
     np.testing.assert_allclose(figures["z_rmse"], depth)
 
 
-@pytest.mark.parametrize(
-    "env", [SigmaCorvetteEnv, ThesisCorvetteEnv, SegorogeniAUVEnv, ItsunusaAUVEnv, PunaUAVEnv]
-)
-def test_without_metrics_a_task_is_measured_by_all_that_filters_estimate(env: type[VesselEnv]):
-    widest = {"model": env.system.vehicle.kinds[0]}
-    cores = (
-        Core(env.system, 1, "dead-reckoning", widest, disturbance=name)
-        for name in env.system.disturbances
-    )
-    each = [core.composition.names for core in cores]
-    errors = [
-        m.label for m in metrics(replace(env.system, task=KeepDepth())) if m.key.endswith("_rmse")
-    ][:-1]
-    assert errors == list(each[0])
-    assert set(errors) == set.intersection(*map(set, each))
-
-
 def test_a_component_that_an_estimator_does_not_have_has_no_error():
     flight = rollout("autopilot", HEADING_SHIP.name, [0], {"estimator": "kf"})
     assert np.isnan(rmse("u")(flight)).all()
@@ -122,23 +100,14 @@ def test_a_task_of_ones_own_is_trained(tmp_path: Path):
     assert rollout(checkpoint, ENV, [0]).length[0] == 60
 
 
-@pytest.mark.parametrize("task", [KeepDepth(), KeepShallowDepth()])
-def test_an_autopilot_that_is_not_there_is_asked_for_in_vain(task: KeepDepth):
-    sentence = (
-        r"^unknown agent 'autopilot' for Keep\w+: choose your own as module:object, or .*"
-        r" agents\.register_controller$"
-    )
-    with refused(ValueError, sentence):
-        make_controller("autopilot", system_with(task))
-
-
 @pytest.mark.parametrize(
     ("agent", "error", "sentence"),
     [
         (
             "autopilot",
             ValueError,
-            "choose ppo, random, the path of a checkpoint, your own as module:object",
+            "unknown agent 'autopilot' for KeepDepth: choose ppo, random, the path of a checkpoint, your"
+            " own as module:object, or .* agents.register_controller$",
         ),
         ("own_task:no_agent", TypeError, "'own_task:no_agent' makes str"),
         ("own_task:CRUISE", TypeError, "cannot be called"),
@@ -172,55 +141,40 @@ OFFSET = Metric(
 PITCH = Metric("pitch", "Pitch", "°", "lower", 1, "Pitch at the end.")
 
 
-@pytest.mark.parametrize("task", [KeepDepth(), KeepShallowDepth()])
-def test_what_is_registered_for_a_task_is_its_own_and_its_subclasses(task: KeepDepth):
+def test_what_is_registered_for_a_task_is_its_own_and_its_subclasses():
     register_metrics(KeepDepth, (OFFSET, PITCH), _pitch)
     register_controller(KeepDepth, "autopilot")(DepthController)
-    keys = [m.key for m in metrics(system_with(task))]
-    assert keys == [*COMMON, "offset", "pitch", *ENDS]
-    assert controller_names(system_with(task)) == ("autopilot",)
-    assert type(make_controller("autopilot", system_with(task))) is DepthController
-
-
-def test_registered_figures_are_those_of_the_flight():
-    register_metrics(KeepDepth, (OFFSET, PITCH), _pitch)
-    register_controller(KeepDepth, "autopilot")(DepthController)
+    for task in (KeepDepth(), KeepShallowDepth()):
+        keys = [m.key for m in metrics(system_with(task))]
+        assert keys == [*COMMON, "offset", "pitch", *ENDS]
+        assert controller_names(system_with(task)) == ("autopilot",)
     flight = rollout("autopilot", ENV, [3, 4])
-    figures = scores(flight)
-    last = flight.history["truth"][-1]
-    np.testing.assert_allclose(
-        figures["offset"], np.abs(last[:, 4] - flight.history["reference"][-1, :, 0])
-    )
+    figures, last = scores(flight), flight.history["truth"][-1]
+    off = np.abs(last[:, 4] - flight.history["reference"][-1, :, 0])
+    np.testing.assert_allclose(figures["offset"], off)
     np.testing.assert_allclose(figures["pitch"], np.rad2deg(np.abs(last[:, 5])))
     np.testing.assert_array_equal(figures["score"], rollout(OWN, ENV, [3, 4]).score)
 
 
-def test_the_nearest_class_counts():
+def test_the_nearest_class_counts_and_a_metric_is_added_to_those_of_the_parent():
+    """The same module may register again."""
+    shallow = system_with(KeepShallowDepth())
     register_metrics(KeepDepth, (OFFSET,))
     register_metrics(KeepShallowDepth, (PITCH,), _pitch)
-    assert [m.key for m in metrics(system_with(KeepShallowDepth()))] == [*COMMON, "pitch", *ENDS]
+    assert [m.key for m in metrics(shallow)] == [*COMMON, "pitch", *ENDS]
     assert [m.key for m in metrics(SYSTEM)] == [*COMMON, "offset", *ENDS]
-
-
-def test_a_metric_is_added_to_those_of_the_parent():
     register_metrics(KeepDepth, (PITCH,), _pitch)
-    register_controller(KeepDepth, "autopilot")(DepthController)
     register_metrics(KeepShallowDepth, [*metrics(SYSTEM), OFFSET])
-    keys = [m.key for m in metrics(system_with(KeepShallowDepth()))]
-    assert sorted(keys) == sorted([*(m.key for m in metrics(SYSTEM)), "offset"])
-    flight = rollout("autopilot", ENV, [3, 4])
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            "agents.metrics._of_task", lambda _: TASK_METRICS.of_class(KeepShallowDepth)[""]
-        )
-        both = scores(flight)
-    np.testing.assert_array_equal(both["pitch"], scores(flight)["pitch"])
-    np.testing.assert_array_equal(both["offset"], _offset(flight))
+    assert sorted(m.key for m in metrics(shallow)) == sorted([*COMMON, "pitch", "offset", *ENDS])
+    assert TASK_METRICS.of(KeepShallowDepth())[""].compute is _pitch
+    register_metrics(
+        KeepDepth, [Metric("steps", "Steps", "", "higher", 0, "Till lost.", of=_offset)]
+    )
+    assert [m.meaning for m in metrics(SYSTEM) if m.key == "steps"] == ["Till lost."]
 
 
-@pytest.mark.parametrize("of", [lambda flown: flown.history["truth"][..., 0], lambda flown: 1.0])
-def test_a_metric_that_is_not_one_value_an_episode_is_refused(of):
-    register_metrics(KeepDepth, (replace(OFFSET, of=of),))
+def test_a_metric_that_is_not_one_value_an_episode_is_refused():
+    register_metrics(KeepDepth, (replace(OFFSET, of=lambda flown: flown.history["truth"][..., 0]),))
     register_controller(KeepDepth, "autopilot")(DepthController)
     with refused(ValueError, "metric 'offset' must be one value an episode"):
         scores(rollout("autopilot", ENV, [3, 4]))
@@ -231,14 +185,6 @@ def test_the_packages_entries_are_registered_before_a_users():
     registry: Registry[int] = Registry("metrics", lambda: registry.register(KeepDepth, 1, "ours"))
     with refused(ValueError, "KeepDepth has its metrics from ours: subclass"):
         registry.register(KeepDepth, 2, "mine")
-
-
-def test_steps_may_be_said_in_a_tasks_own_words():
-    register_metrics(
-        KeepDepth,
-        (Metric("steps", "Steps", "", "higher", 0, "Till lost.", of=lambda flown: flown.length),),
-    )
-    assert [m.meaning for m in metrics(SYSTEM) if m.key == "steps"] == ["Till lost."]
 
 
 @pytest.mark.parametrize(
@@ -287,12 +233,6 @@ def test_what_cannot_be_registered_is_refused_in_one_sentence(attempt, error: ty
         attempt()
 
 
-def test_the_same_module_may_register_again():
-    register_metrics(KeepDepth, (OFFSET,))
-    register_metrics(KeepDepth, (PITCH,), _pitch)
-    assert "pitch" in [m.key for m in metrics(SYSTEM)]
-
-
 # --- pictures -------------------------------------------------------------------------------------
 
 
@@ -313,40 +253,9 @@ def picture(system: System, steps: int = 5, **options: Any) -> np.ndarray:
     return drawn
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "options",
-    [{}, {"estimator": "truth"}, {"estimator": "dead-reckoning"}, {"observe": "measurement"}],
-)
-def test_a_task_without_surroundings_is_drawn_alone(options: dict[str, str]):
-    drawn = picture(SYSTEM, **options)
-    assert drawn.shape == (720, 1008, 3)
-    assert (drawn != picture(SYSTEM, steps=9, **options)).any()
-
-
-class Foreign:
-    """A task of ours that is no instance of its class: whatever is asked of it, it passes on."""
-
-    def __init__(self, task: object) -> None:
-        self._task = task
-
-    def __getattr__(self, name: str) -> object:
-        if name.startswith("_"):
-            raise AttributeError(name)
-        return getattr(self._task, name)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "env_id", ["SigmaCorvette-v0", "ThesisCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0"]
-)
-def test_every_vehicle_can_be_drawn_plainly(env_id: str):
-    system = gym.make(env_id).unwrapped.system  # type: ignore[attr-defined]
-    picture(replace(system, task=Foreign(system.task)), steps=1)
-
-
 def test_registered_surroundings_are_seen_by_pictures_and_pages_of_the_task_and_its_subclasses():
     alone = picture(SYSTEM)
+    assert alone.shape == (720, 1008, 3)
     register_surroundings(KeepDepth)(_dock)
     for task in (KeepDepth(), KeepShallowDepth()):
         assert (picture(system_with(task)) != alone).any()

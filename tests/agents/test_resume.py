@@ -143,8 +143,8 @@ def test_a_training_that_broke_off_before_its_first_checkpoint_begins_anew(
     monkeypatch.setattr(callbacks, "EPISODES", 1)
     monkeypatch.setattr(callbacks, "CHECKPOINTS", 1)
     interrupt(monkeypatch, 0.0)
-    small = tuple(f"{name}={value}" for name, value in TINY["ppo"].items() if "kw" not in name)
-    given = {"out": tmp_path / "agent", "steps": 128, "runs": runs, "settings": small}
+    small = {name: value for name, value in TINY["ppo"].items() if "kw" not in name}
+    given = {"out": tmp_path / "agent", "steps": 128, "runs": runs, "set_": small}
     with pytest.raises(KeyboardInterrupt):
         command.main(ENV, **given)
     command.main(ENV, **given, resume=True)

@@ -28,17 +28,6 @@ def bang_bang(side: float):
     return HardOver()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("agent", ["autopilot", "random"])
-def test_the_same_agent_and_seeds_give_the_same_flights(agent: str):
-    one, other = (rollout(agent, ENV, [3, 1, 4], ROUGH) for _ in range(2))
-    for name in ("seeds", "score", "returns", "length", "terminated"):
-        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
-    assert set(one.history) == set(other.history)
-    for key, value in one.history.items():
-        np.testing.assert_array_equal(value, other.history[key])
-
-
 @pytest.mark.parametrize("agent", ["autopilot", bang_bang(1.0)], ids=["autopilot", "hard over"])
 def test_a_rollout_equals_a_loop_over_single_environments(agent: Any):
     seeds = [5, 6, 900_000]
@@ -46,6 +35,9 @@ def test_a_rollout_equals_a_loop_over_single_environments(agent: Any):
     hard_over = agent != "autopilot"
     assert flight.terminated.any() == hard_over
     assert len(set(flight.length)) > 1 or not hard_over  # the ends are staggered
+    nis, rows = flight.history["nis"], np.arange(3)
+    assert np.isfinite(nis[flight.length - 1, rows]).all()
+    assert np.isnan(nis[flight.length, rows]).all()
     for i, seed in enumerate(seeds):
         env = gym.make(ENV, **ROUGH)
         flyer = load_agent(agent, env) if agent == "autopilot" else agent
@@ -77,27 +69,12 @@ def test_a_rollout_equals_a_loop_over_single_environments(agent: Any):
         np.testing.assert_array_equal(flight.alive[:, i], np.arange(len(flight.alive)) < len(infos))
 
 
-@pytest.mark.slow
-def test_the_score_is_that_of_the_episode_and_lies_in_the_unit_interval():
-    flight = rollout("autopilot", ENV, range(5))
-    np.testing.assert_allclose(flight.score, flight.returns / 600.0, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(flight.score, flight.history["score"][-1], rtol=0, atol=1e-12)
-    assert (flight.score > 0.5).all()
-    assert (flight.score <= 1.0).all()
-    assert flight.history["truth"].shape == (601, 5, 12)
-    assert not any(key.startswith("_") for key in flight.history)
-
-
 def test_reset_options_reach_the_environment():
     flight = rollout("autopilot", ENV, [1, 2], reset_options={"radius": -300.0})
     rate = flight.history["reference"][0, :, 3]
     assert rate[0] == rate[1] < 0.0
-
-
-def test_progress_is_reported_at_every_step():
-    reported: list[tuple[int, int]] = []
-    rollout("autopilot", ENV, [1], progress=lambda step, horizon: reported.append((step, horizon)))
-    assert reported == [(k, 600) for k in range(1, 601)]
+    assert not any(key.startswith("_") for key in flight.history)
+    np.testing.assert_allclose(flight.score, flight.history["score"][-1], rtol=0, atol=1e-12)
 
 
 def test_a_plain_gymnasium_environment_is_flown_too():
@@ -128,35 +105,19 @@ def test_a_random_agent_is_random_but_repeats_itself_after_a_reset():
     assert (first != second).any()
     agent.reset(4)
     np.testing.assert_array_equal(agent.act(np.zeros((4, 7))), first)
-    other = RandomAgent(2, seed=2)
-    assert (other.act(np.zeros((4, 7))) != first).any()
 
 
-def test_an_unknown_agent_is_answered_with_those_that_exist_and_a_missing_checkpoint_is_called_missing(
-    tmp_path: Path,
-):
+def test_an_unknown_agent_is_answered_with_those_that_exist(tmp_path: Path):
     known = r"unknown agent .*: choose autopilot, lqg, pid, ppo, random, the path of a checkpoint"
-    missing = "there is no checkpoint '.*'"
-    sentences = dict.fromkeys(("controller", "p" * 5000, "pi\0lot"), known)
-    sentences |= dict.fromkeys(
-        (str(tmp_path), str(tmp_path / "missing.zip"), "missing.zip"), missing
-    )
-    for name, sentence in sentences.items():
-        with pytest.raises(ValueError, match=sentence):
-            rollout(name, ENV, [0])
-        with pytest.raises(ValueError, match=sentence):
+    for name in ("controller", "p" * 5000, "pi\0lot"):
+        with pytest.raises(ValueError, match=known):
             load_agent(name, gym.make(ENV))
-    with pytest.raises(ValueError, match=missing):
-        load_agent(tmp_path / "missing.zip", gym.make(ENV))
-
-
-@pytest.mark.parametrize("name", [None, 7, b"autopilot", ["autopilot"]], ids=repr)
-def test_what_is_no_agents_name_is_answered_with_what_load_agent_takes(name: object):
-    sentence = (
-        f"load_agent takes a name, autopilot or random, or the path of a checkpoint, got {name!r}"
-    )
-    with pytest.raises(TypeError, match=f"^{re.escape(sentence)}$"):
-        load_agent(name, gym.make(ENV))  # type: ignore[arg-type]
+    for missing in (str(tmp_path), "missing.zip", tmp_path / "missing.zip"):
+        with pytest.raises(ValueError, match="there is no checkpoint"):
+            rollout(missing, ENV, [0])
+    for wrong in (7, b"autopilot"):
+        with pytest.raises(TypeError, match=f"^load_agent takes a name, .* got {wrong!r}$"):
+            load_agent(wrong, gym.make(ENV))  # type: ignore[arg-type]
 
 
 def test_episodes_that_may_never_end_are_refused_in_a_sentence():
@@ -174,8 +135,7 @@ def test_a_rollout_is_one_short_line():
     assert re.fullmatch(rf"<Rollout {ENV}: 2 episodes, mean score [\d.]+, 8 steps>", repr(flight))
 
 
-@pytest.mark.parametrize("env_id", [ENV, "Pendulum-v1"])
-@pytest.mark.parametrize("shape", [(2, 7), (2,), None])
+@pytest.mark.parametrize(("env_id", "shape"), [(ENV, (2, 7)), ("Pendulum-v1", (2,)), (ENV, None)])
 def test_actions_of_another_shape_are_one_sentence_also_where_an_environment_of_others_takes_them(
     env_id: str, shape: Any
 ):

@@ -1,6 +1,7 @@
 """No agent is ever scored on what it was trained or tuned on."""
 
 from itertools import pairwise
+from typing import Any
 
 import gymnasium as gym
 import pytest
@@ -53,26 +54,17 @@ def test_evaluation_seeds_are_consecutive_from_the_first():
 
 
 @pytest.mark.parametrize(
-    ("count", "first", "advice"),
-    [(0, 0, ": ask for at least 1"), (-1, 0, ": ask for at least 1"), (100, -1, "$"), (1_000_001, 0, ""),
-     (2, 999_999, ""), (1, 1_000_000, "")],
+    ("seeds", "arguments", "sentence"),
+    [
+        (evaluation_seeds, (0,), "^there are 1000000 evaluation seeds, numbered from 0, got 0 from 0: ask for at"),
+        (evaluation_seeds, (100, -1), "^there are 1000000 evaluation seeds, numbered from 0, got 100 from -1$"),
+        (evaluation_seeds, (2, 999_999), "got 2 from 999999$"),
+        (tuning_seeds, (0,), "there are 1000000 tuning seeds, got 0 of them"),
+        (tuning_seeds, (1_000_001,), "there are 1000000 tuning seeds, got 1000001 of them"),
+        (training_seed, (-1,), "a training seed must be >= 0, got -1"),
+        (training_seed, (2**32,), "a training seed must be below 2"),
+    ],
 )  # fmt: skip
-def test_evaluation_seeds_do_not_leave_their_range(count: int, first: int, advice: str):
-    """Who asks for a seed below the first gets no advice on their number."""
-    ours = (
-        rf"^there are 1000000 evaluation seeds, numbered from 0, got {count} from {first}{advice}"
-    )
-    with pytest.raises(ValueError, match=ours):
-        evaluation_seeds(count, first)
-
-
-@pytest.mark.parametrize("count", [0, -1, 1_000_001])
-def test_tuning_seeds_do_not_leave_their_range(count: int):
-    with pytest.raises(ValueError, match="tuning seeds"):
-        tuning_seeds(count)
-
-
-@pytest.mark.parametrize("wrong", [-1, -100])
-def test_a_negative_training_seed_is_refused(wrong: int):
-    with pytest.raises(ValueError, match=f"a training seed must be >= 0, got {wrong}"):
-        training_seed(wrong)
+def test_no_seed_is_outside_of_its_range(seeds: Any, arguments: tuple[int, ...], sentence: str):
+    with pytest.raises(ValueError, match=sentence):
+        seeds(*arguments)

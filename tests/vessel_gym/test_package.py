@@ -28,7 +28,6 @@ HEAVY = {
     "matplotlib",
     "jinja2",
     "imageio",
-    "tyro",
     "rich",
     "joblib",
 }

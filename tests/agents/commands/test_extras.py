@@ -4,8 +4,8 @@ import ast
 import re
 import sys
 import tomllib
-import zipfile
 from collections.abc import Callable
+from importlib import import_module
 from importlib.metadata import packages_distributions
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,10 @@ from typing import Any
 import gymnasium as gym
 import pytest
 
-import agents
+from agents import save_agent
 from agents.commands import ablate, watch
 from agents.commands import train as train_command
 from agents.commands.console import command
-from agents.jobs import Job, run
-from agents.page import write_page
-from agents.studies.report import write_report
-from agents.training.algorithms import train
 from estimators.consistency import consistency_figure
 from scripts import reproduce
 from vessel_gym.extras import EXTRAS, require
@@ -79,48 +75,6 @@ def test_whatever_is_imported_is_a_dependency_or_comes_with_an_extra():
                     assert distributions(homes[module]) & brought, (path, module)
 
 
-CALLS: dict[str, tuple[str, str, Callable[[Path], Any]]] = {
-    "training": ("torch", "train", lambda path: train(ENV, path / "agent.zip")),
-    "saving": (
-        "stable_baselines3",
-        "train",
-        lambda path: agents.save_agent(None, path / "agent.zip"),
-    ),
-    "loading": (
-        "sb3_contrib",
-        "train",
-        lambda path: agents.load_agent(path / "foreign.zip", gym.make(ENV), True),
-    ),
-    "a report": ("matplotlib", "report", lambda path: write_report(None, path, {})),
-    "a page": ("jinja2", "report", lambda path: write_page(path / "a.html", "", "", [], [])),
-    "processes": (
-        "joblib",
-        "report",
-        lambda path: run([Job("agents.seeds:training_seed", {})], path, processes=2),
-    ),
-    "a cluster": (
-        "dask",
-        "cluster",
-        lambda path: run(
-            [Job("agents.seeds:training_seed", {})], path, scheduler="tcp://127.0.0.1:9"
-        ),
-    ),
-}
-
-
-@pytest.mark.parametrize("call", CALLS)
-def test_a_call_that_needs_an_extra_says_what_to_type(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str
-):
-    module, name, function = CALLS[call]
-    monkeypatch.setitem(sys.modules, module, None)
-    with zipfile.ZipFile(tmp_path / "foreign.zip", "w") as archive:
-        archive.writestr("data", "")
-    with pytest.raises(ModuleNotFoundError, match=sentence(module, name)) as caught:
-        function(tmp_path)
-    assert caught.value.name == module
-
-
 def sentence(module: str, name: str) -> str:
     return re.escape(
         f"this needs {module}, which is not installed: pip install 'vessel-gym[{name}]'"
@@ -133,8 +87,11 @@ def test_the_adapter_a_picture_and_a_figure_of_a_filter_say_what_to_type(
     monkeypatch.delitem(sys.modules, "agents.training.vec_env", raising=False)
     for module in ("stable_baselines3", "pygame", "matplotlib", "matplotlib.figure"):
         monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ModuleNotFoundError, match=sentence("stable_baselines3", "train")) as caught:
+        import_module("agents.training.vec_env")
+    assert caught.value.name == "stable_baselines3"
     with pytest.raises(ModuleNotFoundError, match=sentence("stable_baselines3", "train")):
-        import agents.training.vec_env  # noqa: F401
+        save_agent(None, "agent.zip")
     with pytest.raises(
         ModuleNotFoundError, match="a figure needs Matplotlib: pip install matplotlib"
     ):

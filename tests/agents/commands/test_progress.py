@@ -1,7 +1,5 @@
 """Progress where the output is no terminal: a file or a pipe gets a line now and then, never a bar."""
 
-from pathlib import Path
-
 import pytest
 
 from agents.commands import console
@@ -69,8 +67,8 @@ def test_a_run_says_that_it_goes_on_and_what_an_interruption_left(clock, capsys)
 
 
 def test_trainings_and_flights_say_it_too(clock, capsys):
-    with console.training_progress("training") as trained:
-        trained(50, 100, 0.25)
+    with console.progress("training") as trained:
+        trained(50, 100, "evaluation 0.250")
     with console.progress_bar("flying", 2) as advance:
         advance()
         advance()
@@ -80,21 +78,12 @@ def test_trainings_and_flights_say_it_too(clock, capsys):
 def test_even_work_says_how_long_it_still_takes_and_resumed_work_counts_from_where_it_goes_on(
     clock, capsys
 ):
-    with console.training_progress("training") as trained:
+    with console.progress("training") as trained:
         for steps in (4000, 5000, 6000, 10_000):
-            trained(steps, 10_000, float("nan"))
+            trained(steps, 10_000)
             clock[0] += 30.0
     left = ["", ", 0:02:30 left", ", 0:02:00 left", ""]
     assert printed(capsys) == [
         f"training: {steps}/10000{text}"
         for steps, text in zip((4000, 5000, 6000, 10_000), left, strict=True)
     ]
-
-
-def test_no_command_draws_a_bar_of_its_own():
-    drawing = {
-        path.name
-        for path in Path(console.__file__).parent.glob("*.py")
-        if "rich.progress" in path.read_text()
-    }
-    assert drawing == {"console.py"}

@@ -23,7 +23,7 @@ def test_a_trained_agent_can_be_evaluated_on_several_estimators(
 ):
     policy, tables = tmp_path / "ppo.npz", tmp_path / "mine.toml"
     tables.write_text(f'["{ENV}"]\nn_steps = 2\nbatch_size = 64\ngamma = 0.9\n')
-    given: Any = {"hyperparameters": tables, "settings": ("gamma=0.8",), "steps": 256}
+    given: Any = {"hyperparameters": tables, "set_": {"gamma": 0.8}, "steps": 256}
     train.main(ENV, out=tmp_path / "ppo.zip", memory="frames", **given)
     assert f"checkpoint: {policy}" in capsys.readouterr().out
     described = description(policy)

@@ -1,0 +1,168 @@
+"""The table of an environment's options on a command line, and the parser of a command."""
+
+import argparse
+import inspect
+import os
+import re
+import sys
+import tomllib
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, NoReturn, get_args, get_origin, get_type_hints
+
+from agents.refusal import Refusal
+
+
+class Assignments(argparse.Action):
+    """Words as name=value, kept as a dictionary; a value is TOML, or else a text."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option: Any = None) -> None:
+        """Add the words to the dictionary."""
+        found = {}
+        for word in values:
+            name, _, text = word.partition("=")
+            if not (name and text):
+                parser.error(f"{option} takes words as name=value, got {word!r}")
+            try:
+                found[name] = tomllib.loads(f"value = {text}")["value"]
+            except tomllib.TOMLDecodeError:
+                found[name] = text
+        setattr(namespace, self.dest, found)
+
+
+ENVIRONMENT: dict[str, tuple[Any, str]] = {
+    "estimator": (
+        str,
+        "what the agent sees the world through; the environment's default if not given",
+    ),
+    "estimator_options": (dict[str, Any], "options of the estimator, e.g. members=50"),
+    "sensors": (str, "clean, nominal (if not given), degraded, budget or denied"),
+    "disturbance": (str, "calm, moderate (if not given) or rough"),
+    "mismatch": (float, "relative spread of the truth's parameters, 0 (if not given) to 0.25"),
+    "observe": (str, "mean (if not given), mean+std or measurement"),
+    "termination": (
+        str,
+        "who ends a mission: belief or task; the environment's default if not given",
+    ),
+    "guidance": (bool, "observe the mission relative to the reference, or the state alone"),
+    "vessel": (
+        str,
+        "vehicle file, or the name of one that comes with the package, for environments that take"
+        " one",
+    ),
+}
+"""Keywords of `gymnasium.make`, their types and help; only what is typed is passed on."""
+SHARED = {
+    "env_id": "registered environment, or your own: module:id",
+    "agent": "a controller of the task (autopilot, lqg, pid), ppo (comes with the package), random,"
+    " the path of a checkpoint, or your own as module:object, whose code is run",
+    "first_seed": "number of the first evaluation seed, counted from 0",
+    "processes": "processes on this machine",
+    "trust": "load a checkpoint that vessel-gym did not write, although it can run any code",
+}
+"""Help on parameters of several commands; each command has its own in ``OPTIONS``."""
+_METAVARS: dict[Any, str] = {
+    "env_id": "ENV",
+    "env_ids": "ENV",
+    "study": "STUDY",
+    "papers": "PAPER",
+    "mismatch": "SHARE",
+    "vessel": "FILE",
+    str: "NAME",
+    int: "N",
+    float: "NUMBER",
+    Path: "FILE",
+}
+"""Placeholders of some parameters, and of types."""
+
+
+def parsed(
+    main: Callable[..., int | None], arguments: Sequence[str] | None, name: str | None
+) -> Callable[[], int | None]:
+    """The call of a command that a command line asks for.
+
+    Options are the parameters of the command with their types and defaults, and the help of
+    ``OPTIONS`` beside it; those before a ``/`` are positional. A command with keywords ``**`` takes
+    those of `ENVIRONMENT`, too.
+
+    Raises:
+        Refusal: if it asks for none.
+    """
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    if any(not word or (word.startswith("--") and word.endswith("=")) for word in words):
+        raise Refusal("an argument is empty")  # it would be taken for the present folder
+    if any(re.match(r"[A-Za-z_][\w.]*:", word) for word in words) and os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())  # where a module:object of the user's own lies
+    parser, positional = _parser(main, name)
+    values, odd = parser.parse_known_intermixed_args(words)
+    if odd:
+        from estimators.factory import unknown
+
+        raise Refusal(unknown("argument", odd[0], parser.flags))
+    given = vars(values)
+    return partial(main, *[given.pop(each) for each in positional], **given)
+
+
+class _Parser(argparse.ArgumentParser):
+    @property
+    def flags(self) -> list[str]:
+        return [flag for flag in self._option_string_actions if flag.startswith("--")]
+
+    def error(self, message: str) -> NoReturn:
+        raise Refusal(f"{message}; --help tells what there is")
+
+
+def _parser(main: Callable[..., Any], name: str | None) -> tuple[_Parser, list[str]]:
+    """The parser of a command, and the names of its positional arguments."""
+    parser = _Parser(
+        prog=name,
+        description=(inspect.getdoc(main) or "").partition("\n\nReturns:")[0],
+        allow_abbrev=False,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    helps, hints = SHARED | main.__globals__.get("OPTIONS", {}), get_type_hints(main)
+    parameters, positional = inspect.signature(main).parameters, []
+    for key, parameter in parameters.items():
+        if parameter.kind is parameter.VAR_KEYWORD:
+            group = parser.add_argument_group("options of the environment")
+            for each, (kind, text) in ENVIRONMENT.items():
+                if each not in parameters:
+                    group.add_argument(
+                        _flag(each), **_keywords(each, kind, argparse.SUPPRESS, text)
+                    )
+            continue
+        keywords = _keywords(key, hints[key], parameter.default, helps[key])
+        if parameter.kind is parameter.POSITIONAL_ONLY:
+            if "default" in keywords:
+                keywords["nargs"] = "*" if "nargs" in keywords else "?"
+            parser.add_argument(key, **keywords)
+            positional.append(key)
+        else:
+            parser.add_argument(_flag(key), dest=key, **keywords)
+    return parser, positional
+
+
+def _flag(name: str) -> str:
+    return f"--{name.rstrip('_').replace('_', '-')}"
+
+
+def _keywords(name: str, kind: Any, default: Any, help: str) -> dict[str, Any]:
+    """Keywords of `argparse` for a parameter of a type, such as ``Path | None`` or a tuple."""
+    keywords: dict[str, Any] = {"help": help}
+    typed_only, several = default is argparse.SUPPRESS, get_origin(kind)
+    if default is not inspect.Parameter.empty:
+        keywords["default"] = default
+        if default and kind is not bool and not typed_only:
+            written = " ".join(map(str, default)) if several is tuple else default
+            keywords["help"] = f"{help} (default: {written})"
+    if kind is bool:
+        action = argparse.BooleanOptionalAction if typed_only else "store_true"
+        return {"action": action, **keywords}
+    if several is dict:
+        return {"metavar": "NAME=VALUE", "nargs": "+", "action": Assignments, **keywords}
+    if several is tuple:
+        keywords["nargs"] = "+"
+    inner = (get_args(kind) or (kind,))[0]
+    metavar = "FOLDER" if help.startswith("folder") else _METAVARS.get(name, _METAVARS[inner])
+    return {"type": inner, "metavar": metavar, **keywords}

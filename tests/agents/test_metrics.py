@@ -1,0 +1,340 @@
+"""Metrics, from flights whose errors are known: estimates, turns, tracks, and what owners pay."""
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from heading_ship import HEADING_SHIP
+
+from agents import Rollout, rollout
+from agents.metrics import STEERING, consistency, metrics, nis_consistency, scores
+from agents.metrics.costs import DEAD_BAND, tails, turning_points
+from vessel_gym.vehicles.corvette import steady_turns
+from vessel_gym.vehicles.corvette_equations import (
+    AROUND,
+    STATE,
+    CorvetteParameters,
+    I,
+    corvette_rates,
+    propulsion,
+    straight_course,
+)
+from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.ship import Ship
+
+THESIS, SIGMA, AUV, PUNA = HEADING_SHIP.name, "SigmaCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0"
+ESTIMATED = {
+    THESIS: ("v", "r", "psi"),
+    SIGMA: ("x", "y", "psi", "u", "v", "r", "current north", "current east"),
+}
+COMMON = {"steering_travel", "reversals", "saturation", "outside"}
+COSTS = {
+    THESIS: COMMON | {"added_resistance", "fuel", "heading_error_95"},
+    SIGMA: COMMON | {"added_resistance", "fuel", "off_track_95"},
+    "SigmaChannel-v0": COMMON | {"added_resistance", "fuel", "off_track_95"},
+    AUV: COMMON | {"energy", "clearance", "off_track_95"},
+    "ItsunusaAUV-v0": COMMON | {"energy", "clearance", "off_track_95"},
+    PUNA: COMMON | {"energy", "clearance", "off_track_95"},
+}
+
+
+@cache
+def flown(env_id: str) -> Rollout:
+    options = {"disturbance": "calm"} | ({"estimator": "kf-umv-ui"} if env_id == THESIS else {})
+    return rollout("autopilot", env_id, [3, 4, 5], options)
+
+
+def core_of(kept: Rollout) -> Any:
+    return kept.env.unwrapped.core
+
+
+def changed(kept: Rollout, **history: np.ndarray) -> Rollout:
+    return replace(kept, history=kept.history | history)
+
+
+def perfect(env_id: str) -> Rollout:
+    """The flight, had the filter known everything."""
+    h, core = flown(env_id).history, core_of(flown(env_id))
+    assert core.composition.names == ESTIMATED[env_id]
+    known = {"estimate": core.estimated(h["truth"]), "input_estimate": h["unknown_input"].copy()}
+    return changed(flown(env_id), **known)
+
+
+@pytest.mark.parametrize("env_id", COSTS)
+def test_every_metric_has_a_value_and_an_owner_s_costs_are_few_enough_for_a_table(env_id: str):
+    kept = flown(env_id)
+    figures, every = scores(kept), metrics(core_of(kept).system)
+    assert list(figures) == [m.key for m in every]
+    assert {m.key for m in every if m.cost} == COSTS[env_id]
+    for key, values in figures.items():
+        assert values.shape == (3,)
+        assert np.isfinite(values).all() or key in ("input_rmse", "wind_rmse"), key
+    np.testing.assert_allclose(figures["score"], kept.score)
+    np.testing.assert_allclose(figures["return"], kept.returns)
+    np.testing.assert_array_equal(figures["steps"], kept.length)
+
+
+# --- estimates ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("env_id", "names", "key", "expected"),
+    [
+        (THESIS, ("psi",), "heading_rmse", 20.0), (SIGMA, ("r",), "yaw_rate_rmse", 20.0),
+        (THESIS, ("v",), "sway_rmse", 0.02), (SIGMA, ("x", "y"), "position_rmse", 0.02 * np.sqrt(2.0)),
+        (SIGMA, ("current north",), "current_rmse", 0.02),
+    ],
+)  # fmt: skip
+def test_a_constant_offset_is_the_rmse_of_its_components_alone(
+    env_id: str, names: tuple[str, ...], key: str, expected: float
+):
+    """A full turn is no error of the heading."""
+    kept = perfect(env_id)
+    estimate = kept.history["estimate"] + 0.02 * np.isin(ESTIMATED[env_id], names)
+    figures = scores(
+        changed(kept, estimate=estimate + 2.0 * np.pi * np.isin(ESTIMATED[env_id], "psi"))
+    )
+    np.testing.assert_allclose(figures[key], expected, rtol=1e-6)
+    for other in {"heading_rmse", "yaw_rate_rmse", "sway_rmse", "input_rmse"} - {key}:
+        np.testing.assert_allclose(figures[other], 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("env_id", ESTIMATED)
+def test_the_input_error_is_that_of_its_estimate(env_id: str):
+    d = flown(env_id).history["unknown_input"]
+    figures = scores(changed(flown(env_id), input_estimate=d + 3e-3))
+    np.testing.assert_allclose(figures["input_rmse"], 3.0)
+
+
+def test_what_an_estimator_does_not_have_is_nan():
+    for estimator, missing in (("truth", "nees"), ("measurement", "nees"), ("kf", "input_rmse")):
+        flight = rollout("autopilot", THESIS, [0, 1], {"estimator": estimator})
+        assert np.isnan(scores(flight)[missing]).all()
+        assert (consistency(flight) is None) == (missing == "nees")
+
+
+def test_nees_is_the_squared_error_in_units_of_the_covariance_and_honest_filters_lie_in_the_band():
+    kept = replace(perfect(THESIS), length=np.array([600, 200, 300]))
+    sd = np.array([0.1, 0.01, 0.02])
+    truth = kept.history["estimate"]
+    covariance = np.broadcast_to(np.diag(sd**2), kept.history["covariance"].shape)
+    claimed = changed(kept, covariance=covariance, estimate=truth + 2.0 * sd)
+    np.testing.assert_allclose(scores(claimed)["nees"], 4.0)
+    assert consistency(claimed) == 0.0
+    noise = sd * np.random.default_rng(0).standard_normal(truth.shape)
+    share = consistency(changed(kept, covariance=covariance, estimate=truth + noise))
+    assert share is not None
+    assert 0.92 < share < 0.98
+    nis = np.random.default_rng(0).chisquare(kept.history["available"].sum(-1))
+    share = nis_consistency(changed(kept, nis=nis))
+    assert share is not None
+    assert 0.92 < share < 0.98
+    assert nis_consistency(changed(kept, nis=10.0 * nis)) < 0.1
+
+
+def test_only_steps_that_an_episode_lived_through_count():
+    short = replace(flown(THESIS), length=np.array([600, 200, 600]))
+    spoilt = {key: values.copy() for key, values in short.history.items()}
+    spoilt["estimate"][201:, 1] += 1.0
+    spoilt["reference"][201:, 1, :2] += 1.0
+    spoilt["healthy"][201:, 1] = False
+    spoilt["actuators"][201:, 1] = 9.0
+    clean, dirty = scores(short), scores(replace(short, history=spoilt))
+    for key in clean:
+        np.testing.assert_array_equal(clean[key], dirty[key], err_msg=key)
+    spoilt["healthy"][10:14, 2] = False
+    np.testing.assert_array_equal(scores(replace(short, history=spoilt))["unhealthy"], [0, 0, 4])
+
+
+# --- turns and tracks -----------------------------------------------------------------------------
+
+
+def test_true_errors_of_a_turn_are_against_the_reference():
+    kept = flown(THESIS)
+    truth, reference = kept.history["truth"].copy(), kept.history["reference"]
+    off = np.deg2rad(np.linspace(-8.0, 12.0, len(kept.alive)))
+    truth[..., 2] = reference[..., 0] + off[:, None]
+    truth[..., 5] = reference[..., 1] + np.deg2rad(0.5)
+    figures, limit = scores(changed(kept, truth=truth)), core_of(kept).task.HEADING_TOLERANCE
+    expected = {
+        "heading_error": np.rad2deg(np.sqrt(np.mean(off**2))),
+        "yaw_rate_error": 0.5,
+        "heading_error_95": np.rad2deg(np.percentile(np.abs(off), 95.0)),
+        "heading_error_max": 12.0,
+        "outside": 100.0 * np.mean(np.abs(off) > limit),
+    }
+    for key, value in expected.items():
+        np.testing.assert_allclose(figures[key], value, err_msg=key)
+
+
+@pytest.mark.parametrize(
+    ("aside", "margin", "outside"), [(0.0, None, 0.0), (25.0, None, 100.0), (-40.0, 50.0, 0.0)]
+)
+def test_a_ship_beside_its_track_is_as_far_off(
+    aside: float, margin: float | None, outside: float, monkeypatch: pytest.MonkeyPatch
+):
+    """Outside is beyond the margin of the task or else its tolerance."""
+    kept = flown(SIGMA)
+    task, truth = core_of(kept).task, kept.history["truth"].copy()
+    scenario = task.scenario_of(kept.history["reference"][0])
+    for k in range(len(truth)):
+        x, y, direction = task.nominal(scenario, np.full(len(scenario), k))[:, :3].T
+        beside = [x - aside * np.sin(direction), y + aside * np.cos(direction), direction]
+        truth[k, :, :3] = np.stack(beside, -1)
+    truth[..., 6] = np.deg2rad(-2.0)
+    if margin is not None:
+        monkeypatch.setattr(type(task), "margin", margin, raising=False)
+    figures = scores(changed(kept, truth=truth))
+    np.testing.assert_allclose(figures["roll"], 2.0)
+    np.testing.assert_array_equal(figures["outside"], outside)
+    for key in ("track_error", "off_track_95", "off_track_max"):
+        np.testing.assert_allclose(figures[key], abs(aside), rtol=0, atol=0.05)
+
+
+def test_tails_are_the_percentiles_of_the_time_that_was_lived():
+    error, length = np.random.default_rng(4).normal(size=(200, 3)), np.array([199, 40, 0])
+    found = tails("off_track", error, np.arange(200)[:, None] <= length, 1.5)
+    for i, last in enumerate(length):
+        lived = np.abs(error[: last + 1, i])
+        assert found["off_track_95"][i] == pytest.approx(np.percentile(lived, 95.0))
+        assert found["off_track_max"][i] == lived.max()
+        assert found["outside"][i] == pytest.approx(100.0 * np.mean(lived > 1.5))
+
+
+# --- steering -------------------------------------------------------------------------------------
+
+
+def steered(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Travel and reversals of a ship whose rudder has these angles [rad], ``(601,)``, in 5 minutes."""
+    figures = scores(changed(flown(SIGMA), actuators=np.tile(angle[:, None, None], (1, 3, 1))))
+    return figures["steering_travel"], figures["reversals"]
+
+
+def test_travel_and_reversals_of_a_sinusoid_a_ramp_and_motion_within_the_dead_band():
+    wave = np.sin(2.0 * np.pi * np.arange(601) / 40)  # 15 periods
+    noise = 0.49 * DEAD_BAND * np.random.default_rng(0).uniform(-1.0, 1.0, 601)
+    travel, reversals = steered(np.deg2rad(10.0) * wave)
+    np.testing.assert_allclose(travel, 40.0 * 15 / 5.0)
+    np.testing.assert_allclose(reversals, 2.0 * 15 / 5.0)
+    np.testing.assert_allclose(steered(np.deg2rad(10.0) * wave + noise)[1], reversals)
+    ramp = np.deg2rad(0.03) * np.arange(601.0)
+    np.testing.assert_allclose(steered(ramp)[0], 18.0 / 5.0)
+    for still in (ramp, 0.49 * DEAD_BAND * wave, noise, noise + 3.0 * DEAD_BAND * np.arange(601)):
+        np.testing.assert_array_equal(steered(still)[1], 0.0)
+
+
+def test_turning_points_are_those_of_each_series_alone():
+    series = np.random.default_rng(1).normal(size=(300, 4)).cumsum(0)
+    alone = [turning_points(series[:, i], 0.7) for i in range(4)]
+    np.testing.assert_array_equal(turning_points(series, 0.7), alone)
+    np.testing.assert_array_equal(turning_points(np.array([0.0, 1.0, 0.5, 1.5, -1.0]), 0.7), 1.0)
+
+
+class Steady:
+    """An agent whose action is always the same, or changes its sign in every step."""
+
+    def __init__(self, actions: int, value: float, alternating: bool = False) -> None:
+        self.action, self.alternating = np.full(actions, value, np.float32), alternating
+
+    def reset(self, num_envs: int) -> None:
+        self.sign = 1.0
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        self.sign *= -1.0 if self.alternating else 1.0
+        return np.tile(self.sign * self.action, (len(observations), 1)).astype(np.float32)
+
+
+@pytest.mark.parametrize("env_id", [THESIS, AUV, PUNA])
+def test_bang_bang_is_always_saturated_and_gentle_commands_never_are(env_id: str):
+    size = len(core_of(flown(env_id)).vehicle.action_names)
+    options = {"estimator": "truth", "disturbance": "calm", "max_episode_steps": 60}
+    brisk = scores(rollout(Steady(size, 1.0, alternating=True), env_id, [1, 2], options))
+    gentle = scores(rollout(Steady(size, 0.01), env_id, [1, 2], options))
+    np.testing.assert_array_equal(brisk["saturation"], 100.0)
+    np.testing.assert_array_equal(gentle["saturation"], 0.0)
+
+
+def test_a_vehicle_that_says_nothing_of_its_steering_has_no_costs_of_it():
+    class Nameless(Ship):
+        steering = ()
+
+    system = core_of(flown(SIGMA)).system
+    mute = {m.key for m in metrics(replace(system, vehicle=Nameless()))}
+    assert {m.key for m in metrics(system)} - mute == {m.key for m in STEERING}
+
+
+# --- propulsion, energy and clearance -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["corvette", "corvette-thesis", "mariner"])
+def test_resistance_and_load_fit_the_surge_equation_steady_turns_and_straight_courses(name: str):
+    ship, rng = load(name, CorvetteParameters), np.random.default_rng(2)
+    c, still = ship.vector(), np.zeros((500, len(AROUND)))
+    state = np.zeros((500, len(STATE)))
+    state[:, 3:6] = rng.uniform([0.2, -0.2, -1.0], [1.2, 0.2, 1.0], (500, 3)) * ship.speed * 3
+    state[:, 5] /= ship.length
+    rudder = rng.uniform(-0.6, 0.6, 500)
+    load_of, added = propulsion(state, rudder, c)
+    rates = corvette_rates(state, rudder[:, None], still, np.tile(c, (500, 1)))
+    force = c[I.thrust] * (load_of - added) - c[I.resistance] * state[:, 3] * np.abs(state[:, 3])
+    surge = c[I.surge_inertia] * rates[:, 3]
+    np.testing.assert_allclose(force, surge, rtol=0, atol=1e-9 * c[I.thrust])
+
+    turns, zero = steady_turns(ship), np.zeros(165)
+    state = np.stack([zero, zero, zero, turns.speed, turns.sway, turns.yaw_rate, zero, zero], -1)
+    load_of, added = propulsion(state, turns.rudder, c)
+    np.testing.assert_allclose(added, load_of - (turns.speed / ship.speed) ** 2, atol=1e-8)
+    assert added[0] == pytest.approx(0.0, abs=1e-12)
+    assert (np.diff(added) > 0.0).all()
+
+    vehicle = Ship(ship)
+    c = vehicle.parameters(0.3, rng.standard_normal((20, vehicle.normals)))
+    speed, straight_load = straight_course(c)
+    state = np.zeros((20, len(STATE)))
+    state[:, 3] = speed
+    rates = corvette_rates(state, np.zeros((20, 1)), still[:20], c)
+    np.testing.assert_allclose(rates[:, 3:6], 0.0, atol=1e-12)
+    np.testing.assert_allclose(propulsion(state, np.zeros(20), c)[0], straight_load)
+
+
+@pytest.mark.parametrize(
+    ("env_id", "share", "fuel"), [(SIGMA, 1.0, 100.0), (THESIS, 1.0, 100.0), (THESIS, 0.5, 200.0)]
+)
+def test_a_straight_course_burns_the_fuel_of_one_and_a_slow_one_more(
+    env_id: str, share: float, fuel: float
+):
+    """Propellers of constant revolutions and thrust burn as much in a second at half of the speed."""
+    kept = replace(flown(env_id), length=np.full(3, 6))  # the track is straight for 10 steps
+    h, task = kept.history, core_of(kept).task
+    truth, speed = np.zeros_like(h["truth"]), share * task.ship.speed
+    heading = h["reference"][..., 5 if env_id == SIGMA else 0]
+    way = speed * task.dt * np.arange(len(truth))[:, None]
+    truth[..., 0], truth[..., 1] = way * np.cos(heading[0]), way * np.sin(heading[0])
+    truth[..., 2], truth[..., 3] = heading, speed
+    figures = scores(changed(kept, truth=truth, actuators=np.zeros_like(h["actuators"])))
+    np.testing.assert_allclose(figures["added_resistance"], 0.0, atol=1e-12)
+    np.testing.assert_allclose(figures["fuel"], fuel)
+
+
+@pytest.mark.parametrize("wind", [0.0, 4.0])
+def test_energy_of_a_flight_is_thrust_times_airspeed_whatever_the_wind_carries(wind: float):
+    kept = flown(PUNA)
+    core, h = core_of(kept), kept.history
+    truth, actuators = np.zeros_like(h["truth"]), h["actuators"].copy()
+    truth[..., 3], actuators[..., 0] = 18.0 + wind, 2.0 * core.task.body.cruise[0]
+    truth[..., core.truth_names.index("mean wind north")] = wind
+    length = core.task.length_of(core.task.scenario_of(h["reference"][0]))
+    figures = scores(changed(kept, truth=truth, actuators=actuators))
+    expected = 2.0 * 18.0 * kept.length * core.vehicle.dt / length
+    np.testing.assert_allclose(figures["energy"], expected)
+
+
+def test_clearance_of_a_dive_is_its_least_height_above_the_depth_at_which_it_is_lost():
+    kept = flown(AUV)
+    truth = kept.history["truth"].copy()
+    deepest = kept.history["reference"][0, :, 10] + core_of(kept).task.margin
+    truth[..., 8] = 0.0
+    truth[7, :, 8] = deepest - 0.7
+    np.testing.assert_allclose(scores(changed(kept, truth=truth))["clearance"], 0.7)
