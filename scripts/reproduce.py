@@ -21,10 +21,10 @@ def main(
     out: Path = Path("results/reproduction"),
     processes: int = 2,
 ) -> int:
-    """Write a page for each paper: its numbers beside ours, what was probably done, its claims; in a checkout.
+    """Write a page for each paper, in a checkout: its numbers beside ours, its claims, our guesses.
 
-    Prints a row for each experiment. Finished work is kept in jobs/ of the output folder: after an
-    interruption, run the same command again. Every number follows from fixed seeds, computation
+    Prints a row for each experiment. Finished papers are kept in jobs/ of the output folder: after
+    an interruption, run the same command again. Every number follows from fixed seeds, computation
     times excepted.
 
     Returns:
@@ -38,7 +38,7 @@ def main(
     from vessel_gym.extras import require
 
     require("joblib")  # before the experiments, not after them
-    from studies.papers import PAPERS, jobs, opening, report
+    from studies.papers import PAPERS, job, opening
     from studies.papers.measures import Row, summary_table
 
     with asked():
@@ -46,55 +46,40 @@ def main(
         for name in papers:
             one_of("paper", name, ("all", *PAPERS))
     check_folder(out)
-    names = PAPERS if "all" in papers else tuple(dict.fromkeys(papers))
-    groups = {name: jobs(name) for name in names}
+    jobs = {name: job(name) for name in (PAPERS if "all" in papers else dict.fromkeys(papers))}
     with job_progress("reproducing") as progress:
-        outcome = run(
-            [job for group in groups.values() for job in group.values()],
-            out,
-            processes,
-            progress=progress,
-        )
+        outcome = run(jobs.values(), out, processes, progress=progress)
     console = Console(markup=False, highlight=False, soft_wrap=True)
-    status, summary, rows = 0, {}, list[Row]()
-    for name, group in groups.items():
-        failed = {
-            what: outcome.failures[job.key]
-            for what, job in group.items()
-            if job.key in outcome.failures
-        }
-        if failed:
-            status, (what, text) = 1, next(iter(failed.items()))
-            said = (
-                f"{name}: {len(failed)} of {len(group)} jobs failed, so there is no page. First,"
-                f" {what}:\n{text}"
-            )
-            console.print(said)
+    summary, rows = {}, list[Row]()
+    for name, of in jobs.items():
+        if of.key in outcome.failures:
+            console.print(f"{name}: failed, so there is no page:\n{outcome.failures[of.key]}")
             continue
-        made = report(name, {what: outcome.values[job.key] for what, job in group.items()})
-        console.print(f"Page: {_write(name, made, out)}")
-        summary[name] = {"opening": opening(name), "rows": made.rows}
-        rows += made.rows
+        made = outcome.values[of.key]
+        console.print(f"Page: {_write(name, made['tables'], out)}")
+        summary[name] = {"opening": opening(name), "rows": made["rows"]}
+        rows += [Row(*row) for row in made["rows"]]
     console.print(f"\n{summary_table(rows)}")
     (out / "summary.json").write_text(
         json.dumps(summary, ensure_ascii=False, indent=1) + "\n", encoding="utf-8"
     )
-    return status
+    return int(len(summary) < len(jobs))
 
 
-def _write(name: str, made: Any, out: Path) -> Path:
+def _write(name: str, tables: dict[str, Any], out: Path) -> Path:
     """Write the explanation of a paper with its tables, and these as CSV; returns the page."""
     from studies.papers import read
+    from studies.papers.measures import page
 
     (out / "tables").mkdir(parents=True, exist_ok=True)
-    for table, rows in made.tables.items():
+    for table, rows in tables.items():
         with (out / "tables" / f"{name}-{table}.csv").open(
             "w", encoding="utf-8", newline=""
         ) as file:
             csv.writer(file, lineterminator="\n").writerows(rows)
-    page = out / f"{name}.md"
-    page.write_text(made.page(read(name, "page.md")), encoding="utf-8")
-    return page
+    path = out / f"{name}.md"
+    path.write_text(page(read(name, "page.md"), tables), encoding="utf-8")
+    return path
 
 
 if __name__ == "__main__":

@@ -12,7 +12,8 @@ import pytest
 
 from agents import rollout
 from agents.commands import COMMANDS
-from studies.tables import BLOCKS, around
+from studies.markdown import around
+from studies.tables import BLOCKS
 
 ROOT = Path(__file__).parents[1]
 WALKED = [

@@ -330,10 +330,15 @@ def _warn_of_biases(filter: RobustKalmanFilter, sensors: Sensors, horizon: int) 
         )
 
 
-def accepted(system: System, sensors: Sensors, disturbance: Disturbance) -> tuple[str, ...]:
-    """Those of `estimator_names` that a system's models can carry."""
+def accepted(
+    system: System,
+    sensors: Sensors,
+    disturbance: Disturbance,
+    among: tuple[str, ...] | None = None,
+) -> tuple[str, ...]:
+    """Names of estimators that a system's models can carry, of all `estimator_names` or of some."""
     names = []
-    for name in estimator_names():
+    for name in among or estimator_names():
         try:
             build(system, name, None, sensors, disturbance)
         except ValueError:

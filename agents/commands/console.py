@@ -91,7 +91,7 @@ def _discard_output() -> None:
 def print_table(
     title: str, header: Sequence[str], sections: Iterable[Iterable[Sequence[str]]]
 ) -> None:
-    """Print a table of text, with numbers in all columns but the first.
+    """Print a table of text: columns of words to the left, of numbers to the right.
 
     In a file or pipe it is as wide as it needs to be.
     """
@@ -101,9 +101,11 @@ def print_table(
 
     console = Console(width=None if sys.stdout.isatty() else 1000)
     table = Table(title=Text(title))
-    for number, label in enumerate(header):
-        table.add_column(Text(label), justify="right" if number else "left", overflow="fold")
-    for rows in sections:
+    filled = [[list(row) for row in rows] for rows in sections]
+    for i, label in enumerate(header):
+        words = all(row[i][:1].isalpha() for rows in filled for row in rows if row[i])
+        table.add_column(Text(label), justify="left" if words else "right", overflow="fold")
+    for rows in filled:
         for row in rows:
             table.add_row(*map(Text, row))
         table.add_section()

@@ -1,28 +1,21 @@
 """The experiments of the source papers, reproduced with this package.
 
 A folder a paper: ``settings.toml`` (what the paper prints, what it leaves open), ``experiment.py``
-(what is computed), ``page.py`` (its tables) and ``page.md`` (the explanation, with a line ``<!--
-table: NAME -->`` for each table). ``python -m scripts.reproduce all`` runs them.
+(what is computed, and its tables) and ``page.md`` (the explanation, with a line ``<!-- table: NAME
+-->`` for each table). ``python -m scripts.reproduce all`` runs them.
 """
 
 import tomllib
-from collections.abc import Mapping
-from functools import cache
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from agents.jobs import Job
 from estimators.factory import unknown
-
-if TYPE_CHECKING:  # experiments run without what makes pages
-    from studies.papers.measures import Report
 
 PAPERS = ("corvette", "segorogeni", "itsunusa", "robust", "puna")
 """The papers, each a folder of this package."""
 
 
-@cache
 def settings(name: str) -> dict[str, Any]:
     """The settings file of a paper.
 
@@ -44,13 +37,6 @@ def opening(name: str) -> str:
     return " ".join(read(name, "page.md").split("\n\n")[2].split())
 
 
-def jobs(name: str) -> dict[str, Job]:
-    """Everything to compute for a paper, by name."""
-    values = settings(name)
-    return import_module(f"studies.papers.{name}.experiment").jobs(values)
-
-
-def report(name: str, results: Mapping[str, Mapping[str, Any]]) -> "Report":
-    """Tables and measures of a paper, from the values of every one of its jobs."""
-    values = settings(name)
-    return import_module(f"studies.papers.{name}.page").report(values, results)
+def job(name: str) -> Job:
+    """The report of a paper as a job: see `studies.papers.measures`."""
+    return Job(f"studies.papers.{name}.experiment:report", {"settings": settings(name)})

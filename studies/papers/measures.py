@@ -1,4 +1,8 @@
-"""Printed numbers beside ours: closeness for each number, each experiment and each paper."""
+"""Printed numbers beside ours: closeness for each number, each experiment and each paper.
+
+The report of a paper is ``{"tables": ..., "rows": ...}``: tables by name, the heading first, and a
+`Row` for each experiment.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -9,14 +13,13 @@ import numpy as np
 
 from agents.page import markdown_table
 from agents.statistics import Interval, mean_interval
+from studies.markdown import mean_and_half
 
 AGREES, BETTER, WORSE, INCOMPARABLE = "agrees", "better", "worse", "not comparable"
 EXPLORATORY = "exploratory"
 """Part of the name of a way that was found by a search over the printed numbers."""
 NEAR = 1.25
 """Factor within which two numbers are called near."""
-Results = Mapping[str, Mapping[str, Any]]
-"""Values of a paper's jobs by name."""
 Table = list[Sequence[str]]
 """Rows of a table, the heading first."""
 
@@ -32,12 +35,6 @@ def geometric(logs: np.ndarray) -> Interval:
     """Geometric mean of the values with these logarithms ``(N,)``, with its 95 % interval."""
     of = mean(logs)
     return Interval(*(float(np.exp(end)) for end in (of.mean, of.low, of.high)))
-
-
-def spread(values: Any, decimals: int) -> str:
-    """The mean over runs and half of its 95 % interval."""
-    of = mean(values)
-    return f"{of.mean:.{decimals}f} ± {of.half:.{decimals}f}"
 
 
 def between(of: Interval, decimals: int) -> str:
@@ -57,13 +54,16 @@ def trend(members: Sequence[int], errors: np.ndarray) -> str:
 
 
 def by_members(label: str, errors: Mapping[int, Any]) -> Table:
-    """Rows of errors ``(runs, quantities)`` by members, and the change from the fewest to the most."""
-    rows: Table = [
-        (label, str(n), *(spread(of, 5) for of in np.transpose(errors[n]))) for n in errors
-    ]
+    """Rows of errors ``(runs, quantities)`` by members, and the change from fewest to most."""
     sizes = np.stack([*errors.values()], -1)
-    changes = (trend([*errors], sizes[:, i]) for i in range(sizes.shape[1]))
-    return [*rows, (label, f"{min(errors)} to {max(errors)} [%]", *changes)]
+    changes = (trend([*errors], of) for of in sizes.swapaxes(0, 1))
+    return [
+        *(
+            (label, str(n), *(mean_and_half(of, 5) for of in np.transpose(errors[n])))
+            for n in errors
+        ),
+        (label, f"{min(errors)} to {max(errors)} [%]", *changes),
+    ]
 
 
 @dataclass(frozen=True)
@@ -113,19 +113,18 @@ class Comparison:
 
     @property
     def verdict(self) -> str:
-        """`AGREES` within rounding and our interval, `BETTER` (smaller), `WORSE` or `INCOMPARABLE`."""
+        """`AGREES` within rounding and our interval, `BETTER` if ours is smaller, or another."""
         if self.ours is None or self.reason:
             return INCOMPARABLE
         return AGREES if self.within(mean(self.ours).half) else BETTER if self.ratio < 1 else WORSE
 
     @property
     def words(self) -> str:
-        """The verdict with its reason, and whether the scatter of the paper's runs explains it."""
-        if self.ours is None or self.reason or self.verdict == AGREES:
-            return f"{self.verdict}: {self.reason}" if self.reason else self.verdict
-        half = mean(self.ours).half * np.sqrt(
-            1.0 + len(self.ours) / self.averaged
-        )  # of a prediction
+        """The verdict with its reason, or with the scatter of the paper's runs if that suffices."""
+        if self.ours is None or self.verdict in (AGREES, INCOMPARABLE):
+            return f"{self.verdict}{f': {self.reason}' if self.reason else ''}"
+        # of a prediction
+        half = mean(self.ours).half * np.sqrt(1.0 + len(self.ours) / self.averaged)
         scatter = f", within the scatter of {self.averaged}" if self.within(half) else ""
         return self.verdict + scatter
 
@@ -161,19 +160,10 @@ class Row(NamedTuple):
     factor: float = 0.0
 
 
-class Report(NamedTuple):
-    """Tables of a paper by name, and the measures of its experiments."""
-
-    tables: dict[str, Table]
-    rows: list[Row]
-
-    def page(self, text: str) -> str:
-        """The explanation with the tables in their places."""
-        return re.sub(r"<!-- table: (.*) -->", lambda found: _markdown(self.tables[found[1]]), text)
-
-
-def _markdown(table: Table) -> str:
-    return markdown_table(table[0], table[1:], 2)
+def page(text: str, tables: Mapping[str, Any]) -> str:
+    """The explanation of a paper with its tables in their places."""
+    made = {name: markdown_table(of[0], of[1:], 2) for name, of in tables.items()}
+    return re.sub("<!-- table: (.*) -->", lambda found: made[found[1]], text)
 
 
 def row(paper: str, experiment: str, found: Sequence[Comparison]) -> Row:
@@ -193,10 +183,8 @@ def rows(paper: str, comparisons: Sequence[Comparison]) -> list[Row]:
 
 def comparison_table(columns: Mapping[str, Sequence[Comparison]]) -> Table:
     """Printed numbers with their places, and mean, ratio and verdict for each column of ours."""
-    head = ["experiment", "quantity", "printed", "where"]
-    for label in columns:
-        head += [label, "ours / printed", "verdict"]
-    found: Table = [head]
+    heads = (head for label in columns for head in (label, "ours / printed", "verdict"))
+    found: Table = [["experiment", "quantity", "printed", "where", *heads]]
     for group in zip(*columns.values(), strict=True):
         first = group[0]
         printed = f"{first.printed} ({first.meant} meant)" if first.meant else first.printed
@@ -204,7 +192,7 @@ def comparison_table(columns: Mapping[str, Sequence[Comparison]]) -> Table:
         for each in group:
             numbers = ["–", "–"]
             if each.ours is not None:
-                numbers = [spread(each.ours, each.decimals + 1), f"{each.ratio:.2f}"]
+                numbers = [mean_and_half(each.ours, each.decimals + 1), f"{each.ratio:.2f}"]
             cells += [*numbers, each.words]
         found.append(cells)
     return found
@@ -216,41 +204,3 @@ def summary_table(found: Sequence[Row]) -> str:
             "within 25 %", "typical factor")  # fmt: skip
     lines = ([*map(str, of[:-1]), f"{of.factor:.2f}" if of.factor else "–"] for of in found)
     return markdown_table(head, lines, 2)
-
-
-def counts(found: Sequence[Row]) -> list[int]:
-    """Counts of numbers that agree, lie within 25 %, are better, worse and not comparable."""
-    names = "agree", "near", "better", "worse", "incomparable"
-    return [sum(getattr(of, name) for of in found) for name in names]
-
-
-def papers_page(summary: Mapping[str, Any]) -> str:
-    """The text of docs/papers.md: a line for each way of a paper, and the openings of the pages."""
-    ways: dict[str, list[Row]] = {}
-    for each in summary.values():
-        for values in each["rows"]:
-            ways.setdefault(values[0], []).append(Row(*values))
-    lines = []
-    for paper, found in ways.items():
-        agree, near, better, worse, incomparable = counts(found)
-        scored = np.array([of.numbers - of.incomparable for of in found])
-        logs = np.log([of.factor or 1.0 for of in found])
-        factor = f"{np.exp(scored @ logs / scored.sum()):.1f}" if scored.sum() else "–"
-        lines.append(
-            [paper, str(agree), str(near), f"{better}, {worse}", str(incomparable), factor]
-        )
-    head = ("Paper", "agree", "within 25 %", "better, worse", "not comparable", "typical factor")
-    openings = (f"**{name.title()}.** {each['opening']}" for name, each in summary.items())
-    return "\n\n".join((markdown_table(head, lines, 1), *openings))
-
-
-def readme_line(summary: Mapping[str, Any]) -> str:
-    """The sentence of README.md, what was found by a search left out."""
-    every = (Row(*values) for each in summary.values() for values in each["rows"])
-    agree, near, better, worse, _ = counts([of for of in every if EXPLORATORY not in of.paper])
-    return (
-        "The experiments of the five source papers are [run"
-        " again](https://github.com/vessel-gym/vessel-gym/blob/main/docs/papers.md): of"
-        f" {agree + better + worse} comparable\nprinted errors ours equal {agree}, are smaller than"
-        f" {better} and larger than {worse}; {near} lies within 25 %."
-    )

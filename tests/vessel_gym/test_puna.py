@@ -7,7 +7,7 @@ import pytest
 from sensing import exogenous, sensors_of, without_a_filter
 from stepping import puna_step
 
-from estimators import Gaussian, make, wrap
+from estimators import wrap
 from studies.papers.puna.model import PlanarPuna, planar_derivative
 from vessel_gym.disturbances import Air
 from vessel_gym.filter_models.build import Composition, compose
@@ -682,38 +682,3 @@ def test_thrust_in_the_truth_is_as_strong_as_its_factor():
         axes_rates(state, control * [0.8, 1.0, 1.0], C),
         rtol=1e-12,
     )
-
-
-# --- the paper's filter model ---------------------------------------------------------------------
-
-
-def test_measuring_every_state_is_better_than_measuring_x_alone():
-    """The paper's claim, on its planar model with noise of sizes that fit its table: 20 runs, one seed."""
-    plane, rng, runs = PlanarPuna(), np.random.default_rng(0), 20
-    D = np.diag([1e-3, 3.0, 0.03, 0.03])
-    Q, R = 3.0 * D * plane.dt, 1.5 * D
-    flight = trim(20.0, load("puna"))
-    u = np.array([flight.thrust, flight.alpha])
-    filters = {
-        "x": make("enkf", plane.model("x", Q, R[2:3, 2:3])),
-        "all": make("enkf", plane.model("all", Q, R)),
-    }
-    truth = np.tile([0.0, 20.0, 0.0, 100.0], (runs, 1))
-    beliefs = {name: f.init(Gaussian(truth, D), rng=rng) for name, f in filters.items()}
-    errors = {name: [] for name in filters}
-    for _ in range(200):
-        truth = plane.step(truth, u) + rng.normal(size=truth.shape) * np.sqrt(np.diag(Q))
-        measurement = truth + rng.normal(size=truth.shape) * np.sqrt(np.diag(R))
-        for name, f in filters.items():
-            y = measurement if name == "all" else measurement[:, 2:3]
-            beliefs[name] = f.update(f.predict(beliefs[name], u, rng=rng), y, rng=rng)
-            errors[name].append(beliefs[name].mean - truth)
-    rmse = {
-        name: np.sqrt(np.mean(np.square(values), axis=(0, 1))) for name, values in errors.items()
-    }
-    assert (rmse["all"] < rmse["x"]).all()
-
-
-def test_a_measurement_set_that_the_paper_does_not_have_is_refused():
-    with pytest.raises(ValueError, match="unknown measurement set 'h': choose from x, all"):
-        PlanarPuna().model("h", np.eye(4), np.eye(1))

@@ -465,7 +465,7 @@ def test_every_estimator_carries_the_budget_suite(env_id: str, estimator: str):
 
 
 def test_the_page_shows_the_grades_of_the_files():
-    from studies.tables import sensor_grades
+    from studies.filters import sensor_grades
 
     page = (Path(__file__).parents[2] / "docs" / "sensor-suites.md").read_text(encoding="utf-8")
     assert sensor_grades() in page, "python -m studies.tables grades"

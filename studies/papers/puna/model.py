@@ -8,19 +8,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimators import NonlinearModel
 from estimators.engine import sincos
-from vessel_gym.checks import one_of
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.point_mass import I, PointMass, forces
 from vessel_gym.vehicles.puna import PunaParameters
 
-SEEN = {"x": [2], "all": [0, 1, 2, 3]}
-"""Components of the state that are measured, by set."""
-
 
 def planar_derivative(state: np.ndarray, control: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Eq. (1) on (gamma, v, x, h) with control (thrust, angle of attack), its g sin(alpha) mended to g sin(gamma)."""
+    """Eq. (1) on (gamma, v, x, h) by thrust and angle of attack, g sin(alpha) as g sin(gamma)."""
     gamma, v, _, h = np.moveaxis(state, -1, 0)
     (thrust, alpha), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
     mass, gravity = c[I.mass], c[I.gravity]
@@ -44,35 +39,10 @@ class PlanarPuna:
     dt: float = 0.01  # s, assumed: the paper prints none
 
     def step(self, state: np.ndarray, control: np.ndarray) -> np.ndarray:
-        """Eqs. (19) and (21), forward Euler, their second row with "+ v_k" for the printed "+ gamma_k".
+        """Eqs. (19) and (21), forward Euler, with "+ v_k" for "+ gamma_k" in the second row.
 
         Args:
             state: ``(..., 4)``.
             control: ``(..., 2)`` thrust [N] and angle of attack [rad].
         """
         return state + self.dt * planar_derivative(state, control, self.body.vector())
-
-    def model(self, measured: str, Q: np.ndarray, R: np.ndarray) -> NonlinearModel:
-        """The paper's filter model, with one of its two sets of measurements; the known input is the control.
-
-        Args:
-            measured: ``"x"``, the position along the track alone, or ``"all"``, every state.
-            Q: ``(4, 4)`` covariance of the process noise of a step.
-            R: ``(1, 1)`` or ``(4, 4)`` covariance of the measurements.
-
-        Raises:
-            ValueError: for another set.
-        """
-        seen = SEEN[one_of("measurement set", measured, SEEN)]
-
-        def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-            assert u is not None
-            return self.step(x, u)
-
-        def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-            return x[..., seen]
-
-        angles = (0,) if measured == "all" else ()
-        return NonlinearModel(
-            transition, measurement, Q, R, state_angles=(0,), measurement_angles=angles
-        )

@@ -1,31 +1,31 @@
-"""The robust filters of Rudianto et al. (2024): the paper's figures, and its claim put to the test.
+"""The robust filters of Rudianto et al. (2024): the paper's figures, and a test of its claim.
 
 The world is a random two-state system in continuous time, discretised exactly; the filters assume
 it, and the condition says where the world differs. Matrices of a population of systems have the
 leading axes (system, 1), runs (system, run).
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.jobs import Job
-from estimators import Belief, Gaussian, LinearModel, make, van_loan, zero_order_hold
+from estimators import Gaussian, LinearModel, Series, make, run, van_loan, zero_order_hold
+from studies.papers.measures import Row, between, geometric
 
 STATES = MEASUREMENTS = 2  # x1 and x2 (figure 1); y is a vector (after eq. 4)
 MARGIN = (0.1, 1.0)  # 1/s, decay rate of the slowest mode: stable, memory of 1 to 10 s
 INTENSITY = (0.1, 10.0)  # 1/s, of the process noise, log-uniform
 MEASUREMENT_VARIANCE = 1.0  # the unit of y
-PRIOR_VARIANCE = (
-    10.0  # of each state, mean 0: the filter knows little at first (on figures 3 and 4)
-)
+# of each state, mean 0: the filter knows little at first (on figures 3 and 4)
+PRIOR_VARIANCE = 10.0
+PRIOR = Gaussian(np.zeros(STATES), PRIOR_VARIANCE * np.eye(STATES))
+"""The filters' first estimate."""
 STEP = 0.1  # s
 INPUT_PERIOD = 100  # steps of the square wave u, so that an error of A keeps mattering
-_HORIZON = (
-    20  # steps that nature plans beyond the last: near its end it would have nothing to anticipate
-)
+# steps that nature plans beyond the last: near its end it would have nothing to anticipate
+_HORIZON = 20
 
 
 class Condition(NamedTuple):
@@ -45,27 +45,12 @@ class Condition(NamedTuple):
 
 
 class Dynamics(NamedTuple):
-    """``x' = A x + B u + w``, ``w`` white with intensity ``q I``; ``y = C x + v``, ``v`` of equal variances."""
+    """``x' = A x + B u + w``, ``w`` white, intensity ``q I``; ``y = C x + v``, equal variances."""
 
     A: np.ndarray  # (n, n), 1/s
     B: np.ndarray  # (n, 1)
     C: np.ndarray  # (p, n)
     q: float  # 1/s
-
-
-class StateSpace(NamedTuple):
-    """``x+ = A x + B u + w``, ``y = C x + v`` with ``w ~ N(0, Q)``, ``v ~ N(0, R)``; leading axes: system, run."""
-
-    A: np.ndarray  # (..., n, n)
-    B: np.ndarray  # (..., n, 1)
-    C: np.ndarray  # (..., p, n)
-    Q: np.ndarray  # (..., n, n)
-    R: np.ndarray  # (p, p)
-
-    @property
-    def model(self) -> LinearModel:
-        """The same for a filter."""
-        return LinearModel(self.A, self.C, self.Q, self.R, self.B)
 
 
 def draw(seed: int) -> Dynamics:
@@ -74,9 +59,8 @@ def draw(seed: int) -> Dynamics:
     M, B, C = rng.normal(size=(n, n)), rng.normal(size=(n, 1)), rng.normal(size=(MEASUREMENTS, n))
     margin = rng.uniform(*MARGIN)
     q = np.exp(rng.uniform(*np.log(INTENSITY)))
-    return Dynamics(
-        M - (growth(M) + margin) * np.eye(n), B, C / np.linalg.norm(C, axis=1, keepdims=True), q
-    )
+    A = M - (growth(M) + margin) * np.eye(n)
+    return Dynamics(A, B, C / np.linalg.norm(C, axis=1, keepdims=True), q)
 
 
 def growth(A: np.ndarray) -> float:
@@ -97,7 +81,7 @@ def mistaken(system: Dynamics, error: float, rng: np.random.Generator) -> Dynami
             return system._replace(A=A)
 
 
-def discretised(systems: Sequence[Dynamics], runs: int = 1) -> StateSpace:
+def discretised(systems: Sequence[Dynamics], runs: int = 1) -> LinearModel:
     """Models of one step with leading axes ``(systems / runs, runs)``."""
     steps = []
     for A, B, C, q in systems:
@@ -105,25 +89,16 @@ def discretised(systems: Sequence[Dynamics], runs: int = 1) -> StateSpace:
         steps.append((transition, C, noise, zero_order_hold(A, B, STEP)[1]))
     stacked = (np.array(matrices) for matrices in zip(*steps, strict=True))
     A, C, Q, B = (matrices.reshape(-1, runs, *matrices.shape[1:]) for matrices in stacked)
-    return StateSpace(A, B, C, Q, MEASUREMENT_VARIANCE * np.eye(C.shape[-2]))
+    return LinearModel(A, C, Q, MEASUREMENT_VARIANCE * np.eye(MEASUREMENTS), B)
 
 
-def prior(*batch: int) -> Gaussian:
-    """The filters' first estimate."""
-    return Gaussian(np.zeros((*batch, STATES)), PRIOR_VARIANCE * np.eye(STATES))
+def known_input(steps: int) -> np.ndarray:
+    """The square wave u ``(T, 1)``."""
+    return np.where(np.arange(steps) % INPUT_PERIOD < INPUT_PERIOD / 2, 1.0, -1.0)[:, None]
 
 
-def known_input(step: int) -> np.ndarray:
-    """The square wave u ``(1,)``."""
-    return np.array([1.0 if step % INPUT_PERIOD < INPUT_PERIOD / 2 else -1.0])
-
-
-# --- the least-favourable model -------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class LeastFavourable:
-    """The noise that hurts `robust-kf` most within its ball; lists over time, leading axes over systems.
+class LeastFavourable(NamedTuple):
+    """The noise that hurts `robust-kf` most within its ball, over T steps.
 
     With its prediction error ``e`` and unit noise ``z = (w, v)``, ``x+ = A x + B u + W z``, ``y = C
     x + D z``, the error of the filter with gain G obeys ``e+ = F e + N z``, ``F = A - G C``, ``N =
@@ -138,46 +113,40 @@ class LeastFavourable:
     Source: Levy & Nikoukhah (2013), sec. III and V.
     """
 
-    shift: list[np.ndarray]  # (..., n + p, n) mean of z for an error e
-    root: list[np.ndarray]  # (..., n + p, n + p) root of z's covariance
-    error_map: list[np.ndarray]  # (..., n, n) F
-    error_noise: list[np.ndarray]  # (..., n, n + p) N
-    start_weight: (
-        np.ndarray
-    )  # (..., n, n) Omega_0: nature would start with covariance (V_0^-1 - Omega_0)^-1
+    shift: np.ndarray  # (T, ..., n + p, n) mean of z for an error e
+    root: np.ndarray  # (T, ..., n + p, n + p) root of z's covariance
+    error_map: np.ndarray  # (T, ..., n, n) F
+    error_noise: np.ndarray  # (T, ..., n, n + p) N
+    # (..., n, n) Omega_0: nature would start with covariance (V_0^-1 - Omega_0)^-1
+    start_weight: np.ndarray
     claimed: np.ndarray  # (..., n, n) the filter's prediction covariance after the last step
 
 
-def noise_roots(model: StateSpace) -> tuple[np.ndarray, np.ndarray]:
+def noise_roots(model: Any) -> tuple[np.ndarray, np.ndarray]:
     """W ``(..., n, n + p)`` and D ``(p, n + p)`` with ``W W' = Q``, ``D D' = R``, ``W D' = 0``."""
-    n, p = model.A.shape[-1], model.R.shape[-1]
-    W = np.concatenate([np.linalg.cholesky(model.Q), np.zeros((*model.Q.shape[:-1], p))], axis=-1)
-    return W, np.hstack([np.zeros((p, n)), np.linalg.cholesky(model.R)])
+    W = np.concatenate([np.linalg.cholesky(model.Q), 0.0 * model.C.mT], axis=-1)
+    return W, np.hstack([np.zeros((model.p, model.n)), np.linalg.cholesky(model.R)])
 
 
-def least_favourable(model: StateSpace, tolerance: float, steps: int) -> LeastFavourable:
-    """The worst noise over a number of steps against ``robust-kf`` of the same tolerance."""
-    (W, D), C, eye = noise_roots(model), model.C, np.eye(model.A.shape[-1])
-    filter = make("robust-kf", model.model, radius=tolerance)
-    belief = filter.init(prior(*model.A.shape[:-2]))
-    F, N, theta = [], [], []
-    for k in range(steps):
-        V = belief.cov
-        G = model.A @ V @ C.mT @ np.linalg.inv(C @ V @ C.mT + model.R)
-        F.append(model.A - G @ C)
-        N.append(W - G @ D)
-        P = F[-1] @ V @ F[-1].mT + N[-1] @ N[-1].mT
-        belief = filter.predict(filter.update(belief, np.zeros(C.shape[-2])), known_input(k))
-        difference = np.linalg.inv(P) - np.linalg.inv(belief.cov)  # theta I
-        theta.append(np.trace(difference, axis1=-2, axis2=-1)[..., None, None] / len(eye))
-    shift, root, omega = [], [], np.zeros_like(eye)
-    for F_t, N_t, theta_t in zip(F[::-1], N[::-1], theta[::-1], strict=True):
-        X = omega + theta_t * eye
-        Z = np.linalg.inv(np.eye(N_t.shape[-1]) - N_t.mT @ X @ N_t)
-        shift.append(Z @ N_t.mT @ X @ F_t)
-        root.append(np.linalg.cholesky(Z))
-        omega = F_t.mT @ (X + X @ N_t @ Z @ N_t.mT @ X) @ F_t
-    return LeastFavourable(shift[::-1], root[::-1], F, N, omega, belief.cov)
+def least_favourable(model: Any, tolerance: float, steps: int) -> LeastFavourable:
+    """The worst noise over a number of steps against ``robust-kf`` of that tolerance."""
+    (W, D), A, C, eye = noise_roots(model), model.A, model.C, np.eye(model.n)
+    unseen = np.zeros((steps + 1, *A.shape[:-2], model.p))
+    V = track({"kind": "robust-kf", "radius": tolerance}, model, unseen).predicted.cov
+    V, after = V[:-1], V[1:]
+    G = A @ V @ C.mT @ np.linalg.inv(C @ V @ C.mT + model.R)
+    F, N = A - G @ C, W - G @ D
+    difference = np.linalg.inv(F @ V @ F.mT + N @ N.mT) - np.linalg.inv(after)  # theta I
+    theta = np.trace(difference, axis1=-2, axis2=-1)[..., None, None] / model.n
+    shift, omega, units = np.empty(N.mT.shape), np.zeros_like(eye), np.eye(model.n + model.p)
+    root = np.empty((*N.shape[:-2], *units.shape))
+    for k in range(steps)[::-1]:
+        X = omega + theta[k] * eye
+        Z = np.linalg.inv(units - N[k].mT @ X @ N[k])
+        shift[k] = Z @ N[k].mT @ X @ F[k]
+        root[k] = np.linalg.cholesky(Z)
+        omega = F[k].mT @ (X + X @ N[k] @ Z @ N[k].mT @ X) @ F[k]
+    return LeastFavourable(shift, root, F, N, omega, after[-1])
 
 
 # --- runs -----------------------------------------------------------------------------------------
@@ -191,154 +160,170 @@ class Record(NamedTuple):
 
 
 def simulate(
-    model: StateSpace, world: StateSpace, condition: Condition, steps: int, runs: int, seed: int
+    model: Any, world: Any, condition: Condition, steps: int, runs: int, seed: int
 ) -> Record:
     """Runs of every system: measurements from the ``world``, its noise as the condition has it.
 
-    The same seed gives the same underlying noise in every condition. Nature's error ``e`` is that
-    of a filter which assumes the model and sees no outlier.
+    A seed gives the underlying noise in every condition. Nature's error ``e`` is that of a filter
+    which assumes the model and sees no outlier.
     """
     W, D = noise_roots(world)
-    worst = least_favourable(model, condition.tolerance, steps + _HORIZON)
+    worst, u = least_favourable(model, condition.tolerance, steps + _HORIZON), known_input(steps)
     z_rng, outlier_rng = (np.random.default_rng([seed, stream]) for stream in range(2))
     batch = (len(model.A), runs)
-    x = e = np.sqrt(PRIOR_VARIANCE) * z_rng.normal(size=(*batch, W.shape[-2]))
+    x = e = np.sqrt(PRIOR_VARIANCE) * z_rng.normal(size=(*batch, model.n))
     xs, ys = [], []
     for k in range(steps):
-        z = np.matvec(worst.shift[k], e) + np.matvec(
-            worst.root[k], z_rng.normal(size=(*batch, W.shape[-1]))
-        )
-        outlier = outlier_rng.random((*batch, len(D))) < condition.rate
+        unit = z_rng.normal(size=(*batch, model.n + model.p))
+        z = np.matvec(worst.shift[k], e) + np.matvec(worst.root[k], unit)
+        outlier = outlier_rng.random((*batch, model.p)) < condition.rate
         xs.append(x)
         ys.append(np.matvec(world.C, x) + np.where(outlier, condition.size, 1.0) * np.matvec(D, z))
         e = np.matvec(worst.error_map[k], e) + np.matvec(worst.error_noise[k], z)
-        x = np.matvec(world.A, x) + np.matvec(world.B, known_input(k)) + np.matvec(W, z)
+        x = np.matvec(world.A, x) + np.matvec(world.B, u[k]) + np.matvec(W, z)
     return Record(np.array(xs), np.array(ys))
 
 
-def track(
-    options: Mapping[str, Any], model: StateSpace, y: np.ndarray
-) -> Iterable[tuple[Belief, Belief]]:
-    """The beliefs of a filter before and after each measurement of ``y (T, systems, runs, p)``."""
-    filter = make(
-        options["kind"],
-        model.model,
-        **{key: value for key, value in options.items() if key != "kind"},
-    )
-    predicted = filter.init(prior(*y.shape[1:-1]))
-    for k, measurement in enumerate(y):
-        updated = filter.update(predicted, measurement)
-        yield predicted, updated
-        predicted = filter.predict(updated, known_input(k))
+def track(options: Mapping[str, Any], model: Any, y: np.ndarray) -> Series:
+    """Beliefs of a filter before and after each measurement of ``y (T, systems, runs, p)``."""
+    kind, others = options["kind"], {key: of for key, of in options.items() if key != "kind"}
+    return run(make(kind, model, **others), PRIOR, y, known_input(len(y)))
+
+
+def squared_errors(options: Mapping[str, Any], model: Any, record: Record) -> np.ndarray:
+    """Squared error of the updated state at each time ``(T, systems, runs)``."""
+    return np.square(track(options, model, record.y).mean - record.x).sum(-1)
 
 
 def errors(
-    first: int, systems: int, runs: int, noise_seed: int, steps: int, skipped: int, condition: Mapping[str, float],
+    first: int,
+    systems: int,
+    runs: int,
+    noise_seed: int,
+    steps: int,
+    skipped: int,
+    condition: Condition,
     filters: Mapping[str, Any],
-) -> dict[str, np.ndarray]:  # fmt: skip
-    """RMSE of the updated state, ``(systems, runs)`` by filter, on the same measurements; see the settings."""
-    what = Condition(**condition)
+) -> dict[str, np.ndarray]:
+    """RMSE of the updated state ``(systems, runs)`` by filter on the same measurements."""
     drawn = [draw(seed) for seed in range(first, first + systems)]
     model = world = discretised(drawn)
-    if what.parameters:
+    if condition.parameters:
         rng = np.random.default_rng([noise_seed, 2])
-        world = discretised(
-            [mistaken(s, what.parameters, rng) for s in drawn for _ in range(runs)], runs
-        )
-    record = simulate(model, world, what, steps, runs, noise_seed)
+        off = [mistaken(s, condition.parameters, rng) for s in drawn for _ in range(runs)]
+        world = discretised(off, runs)
+    record = simulate(model, world, condition, steps, runs, noise_seed)
     return {
-        name: _rmse(track(options, model, record.y), record.x, skipped)
+        name: np.sqrt(squared_errors(options, model, record)[skipped:].mean(0))
         for name, options in filters.items()
     }
-
-
-def _rmse(beliefs: Iterable[tuple[Belief, Belief]], x: np.ndarray, skipped: int) -> np.ndarray:
-    squares = [
-        ((after.mean - state) ** 2).sum(-1) for (_, after), state in zip(beliefs, x, strict=True)
-    ]
-    return np.sqrt(np.mean(squares[skipped:], axis=0))
 
 
 # --- the paper's own system -----------------------------------------------------------------------
 
 
-def example(first: int, runs: int, noise_seed: int, steps: int) -> dict[str, Any]:
+def example(first: int, runs: int, noise_seed: int, steps: int) -> tuple[Any, ...]:
     """The Kalman filter on the system of a seed, with nothing wrong.
 
     Returns:
-        ``rmse (T,)`` over all runs; of the first run ``variance (T, n)`` and ``gain (T,)``, the
-        largest singular value of ``K = P+ C' R^-1``; ``printed``, see `printed_difference`.
+        RMSE ``(T,)`` over all runs; of the first run variances ``(T, n)``, the largest singular
+        value ``(T,)`` of ``K = P+ C' R^-1``, and the largest difference of `printed_estimates`.
     """
-    model = discretised([draw(first)])
-    x, y = simulate(model, model, Condition(), steps, runs, noise_seed)
-    found = [after for _, after in track({"kind": "kf"}, model, y)]
-    gains = [after.cov[0, 0] @ model.C[0, 0].T @ np.linalg.inv(model.R) for after in found]
-    squares = [
-        ((after.mean - state) ** 2).sum(-1).mean() for after, state in zip(found, x, strict=True)
-    ]
-    return {
-        "rmse": np.sqrt(squares),
-        "variance": np.array([np.diagonal(after.cov[0, 0]) for after in found]),
-        "gain": np.linalg.svd(gains, compute_uv=False)[:, 0],
-        "printed": printed_difference(
-            model, y[:, 0, 0], np.array([after.mean[0, 0] for after in found])
-        ),
-    }
+    model: Any = discretised([draw(first)])
+    record = simulate(model, model, Condition(), steps, runs, noise_seed)
+    of = track({"kind": "kf"}, model, record.y)
+    cov, squares = of.cov[:, 0, 0], np.square(of.mean - record.x).sum(-1)
+    gain = np.linalg.norm(cov @ model.C[0, 0].T @ np.linalg.inv(model.R), 2, (-2, -1))
+    difference = np.abs(printed_estimates(model, record.y[:, 0, 0]) - of.mean[:, 0, 0]).max()
+    variances = np.diagonal(cov, axis1=-2, axis2=-1)
+    return np.sqrt(squares.mean((1, 2))), variances, gain, difference
 
 
-def printed_difference(model: StateSpace, y: np.ndarray, kf: np.ndarray) -> float:
-    """Largest difference of the algorithm as printed, eqs (6) to (9) and the summary of step 4, from ``kf (T, n)``."""
-    A, B, C, Q, R = model.A[0, 0], model.B[0, 0], model.C[0, 0], model.Q[0, 0], model.R
-    x, P = np.zeros(len(A)), PRIOR_VARIANCE * np.eye(len(A))
-    largest = 0.0
-    for k, measurement in enumerate(y):
-        K = P @ C.T @ np.linalg.inv(C @ P @ C.T + R)
+def printed_estimates(model: Any, y: np.ndarray) -> np.ndarray:
+    """Estimates ``(T, n)`` of the algorithm as printed, eqs (6) to (9) and step 4's summary."""
+    A, B, C, Q = (each[0, 0] for each in (model.A, model.B, model.C, model.Q))
+    x, P, found = PRIOR.mean, PRIOR.cov, []
+    for measurement, u in zip(y, known_input(len(y)), strict=True):
+        K = P @ C.T @ np.linalg.inv(C @ P @ C.T + model.R)
         x, P = x + K @ (measurement - C @ x), (np.eye(len(A)) - K @ C) @ P
-        largest = max(largest, float(np.abs(x - kf[k]).max()))
-        x, P = A @ x + B @ known_input(k), A @ P @ A.T + Q
-    return largest
+        found.append(x)
+        x, P = A @ x + B @ u, A @ P @ A.T + Q
+    return np.array(found)
 
 
-# --- jobs -----------------------------------------------------------------------------------------
+# --- tables ---------------------------------------------------------------------------------------
 
 
-def sweeps(settings: Mapping[str, Any]) -> dict[str, list[Condition]]:
-    """The conditions of each sweep, by the attribute that varies, and outliers on top of either model error."""
-    values, outliers = settings["sweeps"], Condition(**settings["outliers"])
-    found = {
-        key: [Condition(**{key: v}) for v in values[key]]
-        for key in ("rate", "tolerance", "parameters")
+def report(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables and measures."""
+    shared = {key: settings[key] for key in ("noise_seed", "steps", "skipped", "filters")}
+
+    @cache
+    def rmse(population: str, condition: Condition) -> dict[str, np.ndarray]:
+        found = errors(condition=condition, **settings["populations"][population], **shared)
+        return {name: of[0] if len(of) == 1 else np.sqrt(np.mean(of**2, axis=1))
+                for name, of in found.items()}  # fmt: skip
+
+    tables = {
+        "conditions": _conditions(settings, rmse),
+        "systems": _systems(settings, rmse),
+        "figures": _figures(settings, rmse),
     }
-    found["size"] = [outliers._replace(size=size) for size in values["size"]]
-    for error in ("least_favourable", "parameters"):
-        condition = Condition(**settings[error])
-        found[f"{error}, outliers"] = [condition._replace(rate=rate) for rate in values["crossed"]]
+    return {"tables": tables, "rows": [Row(settings["paper"], "no number is printed")]}
+
+
+def ratio(ours: Any, other: Any, decimals: int) -> str:
+    """Geometric mean of paired ratios."""
+    return between(geometric(np.log(ours) - np.log(other)), decimals)
+
+
+Errors = Callable[[str, Condition], dict[str, np.ndarray]]
+"""RMSE by filter, for a population and a condition: of every system over its runs, or of every run
+of the single system."""
+
+
+def _conditions(settings: Mapping[str, Any], rmse: Errors) -> list[Any]:
+    """RMSE of the Kalman filter in each condition, and ratios of the others to it."""
+    _, *others = settings["filters"]
+    found: list[Any] = [("sweep", "value", "KF, RMSE", *(f"{name} / KF" for name in others))]
+    for sweep in settings["sweeps"]:
+        for value in sweep["values"]:
+            of = rmse("random", Condition(**sweep.get("beside", {}) | {sweep["varied"]: value}))
+            cells = (ratio(of[name], of["kf"], 3) for name in others)
+            kf = np.exp(np.log(of["kf"]).mean())
+            found.append((sweep["name"], f"{value:g}", f"{kf:.2f}", *cells))
     return found
 
 
-def job_name(population: str, condition: Condition) -> str:
-    """The name of the job of a population under a condition."""
-    return f"{population}: " + ", ".join(
-        f"{key} {value:g}" for key, value in condition._asdict().items()
-    )
+def _systems(settings: Mapping[str, Any], rmse: Errors) -> list[Any]:
+    """Quantiles over the systems of the ratios to the Kalman filter."""
+    quantiles = {"best": 0.0, "10 %": 0.1, "median": 0.5, "90 %": 0.9, "worst": 1.0}
+    found: list[Any] = [("condition", "filter", "systems below the KF [%]", *quantiles)]
+    for key in ("nothing wrong", "outliers", "least_favourable", "parameters"):
+        of = rmse("random", Condition(**settings.get(key, {})))
+        for name in [*of][1:]:
+            ratios = of[name] / of["kf"]
+            cells = (f"{q:.2f}" for q in np.quantile(ratios, [*quantiles.values()]))
+            below = f"{100.0 * (ratios < 1.0).mean():.0f}"
+            found.append((key.replace("_", " "), name, below, *cells))
+    return found
 
 
-def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
-    """Everything to compute, by name."""
-    run = {key: settings[key] for key in ("noise_seed", "steps")}
-    paper = {key: settings["populations"]["paper"][key] for key in ("first", "runs")}
-    found = {"example": Job(f"{__name__}:example", paper | run, "robust, example")}
-    run |= {key: settings[key] for key in ("filters", "skipped")}
-    conditions = {
-        "random": dict.fromkeys(
-            condition for group in sweeps(settings).values() for condition in group
-        ),
-        "paper": (Condition(), Condition(**settings["outliers"])),
-    }
-    for population, which in settings["populations"].items():
-        for condition in conditions[population]:
-            arguments = which | run | {"condition": condition._asdict()}
-            found[job_name(population, condition)] = Job(
-                f"{__name__}:errors", arguments, f"robust, {population}"
-            )
+def _figures(settings: Mapping[str, Any], rmse: Errors) -> list[Any]:
+    """The paper's figures, on the system in its place."""
+    paper, skipped = settings["populations"]["paper"], settings["skipped"]
+    sizes = (paper["first"], paper["runs"], settings["noise_seed"], settings["steps"])
+    error, variance, gain, printed = example(*sizes)
+    found: list[Any] = [
+        ("on the paper's system", "at the first measurement", "at the last"),
+        ("RMSE", f"{error[0]:.2f}", f"{np.sqrt(np.mean(error[skipped:] ** 2)):.2f}"),
+        ("largest singular value of the gain", f"{gain[0]:.2f}", f"{gain[-1]:.2f}"),
+        *((f"variance of x{i + 1}", f"{of[0]:.2f}", f"{of[-1]:.2f}")
+          for i, of in enumerate(variance.T)),
+        ("printed algorithm less kf, at most", f"{printed:.0e}", ""),
+    ]  # fmt: skip
+    hit, usual = rmse("paper", Condition(**settings["outliers"])), rmse("paper", Condition())
+    for name in settings["filters"]:
+        affected = ratio(hit[name], usual[name], 2)
+        found.append((f"{name}, RMSE with outliers over without", affected, ""))
     return found

@@ -1,1 +1,1 @@
-"""The paper of 2019 on the AUV Segorogeni ITS: an ensemble Kalman filter on a path in three dimensions."""
+"""The paper of 2019 on the AUV Segorogeni ITS: an ensemble Kalman filter in three dimensions."""

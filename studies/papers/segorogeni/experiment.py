@@ -8,18 +8,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import root
 
-from agents.jobs import Job
-from estimators import make
-from studies.papers.dive import Advance, Experiment, channel_sd, own_step, rms
+from estimators import make, rmse
+from studies.markdown import mean_and_half
+from studies.papers.measures import (
+    Comparison,
+    against_table,
+    by_members,
+    comparison_table,
+    rows,
+)
+from studies.papers.vehicle import Advance, Experiment, channel_sd, own_step
 from vessel_gym.envs.auv import SEGOROGENI_AUV
 from vessel_gym.vehicles.segorogeni import STATE, Segorogeni, segorogeni_rates
 
 QUANTITIES = {"x": "m", "y": "m", "z": "m", "angle": "rad"}
 REFERENCES = ("planned path", "true position")
 _ESTIMATED = [STATE.index(name) for name in ("u", "v", "w", "p", "q", "r")]
+_MEASURED = [0, 1, 2, 5]  # u, v, w and r
 _PLACE = [STATE.index(name) for name in ("x", "y", "z", "psi")]
 _YAW = STATE.index("psi")
-_STILL = np.zeros(2)  # the current
 _SHIPPED = Segorogeni()
 MEASUREMENT_SD = channel_sd(
     _SHIPPED.sensors, ("u over ground", "v over ground", "w over ground", "r")
@@ -30,7 +37,7 @@ PRIOR_SD = SEGOROGENI_AUV.task.prior(np.zeros((1, 3))).cov.diagonal()[:6] ** 0.5
 
 
 class Trial(NamedTuple):
-    """The dive: the paper's step [s], rudder [deg] and goal [m], and our duration [s] and excess of weight [N]."""
+    """The dive: printed step [s], rudder [deg], goal [m]; our duration [s], weight excess [N]."""
 
     step: float
     rudder: float
@@ -46,77 +53,38 @@ class Trial(NamedTuple):
         )
 
 
-def read(values: Mapping[str, Any]) -> Trial:
+def read(values: dict[str, Any]) -> Trial:
     """The dive of a settings file."""
-    return Trial(**dict(values) | {"goal": tuple(values["goal"])})
-
-
-def jobs(settings: Mapping[str, Any]) -> dict[str, Job]:
-    """Everything to compute, by name."""
-    here, found = __name__, {}
-
-    def dives(
-        name: str, own: bool, members: int, runs: int, seed: int = 0, **factors: float
-    ) -> None:
-        arguments = {
-            "own": own,
-            "members": members,
-            "runs": runs,
-            "seed": seed,
-            "trial": settings["trial"],
-        } | factors
-        found[name] = Job(
-            f"{here}:estimate", arguments, f"segorogeni, {members} members, own step {own}"
-        )
-
-    for members in settings["members"]:
-        for seed in settings["seeds"]:
-            dives(
-                f"printed step, {members}, {seed}", False, members, settings["runs_of_a_seed"], seed
-            )
-        dives(f"own step, {members}", True, members, settings["own_runs"])
-    dives("own step, 0", True, 0, settings["own_runs"])
-    dives(
-        "believed",
-        True,
-        0,
-        settings["own_runs"],
-        process=settings["open"]["process_noise"]["believed"],
-    )
-    return found
+    return Trial(**values | {"goal": tuple(values["goal"])})
 
 
 def estimate(
-    own: bool, members: int, runs: int, seed: int, trial: Mapping[str, Any], process: float = 1.0
+    trial: Trial, own: bool, members: int, runs: int, seed: int = 0, process: float = 1.0
 ) -> dict[str, np.ndarray]:
-    """Errors of the position in some runs of the dive; truth and measurements depend on the seed alone.
+    """Errors of the position in some dives; truth and measurements depend on the seed alone.
 
     Args:
+        trial: The dive.
         own: Runge-Kutta at the vehicle's step; else forward Euler at the paper's.
         members: N; 0: the extended Kalman filter.
         runs: Dives.
         seed: Of truth, measurements and filter.
-        trial: The dive, as in the settings file.
         process: Factor on the process noise.
 
     Returns:
         ``planned path`` and ``true position``: RMSE ``(runs, 4)`` of x, y, z [m] and yaw [rad]
-            against each; ``final
-        (runs, 3)`` distances from the planned end [m].
+        against each; ``final (runs, 3)`` distances from the planned end [m].
     """
-    experiment = dive(read(trial), own, process)
-    dives = experiment.run(runs, np.random.default_rng([seed, 0]))
+    experiment = dive(trial, own, process)
+    truth, measurements = experiment.simulate(runs, np.random.default_rng([seed, 0]))
     options: dict[str, Any] = {"members": members, "draws": "independent"} if members else {}
     filter_ = make("enkf" if members else "ekf", experiment.model, **options)
-    means = experiment.estimates(
-        filter_, dives.measurements, np.random.default_rng([seed, members])
-    )
-    places, plan = positions(experiment, means), experiment.planned[:, None, _PLACE]
-    return {
-        "planned path": rms((places - plan)[1:]),
-        "true position": rms((places - dives.truth[..., _PLACE])[1:]),
-        "final": np.abs(places - plan)[-1, :, :3],
-    }
+    rng = np.random.default_rng([seed, members])
+    places = positions(experiment, experiment.estimates(filter_, measurements, rng))
+    plan = experiment.planned[:, None, _PLACE]
+    references = zip(REFERENCES, (plan, truth[..., _PLACE]), strict=True)
+    found = {name: rmse(places[1:], of[1:], axis=0) for name, of in references}
+    return found | {"final": np.abs(places - plan)[-1, :, :3]}
 
 
 def dive(trial: Trial, own: bool, process: float = 1.0) -> Experiment:
@@ -128,7 +96,7 @@ def dive(trial: Trial, own: bool, process: float = 1.0) -> Experiment:
         start=np.zeros(len(STATE)),
         controls=_own_controls(trial, constant_controls(trial)) if own else _euler_controls(trial),
         estimated=_ESTIMATED,
-        measured=[_ESTIMATED.index(STATE.index(name)) for name in ("u", "v", "w", "r")],
+        measured=_MEASURED,
         process_sd=process * PROCESS_SD / np.sqrt(share),
         measurement_sd=MEASUREMENT_SD * np.sqrt(share),
         prior_sd=PRIOR_SD,
@@ -136,7 +104,7 @@ def dive(trial: Trial, own: bool, process: float = 1.0) -> Experiment:
 
 
 def positions(experiment: Experiment, estimates: np.ndarray) -> np.ndarray:
-    """x, y, z [m] and yaw [rad] by the printed kinematics (eqs. 1-4) from estimates ``(T + 1, B, 6)``, alike."""
+    """x, y, z [m] and yaw [rad] by eqs. 1-4 ``(T + 1, B, 4)`` from estimates ``(T + 1, B, 6)``."""
     controls = experiment.controls[:, None]
     states = experiment.state(estimates[:-1])
     places = np.zeros(estimates.shape[:-1] + (len(_PLACE),))
@@ -161,16 +129,15 @@ def constant_controls(trial: Trial) -> np.ndarray:
             state = advance(state, control)
         return state[_PLACE[:3]] - trial.goal
 
-    found = root(
-        miss, [0.4 * np.deg2rad(trial.rudder), 0.0, _SHIPPED.body.cruise_thrust], tol=1e-10
-    )
+    first = [0.4 * np.deg2rad(trial.rudder), 0.0, _SHIPPED.body.cruise_thrust]
+    found = root(miss, first, tol=1e-10)
     if not found.success:
         raise RuntimeError("no constant controls lead to the goal")
     return found.x
 
 
 def _own_controls(trial: Trial, constant: np.ndarray) -> np.ndarray:
-    """Actuators before and after each of the vehicle's steps ``(T, 6)``; in the first the rudder leaves its angle."""
+    """Actuators before and after each step ``(T, 6)``; in the first the rudder leaves its angle."""
     after = np.tile(constant, (round(trial.duration / OWN_STEP), 1))
     before = after.copy()
     before[0, 0] = np.deg2rad(trial.rudder)
@@ -178,20 +145,59 @@ def _own_controls(trial: Trial, constant: np.ndarray) -> np.ndarray:
 
 
 def _euler_controls(trial: Trial) -> np.ndarray:
-    """The same actuators at the beginning of each of the paper's steps ``(T, 3)``."""
-    constant, times = (
-        constant_controls(trial),
-        trial.step * np.arange(round(trial.duration / trial.step)),
-    )
+    """Actuators at the beginning of each of the paper's steps ``(T, 3)``."""
+    constant = constant_controls(trial)
+    times = trial.step * np.arange(round(trial.duration / trial.step))
     controls = np.tile(constant, (len(times), 1))
     controls[:, 0] = np.interp(times, [0.0, OWN_STEP], [np.deg2rad(trial.rudder), constant[0]])
     return controls
 
 
 def _euler_step(trial: Trial) -> Advance:
-    coefficients = trial.vehicle.body.vector()
+    coefficients, still = trial.vehicle.body.vector(), np.zeros(2)
 
     def advance(states: np.ndarray, control: np.ndarray) -> np.ndarray:
-        return states + trial.step * segorogeni_rates(states, control, _STILL, coefficients)
+        return states + trial.step * segorogeni_rates(states, control, still, coefficients)
 
     return advance
+
+
+# --- tables ---------------------------------------------------------------------------------------
+
+
+def report(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables and measures."""
+    members, printed, runs = settings["members"], settings["printed"], settings["own_runs"]
+    trial, few = read(settings["trial"]), settings["runs_of_a_seed"]
+    euler = {
+        n: [estimate(trial, False, n, few, seed) for seed in settings["seeds"]] for n in members
+    }
+    own = {n: estimate(trial, True, n, runs) for n in (*members, 0)}
+    noise = settings["open"]["process_noise"]["believed"]
+    believed = estimate(trial, True, 0, runs, process=noise)
+    units = [f"{name} [{unit}]" for name, unit in QUANTITIES.items()]
+    tables: dict[str, Any] = {
+        "own": [("reference", "members", *units)], "believed": [("reference", *units)],
+    }  # fmt: skip
+    columns = {}
+    for of in REFERENCES:
+        joined = {n: np.concatenate([each[of] for each in found]) for n, found in euler.items()}
+        times = zip(members, printed["time"], strict=False)
+        lines = {str(n): [*printed[str(n)], time] for n, time in times}
+        found = against_table("Table III", lines, QUANTITIES, joined, settings["averaged"])
+        ends = np.concatenate([each["final"] for each in euler[members[-1]]])
+        found += [
+            Comparison("end of the dive", name, "m", text, "sec. III D", ours)
+            for name, text, ours in zip("xyz", printed["end"], ends.T, strict=True)
+        ]
+        columns[f"against the {of}"] = found
+        tables["own"] += by_members(of, {n: own[n][of] for n in members})
+        tables["own"].append((of, "none: ekf", *(mean_and_half(each, 5) for each in own[0][of].T)))
+        cells = (mean_and_half(each, 5) for each in (own[300][of] - own[200][of]).T)
+        tables["own"].append((of, "300 less 200", *cells))
+        tables["believed"].append((of, *(mean_and_half(each, 3) for each in believed[of].T)))
+    tables["published"] = comparison_table(columns)
+    return {
+        "tables": tables,
+        "rows": rows(settings["paper"], columns[f"against the {REFERENCES[0]}"]),
+    }

@@ -77,7 +77,7 @@ def test_the_documentation_shows_how_to_bring_an_own_estimator_and_environment(
 ):
     text = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
     filters, ships = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    _, own = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
+    *_, own = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
     for name, content in (("my_filters.py", filters), ("my_ships.py", ships), ("own.toml", own)):
         (tmp_path / name).write_text(content)
     monkeypatch.chdir(tmp_path)

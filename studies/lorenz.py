@@ -1,29 +1,30 @@
-"""Lorenz-63 and Lorenz-96: published scores of filters by members and particles, and the experiments behind them.
+"""Lorenz-63 and Lorenz-96: published scores of filters by members and particles.
 
-Each of `BENCHMARKS`, the rows of ``benchmarks.csv``, is a setting with the analysis RMSE printed
-for it. The score is that of the literature: at each analysis the root of the mean square error over
-the components, averaged over the analyses after a burn-in.
+Each of `BENCHMARKS`, of ``data/lorenz.toml``, is a setting with the analysis RMSE printed for
+it. The score is that of the literature: at each analysis the root of the mean square error over the
+components, averaged over the analyses after a burn-in.
 
 Sources: Lorenz (1963), Deterministic nonperiodic flow; Lorenz & Emanuel (1998), Optimal sites for
 supplementary weather observations; Sakov & Oke (2008a), A deterministic formulation of the ensemble
 Kalman filter; Sakov, Oliver & Bertino (2012), An iterative EnKF for strongly nonlinear systems; and
-those that ``benchmarks.csv`` names. The values are those printed in DAPPER (Raanes et al.,
+those that ``data/lorenz.toml`` names. The values are those printed in DAPPER (Raanes et al.,
 https://github.com/nansencenter/DAPPER) beside the settings of these papers, in ``mods/Lorenz63``
 and ``mods/Lorenz96``: all but those of methods that are not here (smoothers, local, serial and
 variational ones, members that are rotated, inflation that adapts), of Laplace's noise, of 400
 members or 3000 particles and more, which take minutes, and doubles.
 """
 
-import csv
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from estimators.factory import make
-from estimators.models import Gaussian, NonlinearModel
+from estimators import Gaussian, NonlinearModel, make
+from studies.markdown import ROOT
+
+Derivative = Callable[[np.ndarray], np.ndarray]
 
 
 def lorenz63(
@@ -31,34 +32,23 @@ def lorenz63(
 ) -> np.ndarray:
     """Time derivative of convection in three numbers; ``x`` is ``(..., 3)``."""
     a, b, c = x[..., 0], x[..., 1], x[..., 2]
-    rate = np.empty(x.shape)
-    rate[..., 0] = sigma * (b - a)
-    rate[..., 1] = a * (rho - c) - b
-    rate[..., 2] = a * b - beta * c
-    return rate
+    return np.stack([sigma * (b - a), a * (rho - c) - b, a * b - beta * c], -1)
 
 
 def lorenz96(x: np.ndarray, exogenous: float = 8.0) -> np.ndarray:
-    """Time derivative of weather on a circle of latitude; ``x`` is ``(..., n)`` with n at least 4."""
+    """Time derivative of weather on a circle of latitude; ``x`` is ``(..., n)``, n at least 4."""
     ring = np.concatenate([x[..., -2:], x, x[..., :1]], axis=-1)
-    rate = ring[..., 3:] - ring[..., :-3]
-    rate *= ring[..., 1:-2]
-    rate -= x
-    rate += exogenous
-    return rate
+    return (ring[..., 3:] - ring[..., :-3]) * ring[..., 1:-2] - x + exogenous
 
 
-def rk4(
-    derivative: Callable[[np.ndarray], np.ndarray], x: np.ndarray, dt: float, steps: int = 1
-) -> np.ndarray:
+def rk4(derivative: Derivative, x: np.ndarray, dt: float, steps: int = 1) -> np.ndarray:
     """``steps`` classical Runge-Kutta steps of ``x' = derivative(x)``."""
     for _ in range(steps):
         k1 = derivative(x)
         k2 = derivative(x + 0.5 * dt * k1)
         k3 = derivative(x + 0.5 * dt * k2)
         k4 = derivative(x + dt * k3)
-        k2 += k3
-        x = x + dt / 6.0 * (k1 + 2.0 * k2 + k4)
+        x = x + dt / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
     return x
 
 
@@ -75,23 +65,18 @@ class Setting:
         steps: Integration steps between measurements.
         measurement_var: Variance of each measurement.
         burn_in: Analyses left out of the score.
-        seen: Which components are read; None: all.
+        read: Indices of the measured components.
     """
 
     name: str
-    derivative: Callable[[np.ndarray], np.ndarray]
-    start: tuple[float, ...]
+    derivative: Derivative
+    start: list[float]
     start_var: float
     dt: float
     steps: int
     measurement_var: float
     burn_in: int
-    seen: tuple[int, ...] | None = None
-
-    @property
-    def read(self) -> list[int]:
-        """Indices of the measured components."""
-        return list(range(len(self.start)) if self.seen is None else self.seen)
+    read: list[int]
 
     def model(self) -> NonlinearModel:
         """The model, from one measurement to the next."""
@@ -104,72 +89,38 @@ class Setting:
         )
 
 
-LORENZ63 = Setting(
-    "Lorenz-63",
-    lorenz63,
-    start=(1.509, -1.531, 25.46),
-    start_var=2.0,
-    dt=0.01,
-    steps=25,
-    measurement_var=2.0,
-    burn_in=64,
-)
-FIRST63 = replace(
-    LORENZ63, name="Lorenz-63, R = 8, x alone", steps=12, measurement_var=8.0, burn_in=33, seen=(0,)
-)
-LORENZ96 = Setting(
-    "Lorenz-96",
-    lorenz96,
-    start=(8.0,) * 40,
-    start_var=0.001,
-    dt=0.05,
-    steps=1,
-    measurement_var=1.0,
-    burn_in=400,
-)
-SMALL96 = replace(
-    LORENZ96,
-    name="Lorenz-96 of 10, R = 1.5, half",
-    start=(8.0,) * 10,
-    measurement_var=1.5,
-    seen=(0, 2, 4, 6, 8),
-)
-SETTINGS = (LORENZ63, FIRST63, LORENZ96, SMALL96)
-
-
 @dataclass(frozen=True)
 class Benchmark:
     """A published score.
 
     Attributes:
         setting: The system.
-        filters: The filters that the score is for: several names where they are the same transform.
+        filters: The filters that the score is for: several names of one transform.
         members: N, of members or of particles.
         published: Analysis RMSE as printed.
+        source: Of the score.
         tuning: Other options of the filter.
-        reported_only: Whether the mean varies too much to be held against: with few members or
+        reported_only: True if the mean varies too much to be held against: with few members or
             particles, or with the least inflation that works, about one run in twenty loses the
             truth for good.
         draws: Of an ensemble: those of the published scores are independent.
     """
 
     setting: Setting
-    filters: tuple[str, ...]
+    filters: list[str]
     members: int
     published: float
-    tuning: dict[str, Any] = field(default_factory=dict)
+    source: str
+    tuning: dict[str, Any]
     reported_only: bool = False
     draws: str = "independent"
 
     @property
     def options(self) -> dict[str, Any]:
         """Options of the filter."""
-        size = (
-            {"particles": self.members}
-            if "pf" in self.filters
-            else {"members": self.members, "draws": self.draws}
-        )
-        return size | self.tuning
+        if "pf" in self.filters:
+            return {"particles": self.members} | self.tuning
+        return {"members": self.members, "draws": self.draws} | self.tuning
 
     @property
     def described(self) -> str:
@@ -177,28 +128,16 @@ class Benchmark:
         return ", ".join(f"{key} {value:g}" for key, value in self.tuning.items())
 
 
-def _read(row: Mapping[str, str]) -> Benchmark:
-    """The benchmark of a row of ``benchmarks.csv``."""
-    return Benchmark(
-        next(each for each in SETTINGS if each.name == row["setting"]),
-        tuple(row["filters"].split()),
-        int(row["members"]),
-        float(row["published"]),
-        {key: float(row[key]) for key in ("inflation", "jitter", "threshold") if row[key]},
-        bool(row["reported_only"]),
-    )
-
-
-with Path(__file__).with_name("benchmarks.csv").open(encoding="utf-8") as file:
-    BENCHMARKS = tuple(map(_read, csv.DictReader(file)))
+_data = tomllib.loads((ROOT / "studies/data/lorenz.toml").read_text(encoding="utf-8"))
+SETTINGS = {
+    name: Setting(name, **of | {"derivative": globals()[of["derivative"]]})
+    for name, of in _data["settings"].items()
+}
+BENCHMARKS = [Benchmark(**of | {"setting": SETTINGS[of["setting"]]}) for of in _data["benchmarks"]]
 
 
 def analysis_rmse(
-    benchmark: Benchmark,
-    filter_name: str,
-    runs: int,
-    cycles: int = 1000,
-    seed: int = 0,
+    benchmark: Benchmark, filter_name: str, runs: int, cycles: int = 1000, seed: int = 0
 ) -> np.ndarray:
     """Scores ``(runs,)`` of independent runs, which are the rows of one batch.
 
@@ -220,12 +159,10 @@ def analysis_rmse(
     truth = rk4(setting.derivative, truth, setting.dt, round(10.0 / setting.dt))
     guess = truth + np.sqrt(setting.start_var) * world.standard_normal((runs, n))
     belief = filter.init(Gaussian(guess, setting.start_var * np.eye(n)), rng=chance)
-    total = np.zeros(runs)
+    total, sd = np.zeros(runs), np.sqrt(setting.measurement_var)
     for k in range(setting.burn_in + cycles):
         truth = model.transition(truth, None)
-        y = model.measurement(truth, None) + np.sqrt(
-            setting.measurement_var
-        ) * world.standard_normal((runs, model.p))
+        y = model.measurement(truth, None) + sd * world.standard_normal((runs, model.p))
         belief = filter.update(filter.predict(belief, rng=chance), y, rng=chance)
         if k >= setting.burn_in:
             total += np.sqrt(np.mean((belief.mean - truth) ** 2, axis=-1))

@@ -1,13 +1,13 @@
-"""Shared parts of the papers on underwater vehicles: a vehicle under recorded controls, and a filter.
+"""A vehicle under recorded controls, and filters that follow it: shared by the papers on vehicles.
 
 A filter estimates some components of the vehicle's state; the position follows by integrating the
-kinematics over the estimates, as in the papers.
+kinematics over the estimates, as in the papers on underwater vehicles.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -18,20 +18,13 @@ Advance = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """States ``(..., n)`` one step later under a control ``(..., m)``."""
 
 
-class Dives(NamedTuple):
-    """Runs: ``truth (T + 1, B, n)`` and ``measurements (T, B, p)``, after each step."""
-
-    truth: np.ndarray
-    measurements: np.ndarray
-
-
 @dataclass(frozen=True, eq=False)
 class Experiment:
     """A vehicle under a recorded control with process noise, and the filter's assumptions.
 
     Attributes:
         advance: The vehicle's equations over a step.
-        start: State ``(n,)`` at the beginning.
+        start: State ``(n,)`` at the beginning, or one for each run ``(B, n)``.
         controls: ``(T, m)``.
         estimated: Components of the state that a filter estimates, k of them; they suffice for
             their own equations.
@@ -39,6 +32,7 @@ class Experiment:
         process_sd: ``(k,)`` process noise of a step.
         measurement_sd: ``(p,)``.
         prior_sd: ``(k,)`` of the first estimate.
+        angles: Which of the estimated components are angles.
     """
 
     advance: Advance
@@ -49,20 +43,22 @@ class Experiment:
     process_sd: np.ndarray
     measurement_sd: np.ndarray
     prior_sd: np.ndarray
+    angles: tuple[int, ...] = ()
 
     @cached_property
     def model(self) -> NonlinearModel:
-        """The filter's model: the same equations, noise and measurements."""
+        """The filter's model, of the vehicle's own equations, noise and measurements."""
 
-        def transition(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-            assert u is not None
+        def transition(x: np.ndarray, u: Any) -> np.ndarray:
             return self.advance(self.state(x), u)[..., self.estimated]
 
-        def measurement(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        def measurement(x: np.ndarray, u: Any) -> np.ndarray:
             return x[..., self.measured]
 
+        Q, R = np.diag(self.process_sd**2), np.diag(self.measurement_sd**2)
+        angles = tuple(self.measured.index(i) for i in self.angles if i in self.measured)
         return NonlinearModel(
-            transition, measurement, np.diag(self.process_sd**2), np.diag(self.measurement_sd**2)
+            transition, measurement, Q, R, state_angles=self.angles, measurement_angles=angles
         )
 
     def state(self, estimates: np.ndarray) -> np.ndarray:
@@ -71,17 +67,17 @@ class Experiment:
         state[..., self.estimated] = estimates
         return state
 
-    def run(self, runs: int, rng: np.random.Generator) -> Dives:
-        """Runs of the vehicle and their measurements: the same for every filter, so that filters pair."""
+    def simulate(self, runs: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """True states ``(T + 1, B, n)``, and measurements ``(T, B, p)`` after each step."""
         steps = len(self.controls)
-        truth = np.empty((steps + 1, runs, len(self.start)))
+        truth = np.empty((steps + 1, runs, self.start.shape[-1]))
         truth[0] = self.start
         noise = self.process_sd * rng.standard_normal((steps, runs, len(self.process_sd)))
         for k, control in enumerate(self.controls):
             truth[k + 1] = self.advance(truth[k], control)
             truth[k + 1][:, self.estimated] += noise[k]
         exact = truth[1:][..., self.estimated][..., self.measured]
-        return Dives(truth, exact + self.measurement_sd * rng.standard_normal(exact.shape))
+        return truth, exact + self.measurement_sd * rng.standard_normal(exact.shape)
 
     @cached_property
     def planned(self) -> np.ndarray:
@@ -95,19 +91,17 @@ class Experiment:
         self, estimator: Filter, measurements: np.ndarray, rng: np.random.Generator
     ) -> np.ndarray:
         """Updated estimates ``(T + 1, B, k)``; the first is the initial one."""
-        runs = measurements.shape[1]
-        belief = estimator.init(
-            Gaussian(np.tile(self.start[self.estimated], (runs, 1)), np.diag(self.prior_sd**2)), rng
-        )
-        means = [belief.mean]
-        for control, measurement in zip(self.controls, measurements, strict=False):
+        start = np.tile(self.start[self.estimated], (measurements.shape[1], 1))
+        belief = estimator.init(Gaussian(start, np.diag(self.prior_sd**2)), rng)
+        means = [belief.mean]  # and not the beliefs: members of 30,000 steps fill a memory
+        for control, measurement in zip(self.controls, measurements, strict=True):
             belief = estimator.update(estimator.predict(belief, control, rng), measurement, rng)
             means.append(belief.mean)
         return np.stack(means)
 
 
 def own_step(vehicle: Any) -> Advance:
-    """The vehicle's own step in still water, by controls ``(..., 2 a)``: actuators before and after it."""
+    """The vehicle's step in still water by controls ``(..., 2 a)``: actuators before and after."""
     still, coefficients = np.zeros(len(vehicle.ambient_flows)), vehicle.body.vector()
 
     def advance(states: np.ndarray, control: np.ndarray) -> np.ndarray:
@@ -119,14 +113,5 @@ def own_step(vehicle: Any) -> Advance:
 
 def channel_sd(sensors: tuple[Sensor, ...], channels: Sequence[str]) -> np.ndarray:
     """Nominal standard deviations of some channels of a vehicle's sensors ``(p,)``."""
-    sd = {
-        channel: sd
-        for sensor in sensors
-        for channel, sd in zip(sensor.channels, sensor.sd, strict=True)
-    }
+    sd = {name: sd for of in sensors for name, sd in zip(of.channels, of.sd, strict=True)}
     return np.array([sd[channel] for channel in channels])
-
-
-def rms(errors: np.ndarray) -> np.ndarray:
-    """Root mean square over the steps: ``(T, B, k)`` to ``(B, k)``."""
-    return np.sqrt(np.mean(errors**2, 0))

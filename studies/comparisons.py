@@ -1,0 +1,216 @@
+"""Tables of docs/ whose cells are rollouts: arms beside one another on the same seeds.
+
+The label of an arm is an estimator, or ``default``, and one of the `VARIANTS` of filter and world.
+"""
+
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from agents import rollout
+from agents.metrics import components, consistency, scores
+from agents.policies.checkpoint import description, packaged
+from agents.seeds import evaluation_seeds
+from agents.studies.worlds import system_of
+from studies.markdown import NONE, ROOT, mean_and_half, number, table
+from vessel_gym.disturbances import Fault
+from vessel_gym.envs.ship import SIGMA_CORVETTE
+from vessel_gym.sensors import SensorSuite
+from vessel_gym.vehicles.corvette import MOTION_UNIT
+
+CORVETTE, EPISODES = "SigmaCorvette-v0", 100
+SETTINGS = tomllib.loads((ROOT / "studies/data/comparisons.toml").read_text(encoding="utf-8"))
+VARIANTS: dict[str, dict[str, Any]] = SETTINGS["variants"]
+"""Options of an environment, by what follows the estimator in a label."""
+_FLOWN: dict[str, dict[str, Any]] = {}
+
+
+def assuming(disturbance: Any, role: str = "") -> dict[str, Any]:
+    """Options of a filter that assumes a disturbance, perhaps in a role, such as ``"states"``."""
+    return {
+        "estimator_options": {
+            "assume": {"disturbance": disturbance} | ({"as": role} if role else {})
+        }
+    }
+
+
+def environment_options(environment: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Options of an environment from those of a file.
+
+    Sensors may be a list of names, or a `SensorSuite`; a disturbance may be a table of faulty
+    actuators, what acts beside them and parameters of a `Fault`. What a filter assumes may be a
+    table of such parameters: it is then told of the world's other disturbances.
+    """
+    system, made = system_of(environment), {**options}
+
+    def acting(of: Any) -> Any:
+        if not isinstance(of, Mapping):
+            return of
+        fault = {"beside": "moderate", **of}
+        found = system.disturbances[fault.pop("beside")]
+        for actuator in fault.pop("faulty"):
+            found = Fault(actuator, beside=found, **fault)
+        return found
+
+    match made.get("sensors"):
+        case {"noise": noise, "dropout": dropout}:
+            made["sensors"] = [*SensorSuite(noise, dropout).of(system.vehicle.sensors)]
+        case [str(), *_] as names:
+            known = {each.name: each for each in (*system.vehicle.sensors, MOTION_UNIT)}
+            made["sensors"] = [known[name] for name in names]
+    world = made.get("disturbance")
+    match made:
+        case {"estimator_options": {"assume": {"disturbance": {**walk}, "as": role}}}:
+            if isinstance(world, Mapping):
+                world = {key: world[key] for key in ("faulty", "beside")} | walk
+            made |= assuming(acting(world), role)
+    if "disturbance" in made:
+        made["disturbance"] = acting(made["disturbance"])
+    return made
+
+
+def arm_metrics(
+    arm: str,
+    environment: str,
+    variants: Mapping[str, Any] = VARIANTS,
+    episodes: int = 0,
+    reset: dict[str, Any] | None = None,
+    agent: str = "autopilot",
+    **world: Any,
+) -> dict[str, Any]:
+    """Metrics of an arm, one number an episode ``(episodes,)``, and words on its rollout.
+
+    Rollouts are flown once. The words are how many episodes arrived, and how often NEES is in its
+    band. ``world`` holds further options of the environment.
+    """
+    found = re.fullmatch(r"`?([\w-]+)`?,? ?(.*)", arm)
+    assert found is not None
+    chosen = variants[found[2]] | ({} if found[1] == "default" else {"estimator": found[1]})
+    options, seeds = chosen | world, evaluation_seeds(min(episodes or EPISODES, EPISODES))
+    key = repr((environment, options, len(seeds), reset, agent))
+    if key not in _FLOWN:
+        flight = rollout(
+            agent, environment, seeds, environment_options(environment, options), reset
+        )
+        of: dict[str, Any] = scores(flight)
+        arrived = str((flight.end == system_of(environment).task.success).sum())
+        of |= {"arrived": arrived, "score (arrived)": f"{mean_and_half(of['score'])} ({arrived})"}
+        if "position_nees" in of:
+            position = consistency(flight, components(flight, *"xyzh"))
+            for name, share in (("position in band", position), ("in band", consistency(flight))):
+                of[name] = NONE if share is None else f"{100.0 * share:.0f} %"
+        _FLOWN[key] = of
+    return _FLOWN[key]
+
+
+REFUSALS = {
+    "needs a LinearModel": "nonlinear model",
+    r"needs rank\(H\) = (\d+) unknown inputs?, got (\d+)": "rank H = {1}, not {0}",
+    r"standard deviation of (\S+) times": "σ = {0}",
+}
+"""Refusals of filters, and how a table shows them."""
+
+
+def cell(
+    metric: str = "score",
+    decimals: int = 3,
+    plain: bool = False,
+    below: str = "",
+    over: str = "",
+    refused: str = "",
+    head: str = "",
+    environments: Sequence[str] = (),
+    **arm: Any,
+) -> str:
+    """A metric's mean with its interval, or ``plain``; or why the environment refuses the filter.
+
+    Args:
+        metric: Key of a metric or of words.
+        decimals: Of the number.
+        plain: The mean alone; a quotient is then that of two means.
+        below: The arm from which this one is subtracted.
+        over: The arm by which this one is divided.
+        refused: Shown for every refusal.
+        head: Of its row or column, for `comparison`.
+        environments: That have its row or column, for `comparison`.
+        arm: See `arm_metrics`.
+    """
+    if below == arm["arm"] or (arm["arm"] == "truth" and "estimator_options" in arm):
+        return NONE
+    try:
+        value = arm_metrics(**arm)[metric]
+    except ValueError as error:
+        for pattern, reason in REFUSALS.items():
+            if found := re.search(pattern, str(error)):
+                return refused or reason.format(*found.groups())
+        raise
+    if isinstance(value, str):
+        return value
+    if below:
+        value = arm_metrics(**arm | {"arm": below})[metric] - value
+    if over:
+        reference = arm_metrics(**arm | {"arm": over})[metric]
+        value = value / (reference.mean() if plain else reference)
+    return number(value, decimals) if plain else mean_and_half(value, decimals)
+
+
+def comparison(name: str, environment: str = "", **more: Any) -> str:
+    """A table of ``data/comparisons.toml``: a cell is of what its row, its column and it give.
+
+    Args:
+        name: Of the table.
+        environment: One of those that have such a table; empty: its own.
+        more: Over what the file gives.
+    """
+    shared: dict[str, Any] = SETTINGS[name] | ({"environment": environment} if environment else {})
+    shared |= more
+    corner, home = shared.pop("corner", None), shared.get("environment")
+
+    def side(specs: Sequence[Any]) -> list[dict[str, Any]]:
+        full = ({"head": s, "arm": s} if isinstance(s, str) else {"head": ""} | s for s in specs)
+        return [s for s in full if home in s.get("environments", [home])]
+
+    down, across = side(shared.pop("rows")), side(shared.pop("columns"))
+    lines = [[row["head"], *(cell(**shared | row | of) for of in across)] for row in down]
+    heads = [*(corner or "").split(" | "), *(of["head"] for of in across)]
+    start = corner is None
+    return table(heads[start:], [line[start:] for line in lines])
+
+
+def turns(sea: str, other: str) -> str:
+    """Scores and errors of filters that assume the corvette's sea rightly, wrongly or not."""
+    believed: Any = SIGMA_CORVETTE.disturbances[sea].believed
+    rows = [of.format(other=other) for of in SETTINGS["turns"]["rows"]]
+    still = {"without a current": assuming(replace(believed, current=0.0))}
+    return comparison("turns", rows=rows, variants=VARIANTS | still, disturbance=sea)
+
+
+def compass() -> str:
+    """Scores by the correlation time [s] of the `budget` compass."""
+    first, *others = system_of(CORVETTE).sensors_of("budget").each
+    rows = [
+        {
+            "head": f"{time:g} s",
+            "sensors": [replace(first, bias=replace(first.bias, time=time)), *others],
+        }
+        for time in (10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0)
+    ]
+    return comparison("compass", rows=rows)
+
+
+def packaged_agents() -> str:
+    """The trained agents of the package beside the autopilots, on default estimates."""
+    rows = []
+    for env_id in (CORVETTE, "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"):
+        one, other = (arm_metrics("default", env_id, agent=name) for name in ("autopilot", "ppo"))
+        told = description(packaged(env_id)) or {}
+        values = one["score"], other["score"], other["score"] - one["score"]
+        there = f"{one['arrived']} and {other['arrived']}"
+        rows.append((
+            f"`{env_id}`", f"`{system_of(env_id).estimator}`", *map(mean_and_half, values), there,
+            f"{told['seed']}, {told['trained_steps']:,}",
+        ))  # fmt: skip
+    return table(("", "estimates", "`autopilot`", "`ppo`", "`ppo` − `autopilot`",
+                  f"reached the end, of {EPISODES}", "training: seed, steps"), rows)  # fmt: skip

@@ -1,0 +1,232 @@
+"""Tables of docs/ on filters alone, without an environment's task, and on grades of sensors."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from agents.statistics import share_interval
+from agents.studies.worlds import system_of
+from estimators import LinearModel, input_conditions
+from studies.lorenz import BENCHMARKS, analysis_rmse
+from studies.markdown import NONE, mean_and_half, table
+from studies.papers.robust.experiment import Condition, simulate, squared_errors
+from vessel_gym.core import Core
+from vessel_gym.sensor_faults import SensorFault
+from vessel_gym.sensors import Sensor
+from vessel_gym.sensors.grades import NOMINAL, read_grades
+
+GAP, AFTER, DIVES = 6.0, (0.0, 2.0, 4.0, 6.0), 60
+"""Seconds after the start at which Segorogeni's fix is switched off; seconds after that; dives."""
+RUNS, STEPS, SKIPPED = 1000, 200, 20
+"""Runs and steps of the tables of robust filters, and steps that are not scored."""
+
+
+def gap() -> str:
+    """Segorogeni's position without a fix, and the heading of `robust-kf`."""
+    arms: dict[str, tuple[str, dict[str, Any], str]] = {"`ekf`": ("ekf", {}, "nominal")}
+    for radius in (1e-4, 1e-3, 1e-2):
+        arms[f"`robust-kf`, radius {radius:g}"] = "robust-kf", {"radius": radius}, "nominal"
+    sure = {"radius": 1e-2, "assume": {"R": 400.0}}
+    arms["radius 0.01, measurements with a twentieth of their noise"] = "robust-kf", sure, "clean"
+    heads = "after", *(f"{after:g} s [m]" for after in AFTER), "claimed [m]"
+    return table((*heads, "a radian of heading moves it by [m]"),
+                 [(label, *without_a_fix(*arm)) for label, arm in arms.items()])  # fmt: skip
+
+
+def without_a_fix(estimator: str, options: dict[str, Any], sensors: str) -> list[str]:
+    """RMS errors of the position without a fix, what the filter claims, and its heading's gain."""
+    off = [SensorFault("acoustic position", "off", begin=GAP)]
+    system = system_of("SegorogeniAUV-v0")
+    core = Core(system, DIVES, estimator, options, sensor_faults=off, sensors=sensors)
+    core.start(0)
+    x, y, heading = (core.composition.names.index(name) for name in ("x", "y", "psi"))
+    times = [round((GAP + after) / core.vehicle.dt) for after in AFTER]
+    cells, action = [], np.zeros((DIVES, core.action_size))
+    for step in range(1, times[-1] + 1):
+        action[:, 0] = 0.5 * np.sin(step / 20.0)
+        core.step(action)
+        if step in times:
+            error = (core.estimated(core.truth) - core.belief.mean)[:, [x, y]]
+            cells.append(f"{np.sqrt(np.square(error).sum(1).mean()):.2f}")
+    cov, channel = core.belief.cov, core.sensors.gives.index("psi")
+    # K = P+ C' R^-1, and the compass measures the heading itself
+    gain = cov[:, [x, y], heading] / core.filter.model.R[channel, channel]
+    moved = np.median(np.linalg.norm(gain, axis=1))
+    return [*cells, f"{np.sqrt((cov[:, x, x] + cov[:, y, y]).mean()):.2f}", f"{moved:.3g}"]
+
+
+# --- robust filters -------------------------------------------------------------------------------
+
+OUTLIERS = {
+    "Gaussian": {},
+    "10 % at 10 σ": {"rate": 0.1, "size": 10.0},
+    "10 % at 100 σ": {"rate": 0.1, "size": 100.0},
+}
+
+
+def constant_velocity(intensity: float, measurement: float = 1.0) -> LinearModel:
+    """Constant velocity under white acceleration [m2/s3]; the position is measured at 1 Hz."""
+    A, C = np.array([[[[1.0, 1.0], [0.0, 1.0]]]]), np.array([[[[1.0, 0.0]]]])
+    Q = intensity * np.array([[[[1.0 / 3.0, 0.5], [0.5, 1.0]]]])
+    return LinearModel(A, C, Q, np.array([[measurement]]), 0.0 * C.mT)
+
+
+def over_kf(
+    model: LinearModel, world: LinearModel, condition: dict[str, float], seed: int, *arms: Any
+) -> tuple[float, list[tuple[float, float]]]:
+    """RMSE of `kf` on the model; of each arm its RMSE over that, and half of its 95 % interval.
+
+    The interval is of the ratio linearised, over the same runs of the world.
+    """
+    record = simulate(model, world, Condition(**condition), STEPS, RUNS, seed)
+    plain, *others = (
+        squared_errors(arm, model, record)[SKIPPED:].mean(0)[0] for arm in ({"kind": "kf"}, *arms)
+    )
+    found = []
+    for errors in others:
+        mean = np.sqrt(errors.mean() / plain.mean())
+        influence = 0.5 * mean * (errors / errors.mean() - plain / plain.mean())
+        found.append((mean, 1.96 * influence.std(ddof=1) / np.sqrt(len(errors))))
+    return np.sqrt(plain.mean()), found
+
+
+def huber_iterations() -> str:
+    """RMSE of `huber-kf` over that of `kf`, by the number of iterations of its weights."""
+    counts, rows = (1, 2, 3, 5, 10, 100), []
+    arms = [{"kind": "huber-kf", "iterations": count} for count in counts]
+    for intensity, (label, condition) in product((0.01, 0.1, 1.0), OUTLIERS.items()):
+        model = constant_velocity(intensity)
+        _, found = over_kf(model, model, condition, 0, *arms)
+        cells = (*(f"{mean:.2f}" for mean, _ in found), f"{max(half for _, half in found):.3f}")
+        rows.append((f"{intensity:g}", label, *cells))
+    return table(("q", "measurements", *map(str, counts), "widest half interval"), rows)
+
+
+def robust_losses() -> str:
+    """RMSE of robust filters over that of `kf` with a right model and with wrong ones."""
+    model = constant_velocity(0.01)
+    cases: dict[str, tuple[LinearModel, dict[str, float]]] = {
+        "as the model says": (model, {}),
+        "10 % of measurements at 10 σ": (model, OUTLIERS["10 % at 10 σ"]),
+        "least-favourable model, 0.01": (model, {"tolerance": 0.01}),
+        "least-favourable model, 0.1": (model, {"tolerance": 0.1}),
+        "true Q ten times as large": (constant_velocity(10.0 * 0.01), {}),
+        "true R four times as large": (constant_velocity(0.01, 4.0), {}),
+    }
+    robust = [{"kind": "robust-kf", "radius": radius} for radius in (0.01, 0.1)]
+    rows = []
+    for label, (world, condition) in cases.items():
+        plain, found = over_kf(model, world, condition, 1, {"kind": "huber-kf"}, *robust)
+        cells = (f"{mean:.3f} ± {half:.3f}" for mean, half in found)
+        rows.append((label, f"{plain:.2f}", *cells))
+    return table(("data", "`kf` RMSE", "`huber-kf`", "`robust-kf`, 0.01", "`robust-kf`, 0.1"), rows)
+
+
+# --- other filters --------------------------------------------------------------------------------
+
+
+def unstable_zeros(systems: int = 400) -> str:
+    """Share of random systems in which an unknown input adds a zero on or outside the unit circle.
+
+    Four states and one input; A has normal entries and a spectral radius of 0.98, C, G and H have
+    normal entries.
+    """
+    kinds = {
+        "at once, `kf-umv-ui`": 1.0,
+        "at once, H ten times as large": 10.0,
+        "one step late": 0.0,
+    }
+
+    def share(gain: float, p: int) -> str:
+        rng, hits = np.random.default_rng([p, round(gain)]), 0
+        for _ in range(systems):
+            A, C, G, H = (rng.normal(size=shape) for shape in ((4, 4), (p, 4), (4, 1), (p, 1)))
+            A *= 0.98 / np.abs(np.linalg.eigvals(A)).max()
+            zeros = input_conditions(A, C, G, gain * H, np.eye(4), np.eye(p), 1.0).zeros
+            hits += bool((np.abs(zeros) >= 1.0).any())
+        of = share_interval(hits, systems).times(100.0)
+        return f"{of.mean:.1f} % [{of.low:.1f}, {of.high:.1f}]"
+
+    rows = [(label, *(share(gain, p) for p in (1, 2, 3))) for label, gain in kinds.items()]
+    return table(("d reaches the measurements", "1 measurement", "2", "3"), rows)
+
+
+def published_scores(runs: int = 20) -> str:
+    """Analysis RMSE of ensemble and particle filters on the Lorenz systems, beside published ones.
+
+    Filters that are the same transform share a row and are run once, under the first name. Exact
+    draws are beside them, with as many members as these need; without process noise only `enkf` has
+    other numbers after the start.
+    """
+    rows = []
+    for row in BENCHMARKS:
+        ours, name, beside = analysis_rmse(row, row.filters[0], runs), row.filters[0], NONE
+        if name != "pf":
+            members = max(row.members, len(row.setting.start) + len(row.setting.read) + 2)
+            exact = analysis_rmse(replace(row, draws="exact", members=members), name, runs)
+            beside = f"{np.median(exact):.3f}, N = {members}"
+        published = f"{row.published:g}{' (reported only)' if row.reported_only else ''}"
+        rows.append((row.setting.name, ", ".join(row.filters), str(row.members), row.described,
+                     mean_and_half(ours), f"{np.median(ours):.3f}", beside, published))  # fmt: skip
+    return table(("system", "filter", "N", "options", "ours", "median", "exact draws, median",
+                  "published"), rows)  # fmt: skip
+
+
+# --- grades of sensors ----------------------------------------------------------------------------
+
+GRADED = {
+    "SigmaCorvette-v0": "Ships",
+    "SegorogeniAUV-v0": "Underwater vehicles",
+    "PunaUAV-v0": "Small aircraft",
+    "ThesisCorvette-v0": "The ship of the thesis",
+}
+"""Headings of the tables of grades, by environment."""
+
+
+def sensor_grades() -> str:
+    """Tables of the grades of sensors for each kind of vehicle, with their suites and sources."""
+    heads = ("sensor", "grade", "white noise", "slow error; its time; constant error", "every",
+             "source")  # fmt: skip
+    parts = []
+    for env_id, heading in GRADED.items():
+        grades, rows = read_grades(system_of(env_id)), []
+        for name, grade in ((name, grade) for name, of in grades.sensors.items() for grade in of):
+            suites = [NOMINAL] * (grade == NOMINAL)
+            suites += [suite for suite, of in grades.suites.items() if of.get(name) == grade]
+            label = f"{grade} (`{'`, `'.join(suites)}`)" if suites else grade
+            white, slow, often = (
+                [f"{text} (assumed)" if key in grades.assumed[name][grade] else text
+                 for key, text in part]
+                for part in _figures(grades.sensors[name][grade])
+            )  # fmt: skip
+            cells = white[0], "; ".join(slow), ", ".join(often), grades.sources[name][grade]
+            rows.append((name, label, *cells))
+        parts.append(f"### {heading}\n\n{table(heads, rows)}")
+    return "\n\n".join(parts)
+
+
+def _figures(sensor: Sensor) -> Iterator[list[tuple[str, str]]]:
+    """Keys and values of white noise, slow error, and time between measurements."""
+    yield [("sd", _values(sensor.sd))]
+    slow, bias = [("", NONE)], sensor.bias
+    if bias is not None:
+        start, constant = (_values(of) for of in (bias.start, bias.constant))
+        slow = [("start", start)]
+        if bias.time is not None:
+            slow += [("time", f"{bias.time:g} s")]
+            slow += [("constant", f"constant {constant}")] * any(bias.constant)
+        elif any(bias.pace):
+            slow += [("pace", f"{_values(bias.pace)}/√s")]
+        else:
+            slow = [("start", f"constant {start}")]
+    yield slow
+    every = ("rate", "step" if sensor.rate is None else f"{1.0 / sensor.rate:g} s")
+    yield [every, *[("dropout", f"{sensor.dropout:.0%} lost")] * bool(sensor.dropout)]
+
+
+def _values(values: tuple[float, ...]) -> str:
+    """One number for all channels, or one for each."""
+    return ", ".join(f"{value:g}" for value in (values[:1] if len(set(values)) == 1 else values))

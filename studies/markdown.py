@@ -1,0 +1,53 @@
+"""Tables and texts of pages in Markdown, and their places between marks."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from agents.page import markdown_table
+from agents.refusal import Refusal
+from agents.statistics import Interval, crossed_interval
+
+ROOT = Path(__file__).parents[1]
+NONE = "–"
+
+
+def around(page: Path, mark: str) -> tuple[str, str]:
+    """A page up to its line ``<!-- mark -->``, and from the next line ``<!-- end -->``.
+
+    Raises:
+        Refusal: if the page has no such lines, or several for this mark.
+    """
+    line = f"(?m)^(<!-- {re.escape(mark)} -->\n)"
+    before, *inside = re.split(line, page.read_text(encoding="utf-8"))
+    if len(inside) != 2 or "\n<!-- end -->" not in inside[1]:
+        raise Refusal(f"{page} needs one line <!-- {mark} --> and a line <!-- end --> below it")
+    return before + inside[0], inside[1][inside[1].index("<!-- end -->") :]
+
+
+def put(page: Path, mark: str, text: str) -> None:
+    """Write a text into a page, in place of what stands between the lines of its mark."""
+    before, after = around(page, mark)
+    page.write_text(f"{before}\n{text.strip()}\n\n{after}", encoding="utf-8")
+
+
+def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    return markdown_table(heads, rows, len(heads))
+
+
+def interval(of: Interval | None, decimals: int = 3) -> str:
+    """A mean and half of its interval; a dash without an interval."""
+    return NONE if of is None else f"{of.mean:,.{decimals}f} ± {of.half:.{decimals}f}"
+
+
+def mean_and_half(values: np.ndarray, decimals: int = 3) -> str:
+    """The mean ``(seeds,)`` or ``(runs, seeds)`` with its 95 % interval."""
+    return interval(crossed_interval(np.atleast_2d(values)), decimals)
+
+
+def number(values: np.ndarray, decimals: int) -> str:
+    """The mean over episodes; a dash where one has no value."""
+    return NONE if np.isnan(values).any() else f"{np.mean(values):.{decimals}f}"

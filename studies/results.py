@@ -1,0 +1,314 @@
+"""Tables of docs/ from the episodes of studies, and what would overturn them.
+
+They are read from ``results/STUDY``, where ``vessel-gym ablate`` leaves them.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import cache
+from itertools import combinations, product
+from math import comb
+from textwrap import fill
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+import pandas as pd
+
+from agents.page import listed
+from agents.refusal import Refusal
+from agents.statistics import Interval, crossed_interval, normalise, paired_difference
+from agents.studies.records import FLOOR, ORACLE
+from agents.studies.worlds import system_of
+from studies.comparisons import SETTINGS, VARIANTS, arm_metrics, assuming
+from studies.markdown import NONE, ROOT, interval, mean_and_half, number, table
+from vessel_gym.envs import VesselVectorEnv
+from vessel_gym.envs.ship import SIGMA_CORVETTE
+from vessel_gym.tasks.circle_track import CircleTrack
+
+HELD, PLAIN, INFORMED = "measurement", "ekf", "ekf-waves"
+SUITE = "nominal", "budget", "denied"
+HEADLINE = ("truth", "kf-umv-ui", INFORMED, "huber-kf-nonlinear", PLAIN, "kf", "fixed-gain", HELD,
+            FLOOR)  # fmt: skip
+"""Estimators of the corvette's study in the README and on her page."""
+MARGIN = 0.05
+"""Difference of scores above which cells are bold."""
+
+
+@cache
+def read_study(study: str) -> pd.DataFrame:
+    """Episodes of a study, those on dead reckoning last."""
+    found = pd.read_parquet(ROOT / "results" / study / "results.parquet")
+    return found.sort_values("estimator", key=lambda of: of == FLOOR, kind="stable")
+
+
+def episodes(
+    study: str, environment: str, agent: str = "autopilot", key: str = "score"
+) -> dict[tuple[str, str], np.ndarray]:
+    """A metric ``(runs, seeds)`` by condition and estimator.
+
+    Raises:
+        Refusal: if the agent flew nothing there.
+    """
+    of = read_study(study)
+    named = of.policy.str.partition(" trained on ")[0] == agent
+    of = of[(of.environment == environment) & named]
+    if of.empty:
+        raise Refusal(f"{agent} flew nothing in {environment} of results/{study}")
+    found: Any = of.groupby(["condition", "estimator"], sort=False)
+    return {at: each.pivot(index="run", columns="seed", values=key).to_numpy()
+            for at, each in found}  # fmt: skip
+
+
+class Column(NamedTuple):
+    """Scores ``(seeds,)`` in an environment and a condition by estimator.
+
+    ``comparisons`` is the number of pairs of estimators in all columns of the environment.
+    """
+
+    environment: str
+    condition: str
+    scores: dict[str, np.ndarray]
+    comparisons: int = 1
+
+    def __str__(self) -> str:
+        return f"{self.environment}, {self.condition}"
+
+    def gap(self, one: str, other: str) -> Interval | None:
+        """Paired difference of scores; 95 % hold for all pairs of the environment."""
+        if one == other or not {one, other} <= set(self.scores):
+            return None
+        pair = self.scores[one], self.scores[other]
+        return paired_difference(*pair, comparisons=self.comparisons)
+
+    def best(self, *without: str) -> str:
+        """The filter with the highest mean score."""
+        filters = [name for name in self.scores if name not in (ORACLE, FLOOR, HELD, *without)]
+        return max(filters, key=lambda name: self.scores[name].mean())
+
+
+def columns(study: str) -> Iterator[Column]:
+    """Columns of the autopilot, by environment and condition."""
+    for environment in read_study(study).environment.unique():
+        each: dict[str, dict[str, np.ndarray]] = {}
+        for (condition, name), (scores,) in episodes(study, environment).items():
+            each.setdefault(condition, {})[name] = scores
+        pairs = sum(comb(len(scores), 2) for scores in each.values())
+        yield from (Column(environment, at, scores, pairs) for at, scores in each.items())
+
+
+def by_suite(
+    study: str, environment: str, sea: str = "", agent: str = "autopilot", which: str = ""
+) -> str:
+    """Score and steering travel of estimators in each suite; 95 % hold for all scores at once."""
+    score, travel = (
+        episodes(study, environment, agent, key) for key in ("score", "steering_travel")
+    )
+    places = [f"{sea}, {suite}" if sea else suite for suite in SUITE]
+    every = dict.fromkeys(name for place, name in score if place in places)
+    names = HEADLINE if which else [*every]
+
+    def cell(*at: str) -> str:
+        if at not in score:
+            return NONE
+        of = crossed_interval(score[at], len(names) * len(places))
+        return f"{interval(of)}; {np.nanmean(travel[at]):.0f}"
+
+    rows = [(f"`{name}`", *(cell(place, name) for place in places)) for name in names]
+    return table(("Score; steering travel [°/min]", *SUITE), rows)
+
+
+def differences(study: str) -> str:
+    """The best filter of each column against its rivals and the truth."""
+    rows = []
+    for at in columns(study):
+        best, default = at.best(), system_of(at.environment).estimator
+        rival = at.best(PLAIN, INFORMED, "kf")  # on the model of `ekf`
+        pairs = (best, HELD), (rival, PLAIN), (best, default), (ORACLE, best)
+        gaps = [at.gap(*pair) for pair in pairs]
+        bold = ["**" if gap and gap.low > MARGIN else "" for gap in gaps]
+        cells = (f"{star}{interval(gap)}{star}" for gap, star in zip(gaps, bold, strict=True))
+        rows.append((str(at), f"`{best}`", *cells))
+    return table(("", "best filter", "best − `measurement`", "best other on its model − `ekf`",
+                  "best − default", "`truth` − best"), rows)  # fmt: skip
+
+
+def wrapped(text: str) -> str:
+    """A paragraph of docs/."""
+    return fill(text, 140, break_on_hyphens=False)
+
+
+def truth_first(study: str) -> str:
+    """Columns with the highest mean on the truth; scores above it, and scores without a filter."""
+    every = [*columns(study)]
+    means = [{name: of.mean() for name, of in at.scores.items()} for at in every]
+    first = sum(max(of.values()) == of[ORACLE] for of in means)
+
+    def above(rivals: Callable[[Column], dict[str, str]]) -> str:
+        found = [
+            f"`{name}` in {at}, by {interval(gap)}"
+            for at in every
+            for name, rival in rivals(at).items()
+            if (gap := at.gap(name, rival)) and gap.low > 0.0
+        ]
+        return listed(found or ["none"])
+
+    ahead = above(lambda at: dict.fromkeys(at.scores, ORACLE))
+    held = above(lambda at: dict.fromkeys((HELD, FLOOR), at.best()))
+    return wrapped(
+        f"The truth has the highest mean in {first} of {len(every)} columns. Beyond chance above"
+        f" the truth: {ahead}. Beyond chance above the best filter, without any: {held}."
+    )
+
+
+def headline(study: str, environment: str, sea: str) -> str:
+    """Score lost against the truth, and steering, in each suite."""
+    travel = episodes(study, environment, key="steering_travel")
+    at = {str(each): each for each in columns(study)}
+    chosen = [at[f"{environment}, {sea}, {suite}"] for suite in SUITE]
+    lost = [
+        listed([f"{(each.scores[ORACLE] - each.scores[name or each.best()]).mean():.3f}"
+                for each in chosen])
+        for name in ("", HELD)
+    ]  # fmt: skip
+    of = [np.nanmean(travel[each.condition, HELD]) / np.nanmean(travel[each.condition, each.best()])
+          for each in chosen]  # fmt: skip
+    return wrapped(
+        f"With {listed([f'`{suite}`' for suite in SUITE])} sensors the autopilot loses {lost[0]} of"
+        f" the score against the truth on the best filter, and {lost[1]} on held measurements"
+        f" (`measurement`), which steer {min(of):.1f} to {max(of):.1f} times as much."
+    )
+
+
+def wild_and_wrong(study: str) -> str:
+    """Differences of scores with wild measurements and with wrong models."""
+    best = shares(study).splitlines()[2].split("|")[1].strip()
+    worlds = "PunaUAV-v0", "ItsunusaAUV-v0", "SegorogeniAUV-v0"
+    pairs = [(world, "bad sensors", "huber-kf", PLAIN) for world in worlds]
+    pairs += [(worlds[0], f"model {share} % off", ORACLE, best) for share in (10, 20)]
+    rows = []
+    for world, condition, one, other in pairs:
+        of = episodes(study, world)
+        gap = mean_and_half(of[condition, one] - of[condition, other])
+        rows.append((f"{world}, {condition}", f"`{one}` − `{other}`", gap))
+    return table(("", "scores", "difference"), rows)
+
+
+def pairing(study: str) -> str:
+    """Factor of episodes that pairing saves, over all pairs of filters in the first condition."""
+    rows = []
+    for at in columns(study):
+        if at.condition == "nominal":
+            filters = [of for name, of in at.scores.items() if name not in (ORACLE, HELD, FLOOR)]
+            pairs = [(a, b) for a, b in combinations(filters, 2) if (a != b).any()]
+            factors = [(a.var() + b.var()) / (a - b).var() for a, b in pairs]
+            cells = (f"{factor:.1f}" for factor in np.quantile(factors, (0.0, 0.25, 0.5, 0.75)))
+            rows.append((at.environment, str(len(pairs)), *cells))
+    return table(
+        ("Environment", "pairs", "least", "lower quartile", "median", "upper quartile"), rows
+    )
+
+
+def latency(study: str) -> str:
+    """Score, position error and its NEES with late fixes, by what is done with them."""
+    ways = {"fused": "", "as new": ", as new", "discarded": ", discarded"}
+    rows = []
+    for world in read_study(study).environment.unique():
+        score, error, nees = (
+            episodes(study, world, key=key) for key in ("score", "position_rmse", "position_nees")
+        )
+        for name, condition in product(("ekf", "enkf"), ("1 s late", "2 s late")):
+            places = [("in time", name), *((condition, name + way) for way in ways.values())]
+            cells = (f"{mean_and_half(score[at])}; {number(error[at], 2)} m; {number(nees[at], 2)}"
+                     for at in places)  # fmt: skip
+            rows.append((f"{world.removesuffix('-v0')}, `{name}`", condition, *cells))
+    return table(("score; position error; its NEES/n", "the fix is", "in time", *ways), rows)
+
+
+def shares(study: str) -> str:
+    """The ranking of a study in all its conditions, from its report."""
+    page = (ROOT / "results" / study / "ranking.md").read_text(encoding="utf-8")
+    return page.partition("## All conditions\n\n")[2].strip()
+
+
+def advice(study: str) -> str:
+    """The answer of a study."""
+    page = (ROOT / "results" / study / "ranking.md").read_text(encoding="utf-8")
+    return wrapped(" ".join(page.split("\n\n")[1].splitlines()))
+
+
+def five(study: str) -> str:
+    """What to use on a ship, under water, in the air and with outliers, what to avoid, and how."""
+    rows = []
+    for what, environment, condition, worst in (
+        ("a ship", "SigmaCorvette-v0", "", False),
+        ("an underwater vehicle", "SegorogeniAUV-v0", "", False),
+        ("an aircraft", "PunaUAV-v0", "", False),
+        ("measurements with outliers", "SegorogeniAUV-v0", "bad sensors", False),
+        ("avoid", "SegorogeniAUV-v0", "", True),
+    ):
+        name, kept = _extreme(study, environment, condition, worst)
+        line = f'gym.make("{environment}", estimator="{name}")'
+        rows.append((what, f"`{name}`", interval(kept), f"`{line}`"))
+    return table(("for", "use", "share kept", "to copy"), rows)
+
+
+def _extreme(
+    study: str, environment: str, condition: str, worst: bool
+) -> tuple[str, Interval | None]:
+    """The estimator that keeps most or least, and its share, in one condition or in all."""
+    scores = episodes(study, environment)
+    places = [condition] if condition else list(dict.fromkeys(at for at, _ in scores))
+    names = [name for at, name in scores if at == places[0] and name not in (ORACLE, FLOOR)]
+    kept = {}
+    for name in names:
+        ends = [(scores[at, FLOOR][0], scores[at, ORACLE][0]) for at in places]
+        each = [normalise(scores[at, name], *of) for at, of in zip(places, ends, strict=True)]
+        kept[name] = np.mean(each, axis=0)
+    best = (min if worst else max)(kept, key=lambda name: kept[name].mean())
+    return best, crossed_interval(kept[best], 1 if worst else len(names))
+
+
+# --- what would overturn them ---------------------------------------------------------------------
+
+
+def variation(
+    condition: str, sea: str = "moderate", scaled: Mapping[str, float] | None = None, **changes: Any
+) -> Column:
+    """Scores of the corvette with constants of the score ``scaled`` by factors, or another world.
+
+    The filter that assumes waves assumes those of the ``sea``.
+    """
+    constants = {name: of * getattr(CircleTrack, name) for name, of in (scaled or {}).items()}
+    task: Any = type("Scored", (CircleTrack,), constants, verified=True)
+    corvette: Any = SIGMA_CORVETTE
+    system = replace(corvette, task=task(corvette.vehicle.ship))
+    env: Any = type("Env", (VesselVectorEnv,), {"system": system})
+    env_id = f"Scored{len(gym.registry)}-v0"
+    gym.register(env_id, vector_entry_point=env, max_episode_steps=corvette.task.horizon)
+    arms = {name: name for name in ("kf-umv-ui", INFORMED, PLAIN, "huber-kf", "enkf-sr", HELD)}
+    arms |= {INFORMED: "ekf assuming waves", "huber-kf": "huber-kf, nonlinear"}
+    changes["variants"] = VARIANTS | {"assuming waves": assuming(sea, "states")}
+    scores = {name: arm_metrics(arm, env_id, **changes)["score"] for name, arm in arms.items()}
+    return Column("", condition, scores)
+
+
+def overturn() -> str:
+    """Differences in each variation, and how often their sign holds, flips or is not decided."""
+    found = [variation(name, **changes) for name, changes in SETTINGS["overturn"].items()]
+    apart = max(abs(gap.mean) for at in found if (gap := at.gap("enkf-sr", PLAIN)))
+    heads, rows = ["", "best filter"], [[at.condition, f"`{at.best()}`"] for at in found]
+    total = ["the sign holds, flips, is not decided", ""]
+    for one, other in (
+        ("", HELD),
+        ("kf-umv-ui", PLAIN),
+        (INFORMED, "kf-umv-ui"),
+        ("huber-kf", PLAIN),
+    ):
+        gaps: list[Any] = [at.gap(one or at.best(), other) for at in found]
+        heads.append(f"`{one}` − `{other}`" if one else f"best − `{other}`")
+        rows = [[*row, interval(gap)] for row, gap in zip(rows, gaps, strict=True)]
+        same = [gap.mean * gaps[0].mean > 0.0 for gap in gaps[1:] if gap.excludes_zero]
+        total.append(f"{sum(same)}, {len(same) - sum(same)}, {len(gaps) - 1 - len(same)}")
+    sentence = f"Means of `enkf-sr` and `{PLAIN}` differ by at most {apart:.4f}."
+    return f"{sentence}\n\n{table(heads, [*rows, total])}"
