@@ -132,7 +132,7 @@ def _parser(main: Callable[..., Any], name: str | None) -> tuple[_Parser, list[s
                         _flag(each), **_keywords(each, kind, argparse.SUPPRESS, text)
                     )
             continue
-        keywords = _keywords(key, hints[key], parameter.default, helps[key])
+        keywords = _keywords(key, hints[key], parameter.default, helps.get(key, ""))
         if parameter.kind is parameter.POSITIONAL_ONLY:
             if "default" in keywords:
                 keywords["nargs"] = "*" if "nargs" in keywords else "?"

@@ -9,7 +9,7 @@ from agents.controllers import AUTOPILOT, register_controller
 from agents.controllers.loops import Loop, jacobian, parts_of, regulator_gains
 from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
-from vessel_gym.vehicles.puna import Puna, PunaParameters, trim
+from vessel_gym.vehicles.puna import Puna, trim
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,12 @@ class FlightAutopilot:
             actuators[:, 1] - alpha,
         ], -1)  # fmt: skip
         commands = np.stack([thrust, alpha], -1) - deviation @ self._longitudinal.T
-        return _actions(body, commands, bank)
+        return self._actions(*commands.T, bank)
+
+    def _actions(self, *commands: np.ndarray) -> np.ndarray:
+        """Actions ``(B, 3)`` that ask for thrust, angle of attack and bank, ``(B,)`` each."""
+        actions = self._body.actions(np.stack(commands, -1))
+        return np.clip(actions, -1.0, 1.0).astype(np.float32)
 
     def _field(self, cross: np.ndarray) -> np.ndarray:
         """Commanded course [rad] to the left of the path at a distance to the right of it [m]."""
@@ -156,46 +161,36 @@ class FlightRegulator(FlightAutopilot):
 
 
 @register_controller(Flight, "pid")
-class FlightPID:
+class FlightPID(FlightAutopilot):
     """Three PID loops: of bank, angle of attack and thrust.
 
-    They act on the errors of cross-track, altitude and airspeed.
-    The loops know nothing of each other; the bank that the path takes is added. Plants are a point
-    mass in level flight: weight times bank across, the slope of the lift upwards, thrust ahead.
+    They act on the errors of cross-track, altitude and airspeed. The loops know nothing of each
+    other; the bank that the path takes is added. Plants are a point mass in level flight: weight
+    times bank across, the slope of the lift upwards, thrust ahead.
     """
 
-    tolerances = FlightTolerances()
-
     def __init__(self, system: System) -> None:
-        self._task, vehicle = parts_of(system, Flight, Puna)
-        t, dt = self.tolerances, vehicle.dt
-        self._body = body = vehicle.body
+        super().__init__(system)
+        t, body, dt = self.tolerances, self._body, system.vehicle.dt
         lift = 0.5 * body.density[2] * body.cruise_speed**2 * body.area * body.lift[0]  # N/rad
-        self._across = Loop(body.gravity, 0.0, t.cross_track, t.bank, dt)
-        self._up = Loop(lift / body.mass, 0.0, t.altitude, t.alpha, dt)
-        self._along = Loop(1.0 / body.mass, None, t.airspeed, t.thrust, dt)
+        self._loops = (
+            Loop(body.gravity, 0.0, t.cross_track, t.bank, dt),
+            Loop(lift / body.mass, 0.0, t.altitude, t.alpha, dt),
+            Loop(1.0 / body.mass, None, t.airspeed, t.thrust, dt),
+        )
 
     def reset(self, num_envs: int) -> None:
         """Clear the integrals."""
-        for loop in (self._across, self._up, self._along):
+        for loop in self._loops:
             loop.reset(num_envs)
 
     def act(self, observations: np.ndarray) -> np.ndarray:
         """Actions ``(B, 3)``: thrust, angle of attack, bank."""
-        o, body = self._task.named(observations), self._body
+        o, body, (across, up, along) = self._task.named(observations), self._body, self._loops
         thrust, alpha, _ = body.cruise
-        away = o["ground speed"] * o["course sine"]
-        limit = body.bank_limit
-        bank = self._across.act(-o["cross-track"], away, -limit, limit, o["bank of the path"])
-        low, high = body.alpha_low, body.alpha_high
-        alpha = self._up.act(-o["altitude error"], -o["climb"], low, high, alpha)
-        thrust = self._along.act(
-            body.cruise_speed - o["airspeed"], 0.0, 0.0, body.thrust_limit, thrust
-        )
-        return _actions(body, np.stack([thrust, alpha], -1), bank)
-
-
-def _actions(body: PunaParameters, commands: np.ndarray, bank: np.ndarray) -> np.ndarray:
-    """Actions ``(B, 3)`` that ask for thrust and angle of attack ``(B, 2)`` and a bank."""
-    actions = body.actions(np.column_stack([commands, bank]))
-    return np.clip(actions, -1.0, 1.0).astype(np.float32)
+        away, limit = o["ground speed"] * o["course sine"], body.bank_limit
+        bank = across.act(-o["cross-track"], away, -limit, limit, o["bank of the path"])
+        alpha = up.act(-o["altitude error"], -o["climb"], body.alpha_low, body.alpha_high, alpha)
+        slow = body.cruise_speed - o["airspeed"]
+        thrust = along.act(slow, 0.0, 0.0, body.thrust_limit, thrust)
+        return self._actions(thrust, alpha, bank)

@@ -12,7 +12,6 @@ from agents.metrics.metric import core_in
 from agents.page import number
 from agents.rollouts import Rollout, batch, rollout
 from agents.seeds import evaluation_seeds
-from agents.wrapped import Wrapped
 from estimators.checks import short_repr
 from vessel_gym import checks
 from vessel_gym.rendering.scene import Chart, Scene, Series, ambients
@@ -56,8 +55,7 @@ def episode(
     first = options.pop("estimator", None)
     plain = {name: each for name, each in options.items() if name != "estimator_options"}
     with closing(batch(env_id, 1, plain)) as env:
-        core = core_in(env, env_id)
-    default, own = core.estimator, not isinstance(core.system, Wrapped)
+        default, ours = core_in(env, env_id).estimator, hasattr(env.unwrapped, "core")
     if not default:
         raise ValueError(
             f"{env_id!r} has no estimator in the loop: wrap it in"
@@ -77,12 +75,9 @@ def episode(
     if len(set(names)) < len(names):
         raise ValueError(f"each estimator is shown once, got {', '.join(names)}")
     worlds = [chosen(each) for each in estimators]
-    if seed is None and own:
-        seeds = evaluation_seeds(TYPICAL)
-        found = [rollout(agent, env_id, seeds, each, trust=trust, record=False) for each in worlds]
-        seed = typical_seed(np.array([each.score for each in found]), seeds)
-    seeds = [seed or 0]
-    flown = [rollout(agent, env_id, seeds, each, trust=trust, ensembles=True) for each in worlds]
+    if seed is None:
+        seed = _typical_seed(agent, env_id, worlds, trust) if ours else 0
+    flown = [rollout(agent, env_id, [seed], world, trust=trust, ensembles=True) for world in worlds]
     return Episode(page_of(flown, names))
 
 
@@ -106,6 +101,13 @@ def typical_seed(scores: np.ndarray, seeds: Sequence[int]) -> int:
     """
     spread = np.maximum(scores.std(1, keepdims=True), np.finfo(float).tiny)
     return seeds[int(np.square((scores - scores.mean(1, keepdims=True)) / spread).sum(0).argmin())]
+
+
+def _typical_seed(agent: Any, env_id: str, worlds: list[dict[str, Any]], trust: bool) -> int:
+    """The typical seed of evaluation episodes in these worlds."""
+    seeds = evaluation_seeds(TYPICAL)
+    flown = [rollout(agent, env_id, seeds, each, record=False, trust=trust) for each in worlds]
+    return typical_seed(np.array([each.score for each in flown]), seeds)
 
 
 def _name(estimator: Any) -> str:

@@ -82,11 +82,13 @@ def test_every_metric_has_a_value_and_an_owner_s_costs_are_few_enough_for_a_tabl
 @pytest.mark.parametrize(
     ("env_id", "names", "key", "expected"),
     [
-        (THESIS, ("psi",), "heading_rmse", 20.0), (SIGMA, ("r",), "yaw_rate_rmse", 20.0),
-        (THESIS, ("v",), "sway_rmse", 0.02), (SIGMA, ("x", "y"), "position_rmse", 0.02 * np.sqrt(2.0)),
+        (THESIS, ("psi",), "heading_rmse", 20.0),
+        (SIGMA, ("r",), "yaw_rate_rmse", 20.0),
+        (THESIS, ("v",), "sway_rmse", 0.02),
+        (SIGMA, ("x", "y"), "position_rmse", 0.02 * np.sqrt(2.0)),
         (SIGMA, ("current north",), "current_rmse", 0.02),
     ],
-)  # fmt: skip
+)
 def test_a_constant_offset_is_the_rmse_of_its_components_alone(
     env_id: str, names: tuple[str, ...], key: str, expected: float
 ):
@@ -207,7 +209,7 @@ def test_tails_are_the_percentiles_of_the_time_that_was_lived():
 
 
 def steered(angle: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Travel and reversals of a ship whose rudder has these angles [rad], ``(601,)``, in 5 minutes."""
+    """Travel and reversals of a ship whose rudder has these angles [rad] for 5 minutes."""
     figures = scores(changed(flown(SIGMA), actuators=np.tile(angle[:, None, None], (1, 3, 1))))
     return figures["steering_travel"], figures["reversals"]
 
@@ -305,7 +307,7 @@ def test_resistance_and_load_fit_the_surge_equation_steady_turns_and_straight_co
 def test_a_straight_course_burns_the_fuel_of_one_and_a_slow_one_more(
     env_id: str, share: float, fuel: float
 ):
-    """Propellers of constant revolutions and thrust burn as much in a second at half of the speed."""
+    """Propellers of constant revolutions burn as much in a second at half of the speed."""
     kept = replace(flown(env_id), length=np.full(3, 6))  # the track is straight for 10 steps
     h, task = kept.history, core_of(kept).task
     truth, speed = np.zeros_like(h["truth"]), share * task.ship.speed

@@ -106,8 +106,8 @@ def test_a_task_of_ones_own_is_trained(tmp_path: Path):
         (
             "autopilot",
             ValueError,
-            "unknown agent 'autopilot' for KeepDepth: choose ppo, random, the path of a checkpoint, your"
-            " own as module:object, or .* agents.register_controller$",
+            "unknown agent 'autopilot' for KeepDepth: choose ppo, random, the path of a checkpoint,"
+            " your own as module:object, or .* agents.register_controller$",
         ),
         ("own_task:no_agent", TypeError, "'own_task:no_agent' makes str"),
         ("own_task:CRUISE", TypeError, "cannot be called"),

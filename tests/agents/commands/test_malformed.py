@@ -1,4 +1,4 @@
-"""Whatever is typed after a command's name or passed to `agents`: one sentence, and exit status 2 for a command."""
+"""Anything that is typed or passed to `agents`: one sentence, and exit status 2 for a command."""
 
 import contextlib
 import io
@@ -27,9 +27,14 @@ from scripts import reproduce
 from studies import speed
 
 COMMANDS: dict[str, Any] = {
-    "ablate": ablate.main, "budget": budget.main, "evaluate": evaluate.main,
-    "speed": speed.main, "reproduce": reproduce.main, "train": train.main, "watch": watch.main,
-}  # fmt: skip
+    "ablate": ablate.main,
+    "budget": budget.main,
+    "evaluate": evaluate.main,
+    "speed": speed.main,
+    "reproduce": reproduce.main,
+    "train": train.main,
+    "watch": watch.main,
+}
 STUDY = """
 title = "A small study"
 episodes = 2
@@ -111,16 +116,71 @@ def refused(name: str, *arguments: str, encoding: str | None = None) -> str | No
 
 
 WORDS = [
-    "", " ", "-1", "0", "1", "2", "100", "nan", "inf", "-inf", "1e3", "1.5", "9" * 30, "9" * 5000, "None", "none",
-    "True", "[1]", "{}", "--", "-x", "ünïcode", "a\nb", "x" * 300, "\udcff",
-    "folder.gif", "file", "file/x.gif", "bytes", "new/x.gif", "/dev/null/x.gif", "study.toml", "wrong.toml",
+    "",
+    " ",
+    "-1",
+    "0",
+    "1",
+    "2",
+    "100",
+    "nan",
+    "inf",
+    "-inf",
+    "1e3",
+    "1.5",
+    "9" * 30,
+    "9" * 5000,
+    "None",
+    "none",
+    "True",
+    "[1]",
+    "{}",
+    "--",
+    "-x",
+    "ünïcode",
+    "a\nb",
+    "x" * 300,
+    "\udcff",
+    "folder.gif",
+    "file",
+    "file/x.gif",
+    "bytes",
+    "new/x.gif",
+    "/dev/null/x.gif",
+    "study.toml",
+    "wrong.toml",
     "nobody.toml",
-    "SigmaCorvette-v0", "vessel_gym:PunaUAV-v0", "CartPole-v1", "SigmaCorvete-v0", "os:path", "no_module:x", "..:x",
+    "SigmaCorvette-v0",
+    "vessel_gym:PunaUAV-v0",
+    "CartPole-v1",
+    "SigmaCorvete-v0",
+    "os:path",
+    "no_module:x",
+    "..:x",
     "::",
-    "autopilot", "random", "kf", "kf-umv", "truth", "measurement", "mean+std", "clean", "calm", "frames", "lstm",
-    "environment", "all", "robust", "foo", "tcp://", "tcp://10.0.0.1:8786", "[::1]:1", "127.0.0.1:99999", "1/2", "0/2",
+    "autopilot",
+    "random",
+    "kf",
+    "kf-umv",
+    "truth",
+    "measurement",
+    "mean+std",
+    "clean",
+    "calm",
+    "frames",
+    "lstm",
+    "environment",
+    "all",
+    "robust",
+    "foo",
+    "tcp://",
+    "tcp://10.0.0.1:8786",
+    "[::1]:1",
+    "127.0.0.1:99999",
+    "1/2",
+    "0/2",
     "3/2",
-]  # fmt: skip
+]
 # Nothing is written outside the folder, and no process takes a zero byte.
 any_word = st.sampled_from(WORDS) | st.text(
     st.characters(exclude_characters="/\0", exclude_categories=["Cs"]), max_size=20
@@ -160,12 +220,18 @@ LINES = [
     ("evaluate --estimator", "--estimator: expected at least one argument"),
     ("evaluate --episodes 0", "--episodes must be at least 1, got 0"),
     ("evaluate --episodes 99999999999999999999", "--episodes must be at most 2147483647"),
-    ("evaluate --first-seed 999999 --episodes 2", "evaluation seeds, numbered from 0, got 2 from 999999"),
+    (
+        "evaluate --first-seed 999999 --episodes 2",
+        "evaluation seeds, numbered from 0, got 2 from 999999",
+    ),
     ("evaluate --episodes ten", "--episodes: invalid int value: 'ten'"),
     ("evaluate --estimatr kf", "did you mean '--estimator'?"),
     ("evaluate --trust=maybe", "maybe"),
     ("evaluate --observe all", "unknown observe mode 'all': choose from mean"),
-    ("evaluate --estimator-options members", "--estimator-options takes words as name=value, got 'members'"),
+    (
+        "evaluate --estimator-options members",
+        "--estimator-options takes words as name=value, got 'members'",
+    ),
     ("evaluate Ωmega-v0", "unknown environment"),
     ("evaluate CartPole-v1", "autopilot flies the environments of vessel_gym alone: name random"),
     ("evaluate --agent random --estimator kf σ-filter", "unknown estimator"),
@@ -177,15 +243,24 @@ LINES = [
     ("train PunaUAV-v0 PunaUAV-v0", "unknown argument 'PunaUAV-v0'"),
     ("train --sensors cléan", "choose from clean, nominal, degraded"),
     ("train --mismatch nan", "mismatch must be between 0 and 0.25"),
-    ("train --algorithm recurentppo", "unknown algorithm 'recurentppo': choose from ppo, a2c, crossq"),
+    (
+        "train --algorithm recurentppo",
+        "unknown algorithm 'recurentppo': choose from ppo, a2c, crossq",
+    ),
     ("train --out /dev/null/ppo.zip", "cannot write /dev/null/ppo.npz"),
     ("train --steps 5", "steps must be a whole number of at least 128"),
-    ("watch CartPole-v1 --agent random --out turn.html", "'CartPole-v1' has no estimator in the loop"),
+    (
+        "watch CartPole-v1 --agent random --out turn.html",
+        "'CartPole-v1' has no estimator in the loop",
+    ),
     ("watch --out turn.avi", "must be one of .html, .gif, .mp4, .png"),
     ("watch", "there is no display"),
     ("speed --rows", "--rows: expected at least one argument"),
     ("speed --page nowhere.md", "No such file or directory"),
-    ("speed --page study.toml", "study.toml needs one line <!-- measured --> and a line <!-- end --> below it"),
+    (
+        "speed --page study.toml",
+        "study.toml needs one line <!-- measured --> and a line <!-- end --> below it",
+    ),
     ("speed --rounds 99999999999999999999", "--rounds must be at most"),
     ("budget --keep 1.5", "--keep must be above 0 and at most 1, got 1.5"),
     ("budget --rates 9", "--rates must be above 0 and below 2 Hz, the highest"),
@@ -196,7 +271,7 @@ LINES = [
     ("ablate bytes", "bytes: line 1: the file is not text in UTF-8"),
     ("ablate wrong.toml", "environments must be a table"),
     ("wacth PunaUAV-v0", "unknown command 'wacth' (did you mean 'watch'?)"),
-]  # fmt: skip
+]
 
 
 @pytest.mark.parametrize(("line", "sentence"), LINES)
@@ -221,11 +296,14 @@ def test_an_empty_word_is_not_taken_for_the_present_folder(arguments: list[str])
         "evaluate vessel_gym:SigmaCorvette-v0 --estimator kf default --episodes 1",
         "evaluate vessel_gym/Ship-v0 --agent random --no-guidance --vessel mariner --mismatch 0.1",
         "train --out new/ppo --steps 128",
-        "watch --out turn.png", "speed PunaUAV-v0 --rows 2",
-        "reproduce robust puna --processes 1", "ablate study.toml --processes 3",
-        "ablate quick --out new/quick", "budget vessel_gym:SigmaCorvette-v0 --keep 1 --rates 1 0.5 --out new/budget",
+        "watch --out turn.png",
+        "speed PunaUAV-v0 --rows 2",
+        "reproduce robust puna --processes 1",
+        "ablate study.toml --processes 3",
+        "ablate quick --out new/quick",
+        "budget vessel_gym:SigmaCorvette-v0 --keep 1 --rates 1 0.5 --out new/budget",
     ],
-)  # fmt: skip
+)
 def test_what_can_be_meant_begins(line: str):
     name, *arguments = line.split()
     assert refused(name, *arguments) is None
@@ -252,12 +330,49 @@ def test_too_little_memory_is_one_sentence(monkeypatch: pytest.MonkeyPatch):
 # --- study files ----------------------------------------------------------------------------------
 
 PIECES = [
-    "3", "-1", '"x"', '""', "[]", "{}", "nan", "-inf", "true", "1979-05-27", "07:32:00", '[1, "a"]', "{ a = 1 }",
+    "3",
+    "-1",
+    '"x"',
+    '""',
+    "[]",
+    "{}",
+    "nan",
+    "-inf",
+    "true",
+    "1979-05-27",
+    "07:32:00",
+    '[1, "a"]',
+    "{ a = 1 }",
     '"kf"',
-    "1e999", "9" * 40, "9" * 400, "9" * 5000, "[" * 2000, '"os:path"', '"no_module:x"', '"..:x"', '"none"', '[["x"]]',
-    "[{}]", '"\\u0000"', "\n", "=", "[", "]", "{", "}", '"', "#", ",", ".", "\n[agents]\n", "\n[[agents]]\n",
-    "\n[estimators.x]\n", 'model = "nonlinear"', "\x00", "é",
-]  # fmt: skip
+    "1e999",
+    "9" * 40,
+    "9" * 400,
+    "9" * 5000,
+    "[" * 2000,
+    '"os:path"',
+    '"no_module:x"',
+    '"..:x"',
+    '"none"',
+    '[["x"]]',
+    "[{}]",
+    '"\\u0000"',
+    "\n",
+    "=",
+    "[",
+    "]",
+    "{",
+    "}",
+    '"',
+    "#",
+    ",",
+    ".",
+    "\n[agents]\n",
+    "\n[[agents]]\n",
+    "\n[estimators.x]\n",
+    'model = "nonlinear"',
+    "\x00",
+    "é",
+]
 VALUES = [match.span() for match in re.finditer(r'"[^"]*"|\[[^\[\]]*\]|\{[^{}]*\}|[\w.-]+', STUDY)]
 
 
@@ -372,17 +487,24 @@ def attempt(function: Any, *arguments: Any, **named: Any) -> None:
 
 
 GOOD: dict[str, Any] = {
-    "agent": "autopilot", "env_id": "SigmaCorvette-v0", "seeds": [0, 1], "env_options": {"max_episode_steps": 2},
+    "agent": "autopilot",
+    "env_id": "SigmaCorvette-v0",
+    "seeds": [0, 1],
+    "env_options": {"max_episode_steps": 2},
     "record": True,
-}  # fmt: skip
+}
 WRONG = {
     "agent": st.sampled_from(["nobody", "", Path("file"), Path("nobody"), "random"]) | junk,
     "env_id": st.sampled_from(["Nosuch-v0", "", "a:b", "CartPole-v1", "SigmaCorvette"]) | junk,
-    "seeds": st.sampled_from([[-1], [1.5], ["x"], [True], [2**70], np.array([1]), {1, 2}, range(2)]) | junk,
+    "seeds": st.sampled_from([[-1], [1.5], ["x"], [True], [2**70], np.array([1]), {1, 2}, range(2)])
+    | junk,
     "env_options": st.dictionaries(
-        st.sampled_from(["estimator", "observe", "disturbance", "mismatch", "speed", "num_envs"]), scalar
-    ).map(lambda options: {"max_episode_steps": 2, **options}) | st.lists(scalar, min_size=1) | st.text(min_size=1),
-}  # fmt: skip
+        st.sampled_from(["estimator", "observe", "disturbance", "mismatch", "speed", "num_envs"]),
+        scalar,
+    ).map(lambda options: {"max_episode_steps": 2, **options})
+    | st.lists(scalar, min_size=1)
+    | st.text(min_size=1),
+}
 
 
 @given(st.data(), st.sampled_from(sorted(WRONG)))
@@ -393,12 +515,20 @@ def test_a_rollout_of_anything_is_refused_in_one_sentence_or_flown(data: st.Data
 @pytest.mark.parametrize(
     ("key", "wrong", "sentence"),
     [
-        ("agent", None, "an agent is a name, the path of a checkpoint, or has reset and act, got None"),
+        (
+            "agent",
+            None,
+            "an agent is a name, the path of a checkpoint, or has reset and act, got None",
+        ),
         ("env_id", 3, "env_id must be the name of a registered environment, got 3"),
         ("seeds", [0, -1], "seeds must be one or more whole numbers >= 0, got [0, -1]"),
-        ("env_options", ["kf"], "env_options must be a dictionary of values by name, or None, got ['kf']"),
+        (
+            "env_options",
+            ["kf"],
+            "env_options must be a dictionary of values by name, or None, got ['kf']",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_a_rollout_cannot_mean_is_named(key: str, wrong: Any, sentence: str):
     with pytest.raises((ValueError, TypeError), match=f"^{re.escape(sentence)}$"):
         rollout(**GOOD | {key: wrong})
