@@ -37,9 +37,9 @@ def difference(a: np.ndarray, b: np.ndarray, angles: tuple[int, ...]) -> np.ndar
     State angles stay unwrapped inside filters, so this is where a residual becomes small again.
     """
     residual = a - b
-    if is_traced(residual):
+    if angles and is_traced(residual):
         are_angles = np.isin(np.arange(residual.shape[-1]), angles)
-        return np.where(are_angles, wrap(residual), residual) if angles else residual
+        return np.where(are_angles, wrap(residual), residual)
     if angles:
         own = ..., angles[0] if len(angles) == 1 else list(angles)
         residual[own] = wrap(residual[own])

@@ -114,10 +114,9 @@ class Belief:
         return self.of(merged)
 
     def read_only(self) -> Self:
-        """The belief, into whose arrays nobody can write any more."""
-        for name in self.__dataclass_fields__:
-            if (array := getattr(self, name)) is not None:
-                array.setflags(write=False)
+        """The belief, into whose arrays nobody can write any more; the known input is kept as it is."""
+        for name in self.names():
+            getattr(self, name).setflags(write=False)
         return self
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from estimators.angles import difference
 from estimators.belief import Belief, Record, unmeasured
 from estimators.checks import as_array, as_mask, frozen, short_repr
-from estimators.engine.compiled import Compiled
+from estimators.engine.matching import invoker
 from estimators.linalg import (
     congruence,
     lacks_rank,
@@ -28,7 +28,8 @@ from estimators.linalg import (
 from estimators.model_checks import as_covariance
 from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import RandomKeys
-from estimators.recovery import exhausted, finite_sum, perfect, recovered
+from estimators.recovery import DIGITS, exhausted, is_finite, perfect, recovered
+from estimators.stepping import StepProgram
 from estimators.varying import noise_at, resolve
 
 Rng = RandomKeys | np.random.Generator | None
@@ -36,18 +37,6 @@ Rng = RandomKeys | np.random.Generator | None
 Model = LinearModel | NonlinearModel
 Changes = dict[str, np.ndarray]
 """Arrays of a belief that a step changes, by name."""
-
-_PARTS: dict[str, dict[Any, tuple[str, ...]]] = {
-    "predict": {
-        LinearModel: ("A", "B", "Q", "G"),
-        NonlinearModel: ("transition", "transition_jacobian", "Q", "G"),
-    },
-    "update": {
-        LinearModel: ("C", "R", "H"),
-        NonlinearModel: ("measurement", "measurement_jacobian", "R", "H"),
-    },
-}
-"""Parts of a model that the question before a step is about."""
 
 
 class Filter(ABC, Generic[Record]):
@@ -212,6 +201,8 @@ class Filter(ABC, Generic[Record]):
             raise TypeError(
                 f"{type(self).__name__}._begin must give {missing[0]}, as its record has it"
             )
+        if self.compiled:
+            invoker()  # loads LLVM now, and not in the first step
         return belief.read_only()
 
     def predict(self, belief: Record, u: np.ndarray | None = None, rng: Rng = None) -> Record:
@@ -233,7 +224,7 @@ class Filter(ABC, Generic[Record]):
         u = self._known(u, batch)
         self.model.check_known_input(u)
         rng = self._numbers(rng, batch) if self.random else None
-        return self._run("predict", belief, u, rng).read_only()
+        return self._run("predict", belief, u, rng)
 
     def update(
         self,
@@ -285,7 +276,7 @@ class Filter(ABC, Generic[Record]):
                 " none came"
             )
         rng = self._numbers(rng, batch) if self.random else None
-        return self._run("update", belief, belief.u, rng, y, available, R).read_only()
+        return self._run("update", belief, belief.u, rng, y, available, R)
 
     def step(
         self,
@@ -300,7 +291,7 @@ class Filter(ABC, Generic[Record]):
         Arguments are those of the two, with a row for each of the belief; they are not checked.
         """
         if (one := self._programs.get("one")) is None:
-            one = self._asks_inside("predict") and self._asks_inside("update")
+            one = self.compiled and self.model.is_compiled(*self.model.parts["step"])
             # After perfect measurements an update is examined beside its prediction.
             one = one and (callable(self.model.R) or not lacks_rank(self.model.R).any())
             self._programs["one"] = one
@@ -345,32 +336,29 @@ class Filter(ABC, Generic[Record]):
         R: np.ndarray | None = None,
     ) -> Record:
         """The belief after a prediction, an update, or both; lost rows are recovered."""
-        batch, p = belief.mean.shape[:-1], self.model.p
         if y is not None and available is None:
-            available = _all(batch, p)
+            available = _all(belief.mean.shape[:-1], self.model.p)
         if not self.compiled or isinstance(rng, np.random.Generator):
             changed = self._in_numpy(step, belief, u, rng, y, available, R)
+            if y is None:
+                changed |= unmeasured(belief.mean.shape[:-1], self.model.p, changed["healthy"])
+            after = belief.replaced(changed | {"u": u}).read_only()
         else:
-            program = self._programs.get((step, u is None, R is None))
-            if program is None:
-                program = self._traced(step, belief, u, R is None)
-            function, read, names, inside = program
-            arrays = [*map(belief.__getattribute__, read)]
-            for each in (u, y, available, R):
-                if each is not None:
-                    arrays.append(each)
-            if not inside:
-                arrays += self._answers(step, belief, u, R)
+            key = step, None if u is None else u.shape[-1], R is None
+            program = self._programs.get(key)
+            inside = program.inside if program else self.model.is_compiled(*self.model.parts[step])
+            more = [] if inside else self._answers(step, belief, u, R)
             if self.random:
-                arrays += rng.words  # type: ignore[union-attr]
-            changed = dict(zip(names, function(*arrays), strict=True))
-        if y is None:
-            changed |= unmeasured(batch, p, changed["healthy"])
-        after = belief.replaced(changed | {"u": u})
-        if not np.logical_and.reduce(after.healthy, axis=None):
-            after = recovered(self, step, belief, after, u, rng, y, available, R)
-        if step == "update" and not np.logical_and.reduce(belief.healthy, axis=None):
-            after = after.replaced({"healthy": after.healthy & belief.healthy})
+                more += rng.words  # type: ignore[union-attr]
+            if program is None:
+                given = u, y, available, R, *more
+                program = self._programs[key] = StepProgram(self, step, inside, belief, given)
+            after = program(belief, u, y, available, R, *more)
+        if b"\0" in after.healthy.tobytes():
+            after = recovered(self, step, belief, after, u, rng, y, available, R).read_only()
+        if step == "update" and b"\0" in belief.healthy.tobytes():
+            healthy = np.logical_and(after.healthy, belief.healthy)
+            after = after.replaced({"healthy": healthy}).read_only()
         return after
 
     def _answers(self, step: str, belief: Record, u: Any, R: Any) -> list[np.ndarray]:
@@ -379,42 +367,6 @@ class Filter(ABC, Generic[Record]):
             return list(
                 self.propagate(belief, u) if step == "predict" else self.expect(belief, u, R)
             )
-
-    def _asks_inside(self, step: str) -> bool:
-        """Is the model's part in a prediction or an update compiled, and traced with the filter?"""
-        return self.compiled and self.model.is_compiled(*_PARTS[step][type(self.model)])
-
-    def _traced(
-        self, step: str, like: Record, u: np.ndarray | None, no_R: bool
-    ) -> tuple[Compiled, tuple[str, ...], list[str], bool]:
-        """The program of a step, names of arrays it reads and gives, and if the model is in it."""
-        names: list[str] = []
-        record: tuple[str, ...] = self.record.names()
-        inside = step == "step" or self._asks_inside(step)
-        if inside:
-            for each in ("predict", "update") if step == "step" else (step,):
-                self.model.compare(like.mean, u, like.cov, *_PARTS[each][type(self.model)])
-        given = [u is not None, step != "predict", step != "predict", not no_R]
-        axes_of_answers = () if inside else self._axes[step]
-        if self.input_delay is None:
-            axes_of_answers = axes_of_answers[:3]
-
-        def function(*arrays: Any) -> list[Any]:
-            rest = iter(arrays[len(record) :])
-            u, y, available, R = (next(rest) if each else None for each in given)
-            belief: Any = self.record.of(dict(zip(record, arrays, strict=False)) | {"u": u})
-            answers = () if inside else [next(rest) for _ in axes_of_answers]
-            rng = RandomKeys(next(rest), next(rest)[..., 0]) if self.random else None
-            changed = self._changed(step, belief, u, rng, y, available, R, answers)
-            names[:] = changed
-            return list(changed.values())
-
-        axes = [getattr(like, name).ndim + 1 - like.mean.ndim for name in record]
-        axes += [k for k, each in zip((1, 1, 1, 2), given, strict=True) if each]
-        axes += axes_of_answers
-        program = Compiled(function, axes + [1, 1] * self.random, True), record, names, inside
-        self._programs[step, u is None, no_R] = program
-        return program
 
     def _changed(
         self,
@@ -434,26 +386,30 @@ class Filter(ABC, Generic[Record]):
             answer = answers or self.propagate(belief, u)
             changed = self._known_fields("_predict", self._predict(belief, u, *answer, *drawn))
             if step == "predict":
-                total = finite_sum(belief.replaced(changed))
+                healthy = is_finite(belief.replaced(changed))
                 if self.input_delay is not None:
-                    total = total + exhausted(belief, changed)
-                return changed | {"healthy": np.isfinite(total)}
+                    healthy = healthy & ~exhausted(belief, changed)
+                return changed | {"healthy": healthy}
             belief = belief.replaced(changed)
         expected, C, R, *more = answers or self.expect(belief, u, R)
         available = available & np.isfinite(y) & np.isfinite(R.diagonal(0, -2, -1))
         if rescuing():
             available = available & np.isfinite(expected) & np.isfinite(C).all(-1)
         e = np.where(available, difference(y, expected, self.model.measurement_angles), 0.0)
-        C, *more = (np.where(available[..., None], each, 0.0) for each in (C, *more))
+        C = np.where(available[..., None], C, 0.0)
+        for i, each in enumerate(more):  # H, of an unknown input
+            more[i] = np.where(available[..., None], each, 0.0)
         R = masked(R, available)
         updated = {"innovation_cov": None, "innovation": e, "available": available}
         own = self._update(belief, u, e, C, R, available, *more, *drawn)
         updated |= self._known_fields("_update", own)
         if updated["innovation_cov"] is None:
             updated["innovation_cov"] = congruence(C, belief.cov) + R
-        total = finite_sum(belief.replaced(updated))
-        total = total + (perfect(updated, R) if self.random else exhausted(belief, updated, R))
-        return changed | updated | {"healthy": np.isfinite(total)}
+        healthy = is_finite(belief.replaced(updated))
+        healthy = healthy & ~perfect(updated, R, 1e20 if self.random else DIGITS)
+        if not self.random:
+            healthy = healthy & ~exhausted(belief, updated)
+        return changed | updated | {"healthy": healthy}
 
     def _known_fields(self, method: str, changed: Changes) -> Changes:
         """Arrays that a method gave, checked to be fields of the belief."""
@@ -484,36 +440,25 @@ class Filter(ABC, Generic[Record]):
             with np.errstate(all="ignore"):
                 return self._changed(step, belief, u, rng, y, available, R)
         except np.linalg.LinAlgError:
-            batch = belief.mean.shape[:-1]
-            if np.prod(batch) == 1 or self.model_per_row:
-                lost = {
-                    "mean": np.full(belief.mean.shape, np.nan),
-                    "healthy": np.zeros(batch, bool),
-                }
-                return belief.arrays() | lost
-        each = [
-            belief[row].arrays()
-            | self._in_numpy(
-                step,
-                belief[row],
-                *(
-                    a if a is None or isinstance(a, np.random.Generator) else a[row]
-                    for a in (u, rng, y, available, R)
-                ),
-            )
-            for row in ((*index, None) for index in np.ndindex(batch))
-        ]
-        return {
-            name: np.concatenate([one[name] for one in each]).reshape(
-                batch + each[0][name].shape[1:]
-            )
-            for name in each[0]
-            if each[0][name] is not None
-        }
+            rows = belief.mean[..., 0]
+        if rows.size == 1 or self.model_per_row:
+            mean, healthy = np.full(belief.mean.shape, np.nan), np.zeros(rows.shape, bool)
+            return belief.arrays() | {"mean": mean, "healthy": healthy}
+        after = belief
+        for i in np.ndindex(rows.shape):
+            row = np.zeros(rows.shape, bool)
+            row[i] = True
+            own = [
+                a if a is None or (a is rng and not isinstance(a, RandomKeys)) else a[row]
+                for a in (u, rng, y, available, R)
+            ]
+            one = belief[row]
+            after = after.with_rows(row, one.replaced(self._in_numpy(step, one, *own)))
+        return after.arrays()
 
     def _was_updated(self, belief: Any) -> bool:
         """Has an update of this step told something of the unknown input?"""
-        return bool(belief.available.any())
+        return bool(np.count_nonzero(belief.available))
 
     def _repaired(self, belief: Record, u: Any, y: Any, rng: Rng) -> Record:
         """The belief of lost rows from which a prediction, y None, or an update starts again."""
@@ -569,4 +514,4 @@ def _broadcast(name: str, value: np.ndarray, shape: tuple[int, ...], core: int =
 @lru_cache(64)
 def _all(batch: tuple[int, ...], p: int) -> np.ndarray:
     """The mask of measurements that have all arrived, made once."""
-    return np.broadcast_to(np.True_, (*batch, p)).copy()
+    return ~np.zeros((*batch, p), bool)

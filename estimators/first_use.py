@@ -3,15 +3,16 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from operator import is_not
 from typing import Any
 
 import numpy as np
 
-from estimators.checks import as_array, read_only
+from estimators.checks import as_array
 from estimators.engine.compiled import Compiled
 from estimators.engine.matrices import is_traced
 
-_NEAR = 2.0**-10
+_NEAR, _GOLDEN = 2.0**-10, 0.5 * (5.0**0.5 - 1.0)
 _OWN = "estimators", "vessel_gym"
 
 
@@ -53,18 +54,23 @@ class FirstUse:
             return
         plain = _undecorated(self.function)
         with np.errstate(all="ignore"):
-            rows, together, again, alone = self._evaluate(plain, candidates)
-            if not np.array_equal(together, again, equal_nan=True):
+            try:
+                rows, found = candidates[0], self._values(plain, candidates[0])
+            except Exception:  # beyond the given point the function may have no values
+                rows, found = candidates[1], self._values(plain, candidates[1])
+            together, again, alone = found
+            if not _equal(together, again):
                 raise ValueError(
                     f"{self.name} gave two values for the same arguments: it must depend on these"
                     " alone, without random numbers, clocks or counters of its own"
                 )
-            size = max((np.abs(a).max(initial=0.0) for a in rows if a is not None), default=0.0)
+            tolerance = max(1e-9, 64.0 * rounding(alone)) * _size(alone)
+            tolerance += 1e-13 * max(map(_size, filter(_given, rows)), default=0.0)
             if together.shape == alone.shape[2:] and len(self.shape) == 2:  # one for all rows
-                together = np.broadcast_to(together, alone.shape)
-            if not _close(together, alone, size):
+                together = together + 0.0 * alone
+            if not _equal(together, alone, tolerance):
                 raise ValueError(self._of_leading_axes())
-            if plain is not self.function and not _close(self.function(*rows), together, size):
+            if plain is not self.function and not _equal(self.function(*rows), alone, tolerance):
                 raise ValueError(
                     f"{self.name} gives other values compiled than in NumPy: what is compiled must"
                     " be pure, and keeps what it read when it was traced"
@@ -78,45 +84,45 @@ class FirstUse:
 
         None if none is finite.
         """
-        given = [each for each in arguments if each is not None]
-        leading = np.broadcast_shapes(*(each.shape[:-1] for each in given))
-        widths = [each.shape[-1] for each in given]
-        flat = [np.broadcast_to(a, leading + a.shape[-1:]).reshape(-1, a.shape[-1]) for a in given]
-        finite = np.isfinite(np.concatenate(flat, -1)).all(-1) if given else np.ones(1, bool)
-        if not finite.any():
+        finite: Any = np.True_
+        sizes = {*self.shape}
+        each: Any
+        for each in filter(_given, arguments):
+            finite = finite & np.logical_and.reduce(np.isfinite(each), -1)
+            sizes.add(each.shape[-1])
+        count = min({3, 4, 5, 6, 7, 8} - sizes)
+        if not np.logical_or.reduce(finite, None):
             return None
-        count = next(k for k in range(3, 99) if k not in {*self.shape, *widths})
-        apart = np.random.default_rng(0).uniform(0.0, _NEAR, (count, max(widths, default=0)))
-        apart[0] = 0.0
-        around, same = [], []
-        for each in flat:
-            row = each[np.argmax(finite)]
-            near = row + np.where(row, row, 1.0) * apart[:, : len(row)]  # of the same signs
-            around.append(np.stack([near, 0.5 - 1.5 * near], 1))
-            same.append(np.broadcast_to(row, (count, 2, len(row))).copy())
-        return [
-            [None if a is None else read_only(next(rows)) for a in arguments]
-            for rows in (iter(around), iter(same))
-        ]
-
-    def _evaluate(self, function: Callable[..., Any], candidates: list[list[Any]]) -> Any:
-        """Rows, their values together, twice, and alone; of the first rows that have values."""
-        around, same = candidates
-        try:
-            return around, *self._values(function, around)
-        except Exception:  # beyond the given point the function may have no values
-            return same, *self._values(function, same)
+        candidates: list[list[Any]] = [[], []]
+        for each in arguments:
+            near: Any = None
+            far: Any = None
+            if each is not None:
+                width = each.shape[-1]
+                batch = each + np.zeros((*finite.shape, 1))
+                row = batch.reshape(-1, width)[finite.argmax()]
+                apart = _NEAR * (_GOLDEN * np.arange(count * width).reshape(count, width) % 1.0)
+                apart[0] = 0.0
+                near = row + (row + (row == 0.0)) * apart  # of the same signs
+                near = np.array([near, 0.5 - 1.5 * near]).swapaxes(0, 1)
+                far = row + np.zeros(near.shape)
+                near.setflags(write=False)
+                far.setflags(write=False)
+            candidates[0].append(near)
+            candidates[1].append(far)
+        return candidates
 
     def _values(self, function: Callable[..., Any], rows: list[Any]) -> tuple[np.ndarray, ...]:
-        together, again = (self._value(function, rows) for _ in range(2))
-        leading = next((each.shape[:2] for each in rows if each is not None), (1, 1))
-        alone = [
-            self._value(function, [a if a is None else a[index] for a in rows])
-            for index in np.ndindex(leading)
-        ]
-        for each in alone:
-            self._check_shape(each.shape)
-        return together, again, np.stack(alone).reshape(leading + alone[0].shape)
+        """Values of rows together, twice, and alone."""
+        together, again = self._value(function, rows), self._value(function, rows)
+        count = max(map(len, filter(_given, rows)), default=1)
+        alone = []
+        for i in range(count):
+            for j in range(2):
+                value = self._value(function, [a if a is None else a[i, j] for a in rows])
+                self._check_shape(value.shape)
+                alone.append(value)
+        return together, again, np.array(alone).reshape(count, 2, *value.shape)
 
     def _value(self, function: Callable[..., Any], arguments: list[Any]) -> np.ndarray:
         try:
@@ -144,8 +150,7 @@ class FirstUse:
         return np.asarray(value)
 
     def _check_shape(self, shape: tuple[int, ...]) -> None:
-        fits = (size in (None, n) for size, n in zip(self.shape, shape, strict=False))
-        if len(shape) != len(self.shape) or not all(fits):
+        if shape != (self.shape if None not in self.shape else (*self.shape[:-1], *shape[-1:])):
             wanted = ", ".join("m" if size is None else str(size) for size in self.shape)
             raise ValueError(
                 f"{self.name} gave a matrix of shape {shape}, expected (..., {wanted})"
@@ -174,13 +179,20 @@ def _undecorated(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def rounding(array: np.ndarray) -> float:
     """Relative rounding of the numbers of an array; whole numbers count as float64."""
-    return float(np.finfo(np.result_type(array.dtype, np.float16)).eps)
+    return float(np.spacing(array.dtype.type(1)))
 
 
-def _close(found: np.ndarray, expected: np.ndarray, size: float) -> bool:
-    """Are arrays equal but for the rounding of them, and of arguments of a size?"""
+_given = partial(is_not, None)
+
+
+def _size(array: np.ndarray) -> float:
+    """Largest finite number."""
+    return float(np.maximum.reduce(np.abs(array[np.isfinite(array)]), initial=0.0))
+
+
+def _equal(found: np.ndarray, expected: np.ndarray, tolerance: float = 0.0) -> bool:
+    """Are arrays equal but for a tolerance?"""
     if found.shape != expected.shape:
         return False
-    largest = np.abs(expected[np.isfinite(expected)]).max(initial=0.0)
-    tolerance = max(1e-9, 64.0 * rounding(expected)) * largest + 1e-13 * size
-    return np.allclose(found, expected, rtol=0.0, atol=tolerance, equal_nan=True)
+    equal = (found == expected) | (np.abs(found - expected) <= tolerance)
+    return bool(np.logical_and.reduce(equal | (np.isnan(found) & np.isnan(expected)), None))

@@ -9,7 +9,7 @@ step that has ended.
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import lru_cache, partial
-from typing import Any, cast
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -79,9 +79,12 @@ class Gaussian(Frozen):
 class _Model(Frozen):
     """Questions of filters about a model's functions before they trace them."""
 
+    parts: ClassVar[dict[str, tuple[str, ...]]]
+    """Names of what the model's answer before a "predict", an "update" or a "step" is made of."""
+
     def is_compiled(self, *names: str) -> bool:
         """Are the functions of these names compiled? Arrays and schedules are no functions."""
-        return all(is_compiled(getattr(self, name)) for name in names)
+        return all(map(is_compiled, map(partial(getattr, self), names)))
 
     def compare(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None, *names: str
@@ -104,6 +107,10 @@ class _Model(Frozen):
                 function.compare(*((x, u) if function.of_state else (u,)))
             if name.endswith("_jacobian") and value is not None:  # with differences, too
                 getattr(self, f"linearise_{name.removesuffix('_jacobian')}")(x, u, cov)
+
+
+def _parts(predict: tuple[str, ...], update: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    return {"predict": predict, "update": update, "step": predict + update}
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +143,7 @@ class LinearModel(_Model):
         ValueError: naming the argument whose shape or definiteness is wrong.
     """
 
+    parts = _parts(("A", "B", "Q", "G"), ("C", "R", "H"))
     A: Matrix
     C: Matrix
     Q: Matrix
@@ -232,6 +240,10 @@ class NonlinearModel(_Model):
         ValueError: naming the argument whose shape or definiteness is wrong.
     """
 
+    parts = _parts(
+        ("transition", "transition_jacobian", "Q", "G"),
+        ("measurement", "measurement_jacobian", "R", "H"),
+    )
     transition: Callable[[np.ndarray, np.ndarray | None], np.ndarray]
     measurement: Callable[[np.ndarray, np.ndarray | None], np.ndarray]
     Q: Matrix
@@ -291,8 +303,8 @@ class NonlinearModel(_Model):
     ) -> tuple[np.ndarray, np.ndarray]:
         function, own = getattr(self, name), getattr(self, f"{name}_jacobian")
         if is_traced(x):
-            program = cast(Any, x).program
-            return tuple(matrix(program, each) for each in linearise(function, x, u, slopes=own))
+            found = linearise(function, x, u, slopes=own)
+            return tuple(map(partial(matrix, x.program), found))  # type: ignore[attr-defined]
         if own is None and is_compiled(function):
             return _compiled(linearise, function, x, u)(x, u)
         step = steps(x, cov, self.state_angles)
@@ -312,7 +324,7 @@ def at_columns(
     """A model's function at columns ``(..., n, N)``: values ``(..., k, N)``, contiguous."""
     function = getattr(model, name)
     if is_traced(points):
-        return columnwise(function, points, u)  # type: ignore[return-value]
+        return columnwise(function, points, u)
     if is_compiled(function):
         return _compiled(columnwise, function, points[..., 0], u)(points, u)
     return np.ascontiguousarray(at_points(function, points.mT, u).mT)

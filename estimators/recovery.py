@@ -23,7 +23,7 @@ from estimators.randomness import RandomKeys
 
 _CROSS = {"cov": "", "input_cov": "state_input_cov", "feedthrough_cov": "state_feedthrough_cov"}
 """Covariances of a belief, and that of each with the state."""
-_DIGITS = 1e4
+DIGITS = 1e4
 """An update that shrinks a variance by more than this may leave only rounding, of either sign."""
 _SHRUNK = 1e-4
 """A step that shrinks all variances by more than this may leave only rounding, of either sign."""
@@ -33,27 +33,27 @@ _NEGATIVE = 1e-12
 """An eigenvalue of a covariance that is less negative, as a share of its trace, is rounding."""
 
 
-def finite_sum(belief: Any) -> Any:
-    """A sum ``(...)`` that is not finite where a mean or covariance of a belief is not."""
-    total = belief.mean.sum(-1)
-    for name, axes in ("cov", (-2, -1)), ("input_mean", -1), ("feedthrough_cov", (-2, -1)):
-        if (array := getattr(belief, name, None)) is not None:
-            total = total + array.sum(axes)
-    return total
+def is_finite(belief: Any) -> Any:
+    """Mask ``(...)``: are means and covariances of a belief finite?"""
+    total = belief.mean.sum(-1) + belief.cov.sum((-2, -1))
+    if "input_mean" in belief.names():
+        total = total + belief.input_mean.sum(-1)
+    if "feedthrough_cov" in belief.names():
+        total = total + belief.feedthrough_cov.sum((-2, -1))
+    return total - total == 0.0
 
 
-def exhausted(belief: Any, changed: dict[str, Any], R: Any = None) -> Any:
-    """NaN ``(...)`` where a step has left perhaps nothing but rounding of a variance."""
-    left, before = (cov.diagonal(0, -2, -1) for cov in (changed.get("cov", belief.cov), belief.cov))
-    doubtful = np.where(left.sum(-1) < _SHRUNK * before.sum(-1), np.nan, 0.0)
-    doubtful = doubtful + np.where(left < 0.0, np.nan, 0.0).sum(-1)
-    return doubtful if R is None else doubtful + perfect(changed, R, _DIGITS)
+def exhausted(belief: Any, changed: dict[str, Any]) -> Any:
+    """Mask ``(...)``: has a step left perhaps nothing but rounding of a variance?"""
+    left = changed.get("cov", belief.cov).diagonal(0, -2, -1)
+    shrunk = left.sum(-1) < _SHRUNK * belief.cov.diagonal(0, -2, -1).sum(-1)
+    return shrunk | (np.where(left < 0.0, 1.0, 0.0).sum(-1) > 0.0)
 
 
-def perfect(changed: dict[str, Any], R: Any, digits: float = 1e20) -> Any:
-    """NaN ``(...)`` where a measurement is more precise than expected by so many digits."""
+def perfect(changed: dict[str, Any], R: Any, digits: float) -> Any:
+    """Mask ``(...)``: is a measurement more precise than expected by so many digits?"""
     variance = changed["innovation_cov"].diagonal(0, -2, -1)
-    return np.where(variance > digits * R.diagonal(0, -2, -1), np.nan, 0.0).sum(-1)
+    return np.where(variance > digits * R.diagonal(0, -2, -1), 1.0, 0.0).sum(-1) > 0.0
 
 
 def recovered(

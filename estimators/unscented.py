@@ -7,11 +7,10 @@ import numpy as np
 from estimators.angles import difference
 from estimators.checks import number
 from estimators.engine import compiled
-from estimators.engine.matrices import is_traced
 from estimators.filter import Changes, Filter, Model
 from estimators.kalman import ExtendedKalmanFilter
 from estimators.linalg import identity, semidefinite_cholesky, solve_upper, symmetrise
-from estimators.models import LinearModel, NonlinearModel, at_columns, at_points
+from estimators.models import LinearModel, NonlinearModel, at_columns
 from estimators.unknown_input import NoFeedthroughFilter
 from estimators.varying import resolve
 
@@ -112,10 +111,7 @@ class SigmaPoints(Filter[Any]):
             the part of the covariance ``(..., k, k)`` beyond ``a' a``.
         """
         model, n, c2 = cast(NonlinearModel, self.model), self.model.n, self._c2
-        if is_traced(points):
-            values = at_columns(model, name, points.mT, u).mT
-        else:
-            values = at_points(getattr(model, name), points, u)
+        values = at_columns(model, name, points.mT, u).mT
         angles = model.state_angles if name == "transition" else model.measurement_angles
         centre = values[..., 0, :]
         apart = difference(values[..., 1:, :], centre[..., None, :], angles)

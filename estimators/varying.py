@@ -82,7 +82,7 @@ class Schedule(Frozen):
         index = u[..., self.component] * self.scale + self.middle
         if is_traced(u):
             found = lookup_matrix(self.table, scalar(index))
-            return found if isinstance(u, MatrixTracer) else found.scalars()  # type: ignore
+            return found if isinstance(u, MatrixTracer) else found.scalars()
         # The first entry where u is not a number.
         within = np.fmin(np.fmax(index, 0.0), len(self.table) - 1.0)
         return self.table.take(within.astype(np.intp), axis=0)

@@ -1,6 +1,7 @@
 """Arrays of tracers, which NumPy stacks, indexes and broadcasts like any objects."""
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -13,6 +14,7 @@ from estimators.engine.tracer import (
     constant,
     operation,
     power,
+    program_of,
     where,
 )
 
@@ -65,6 +67,11 @@ class TracedArray(np.ndarray):
                 )
             key, value = ..., each_entry(where, key, scalar(value), self)
         super().__setitem__(key, value)
+
+    @property
+    def program(self) -> Program | None:
+        """The program of its entries; None if all are constants."""
+        return program_of(self.flat)
 
     @property
     def mT(self) -> Any:
@@ -124,12 +131,8 @@ def each_entry(function: Callable[..., Any], *operands: Any) -> Any:
     return found if isinstance(found, Tracer) else TracedArray.of(found)
 
 
-def _of_scalars(opcode: str) -> Callable[..., Any]:
-    return lambda *operands: operation(opcode, *operands)
-
-
 SCALAR_FUNCTIONS: dict[str, Callable[..., Any]] = {
-    **{opcode: _of_scalars(opcode) for opcode in OPCODES},
+    **{opcode: partial(operation, opcode) for opcode in OPCODES},
     "where": where,
     "positive": lambda x: x,
     "square": lambda x: power(x, 2),
@@ -208,7 +211,7 @@ def _reduction(ufunc: Any) -> Callable[..., Any]:
 
 
 FUNCTIONS: dict[Any, Callable[..., Any]] = {
-    np.where: lambda mask, chosen, other: each_entry(where, mask, chosen, other),
+    np.where: partial(each_entry, where),
     np.clip: lambda a, *bounds, **named: TracedArray.of(a).clip(*bounds, **named),
     np.mean: lambda a, *args, **others: TracedArray.of(a).mean(*args, **others),
     np.zeros_like: _filled(0.0),
@@ -237,4 +240,6 @@ _REARRANGING = frozenset((
 
 def entries(value: Any, program: Program) -> list[Tracer]:
     """The scalars of a traced result in order, constants among them."""
-    return [constant(program, each) for each in np.asarray(value, object).reshape(-1)]
+    if isinstance(value, Tracer):
+        return [value]
+    return [*map(partial(constant, program), np.asarray(value, object).reshape(-1))]

@@ -1,7 +1,9 @@
 """Functions of arrays ``(..., n)`` that run compiled, traced at the first call with each shape."""
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial, update_wrapper, wraps
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,10 @@ from estimators.engine.tracer import Tracer, cast
 
 
 def trace(
-    function: Callable[..., Any], rows: Sequence[Argument | None], matrices: bool = False
+    function: Callable[..., Any],
+    rows: Sequence[Argument | None],
+    matrices: bool = False,
+    sealed: bool = False,
 ) -> tuple[Function, bool]:
     """A function of arrays, traced for rows of some shapes; and whether it gives several results.
 
@@ -24,38 +29,48 @@ def trace(
         rows: The arguments; None stands for itself.
         matrices: Do vectors and matrices stand for themselves (`MatrixTracer`), and not for their
             entries?
+        sealed: See `Function`.
 
     Raises:
         NotTraceable: if it does what a traced function cannot do.
     """
-    program, arguments = Program(), [row for row in rows if row is not None]
-    tracers = (given(program, i, row, matrices) for i, row in enumerate(arguments))
-    results = function(*(None if row is None else next(tracers) for row in rows))
+    program, arguments, given = Program(), list[Argument](), list[Any]()
+    for row in rows:
+        if row is None:
+            given.append(None)
+        else:
+            inputs = matrix_input if matrices and row.kind in "fb" else scalar_inputs
+            given.append(inputs(program, len(arguments), row.shape, row.kind))
+            arguments.append(row)
+    results = function(*given)
     several = isinstance(results, tuple | list)
-    outputs = [_output(program, each) for each in (results if several else [results])]
-    return Function(program, arguments, outputs), several
+    outputs = [*map(partial(_output, program), results if several else [results])]
+    return Function(program, arguments, outputs, sealed), several
 
 
-def given(program: Program, argument: int, row: Argument, matrices: bool = False) -> Any:
-    """Stand-in for a row of an argument."""
-    if matrices and row.kind in "fb":
-        return matrix_input(program, argument, 0, row.shape, row.kind)
-    scalars = np.empty(row.size, object)
-    for column in range(row.size):
-        value = program.add("input", (), row.kind, None, (argument, column))
+def scalar_inputs(
+    program: Program, argument: int, shape: tuple[int, ...], kind: str
+) -> TracedArray:
+    """Tracers of the entries of an argument."""
+    size = math.prod(shape)
+    scalars = np.empty(size, object)
+    for column in range(size):
+        value = program.add("input", (), kind, None, (argument, column))
         scalars[column] = Tracer(program, value)
-    return scalars.reshape(row.shape).view(TracedArray)
+    return scalars.reshape(shape).view(TracedArray)
 
 
 def _output(program: Program, result: Any) -> tuple[list[Any], Argument]:
     """The scalars or the matrix of a result, and its row."""
     if isinstance(result, MatrixTracer):
-        return [result.view], Argument(result.shape, "b" if result.mask else "f")
+        return [result.view], Argument(result.shape, result.kind)
+    if not isinstance(result, Tracer):
+        result = TracedArray.of(result)
     scalars = entries(result, program)
-    kinds = {each.kind for each in scalars}
+    kinds = {*map(attrgetter("kind"), scalars)}
     kind = kinds.pop() if len(kinds) == 1 else "f"
-    shape = np.asarray(result, object).shape
-    return [cast(each, kind).value for each in scalars], Argument(shape, kind)
+    values = [*map(attrgetter("value"), map(partial(cast, kind=kind), scalars))]
+    return values, Argument(result.shape, kind)
 
 
 class Compiled:
@@ -98,16 +113,19 @@ class Compiled:
         if any(map(is_traced, arrays)):
             return self.function(*arrays, **static)
         axes = self._axes or (1,) * len(arrays)
-        held = [None if each is None else in_memory(each) for each in arrays]
-        rows = tuple(
-            None if a is None else Argument(a.shape[a.ndim - k :], a.dtype.kind)
-            for a, k in zip(held, axes, strict=True)
-        )
-        key = rows, *static.items()
+        held: list[np.ndarray] = []
+        rows: list[Argument | None] = []
+        for each, k in zip(arrays, axes, strict=True):
+            if each is None:
+                rows.append(None)
+            else:
+                held.append(a := in_memory(each))
+                rows.append(Argument(a.shape[a.ndim - k :], a.dtype.kind))
+        key = *rows, *static.items()
         if key not in self._traced:
             self._traced[key] = trace(partial(self.function, **static), rows, self._matrices)
         function, several = self._traced[key]
-        results = function.compute([each for each in held if each is not None])
+        results = function.compute(held)
         self._last = static, function.call, several
         return results if several else results[0]
 

@@ -5,17 +5,19 @@ have no derivative. At a kink (`numpy.where`, `numpy.abs`, `numpy.maximum`) the 
 to the side on which the value is. Derivatives of whole numbers, rounding and lookups are zero.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from operator import attrgetter
 from typing import Any
+
+import numpy as np
 
 from estimators.engine.arrays import TracedArray, entries
 from estimators.engine.program import Instruction, NotTraceable, Program
-from estimators.engine.tracer import Tracer, operation, where
+from estimators.engine.tracer import Tracer, operation, program_of, where
 
 _FLAT = frozenset((
-    "floor", "ceil", "trunc", "rint", "greater", "greater_equal", "equal", "not_equal", "isfinite", "isnan", "cast",
-    "lookup", "bitwise_and", "bitwise_or", "bitwise_xor", "invert", "left_shift", "right_shift",
-    "remainder",
+    "floor", "ceil", "trunc", "rint", "greater", "greater_equal", "equal", "not_equal", "cast", "lookup",
+    "bitwise_and", "bitwise_or", "bitwise_xor", "left_shift", "right_shift",
 ))  # fmt: skip
 """Opcodes whose results do not change with their operands, but for jumps."""
 
@@ -41,8 +43,6 @@ _PARTIALS: dict[str, Callable[..., tuple[Any, ...]]] = {
     "divide": lambda z, x, y: (1.0 / y, -(z / y)),
     "arctan2": lambda z, x, y: (y / (x * x + y * y), -(x / (x * x + y * y))),
     "hypot": lambda z, x, y: (x / z, y / z),
-    "maximum": lambda z, x, y: (where(x > y, 1.0, 0.0), where(x > y, 0.0, 1.0)),
-    "minimum": lambda z, x, y: (where(x < y, 1.0, 0.0), where(x < y, 0.0, 1.0)),
     "copysign": lambda z, x, y: (
         where((x < 0.0) ^ (operation("copysign", 1.0, y) < 0.0), -1.0, 1.0),
         0.0,
@@ -56,31 +56,25 @@ Tangent = dict[int, Any]
 """Derivatives to some of the seeds, by their place; the others are zero."""
 
 
-def tangents(outputs: Sequence[Tracer], seeds: Sequence[Tracer]) -> list[Tangent]:
-    """Derivatives of scalars to other scalars, of which they were computed.
+def jacobian(outputs: Any, inputs: Any) -> Any:
+    """Derivatives ``(*m, *n)`` of a traced array ``(*m)`` by another ``(*n)`` in it.
 
     Raises:
         NotTraceable: if an instruction between them has no derivative.
     """
-    if not outputs:
-        return []
-    program = outputs[0].program
-    known: dict[int, Tangent] = {seed.value: {i: 1.0} for i, seed in enumerate(seeds)}
-    for instruction in program.live([each.value for each in outputs]):
-        if (
-            any(known.get(value) for value in instruction.values)
-            and instruction.result not in known
-        ):
-            known[instruction.result] = _tangent(program, instruction, known)
-    return [known.get(output.value, {}) for output in outputs]
-
-
-def jacobian(outputs: Any, inputs: Any) -> TracedArray:
-    """Derivatives ``(*m, *n)`` of a traced array ``(*m)`` by another ``(*n)`` in it."""
     seeds, values = TracedArray.of(inputs), TracedArray.of(outputs)
-    found = tangents(entries(values, seeds.flat[0].program), list(seeds.flat))
-    rows = [[tangent.get(seed, 0.0) for seed in range(seeds.size)] for tangent in found]
-    return TracedArray.of(rows).reshape(values.shape + seeds.shape)  # type: ignore[return-value]
+    program: Any = program_of(seeds.flat)
+    found, known = entries(values, program), dict[int, Tangent]()
+    for i, seed in enumerate(seeds.flat):
+        known[seed.value] = {i: 1.0}
+    for each in program.live([*map(attrgetter("value"), found)]):
+        if each.result not in known and any(map(known.get, each.values)):
+            known[each.result] = _tangent(program, each, known)
+    slopes = np.zeros((len(found), seeds.size)).astype(object)
+    for row, output in zip(slopes, found, strict=True):
+        for i, slope in known.get(output.value, {}).items():
+            row[i] = slope
+    return slopes.reshape(values.shape + seeds.shape).view(TracedArray)
 
 
 def _tangent(program: Program, instruction: Instruction, known: dict[int, Tangent]) -> Tangent:
@@ -115,21 +109,20 @@ def _times(factor: Any, slope: Any) -> Any:
 
 
 def linearise(
-    function: Callable[..., Any], x: Any, *others: Any, slopes: Callable[..., Any] | None = None
+    function: Callable[..., Any], x: Any, u: Any, slopes: Callable[..., Any] | None = None
 ) -> tuple[Any, Any]:
     """A function's value ``(k,)`` at a traced vector x ``(n,)``, and its Jacobian by x ``(k, n)``.
 
     Args:
-        function: Of x and ``others``, vectors, entry by entry
-            (`estimators.engine.arrays.TracedArray`).
+        function: Of vectors x and u, entry by entry (`estimators.engine.arrays.TracedArray`).
         x: Traced.
-        others: Traced, constant or None.
-        slopes: Its Jacobian, a function of the same; None: tangents give it.
+        u: Traced, constant or None.
+        slopes: Its Jacobian, a function of the same; None: `jacobian` gives it.
 
     Raises:
         NotTraceable: if it does what cannot be traced, or what has no derivative.
     """
-    own = x if isinstance(x, TracedArray) else x.scalars()
-    rest = [each.scalars() if hasattr(each, "scalars") else each for each in others]
-    value = function(own, *rest)
-    return value, jacobian(value, own) if slopes is None else slopes(own, *rest)
+    x = x if isinstance(x, TracedArray) else x.scalars()
+    u = u.scalars() if hasattr(u, "scalars") else u
+    value = function(x, u)
+    return value, jacobian(value, x) if slopes is None else slopes(x, u)

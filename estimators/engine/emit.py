@@ -15,7 +15,7 @@ import numpy as np
 
 from estimators.engine.elementary import EXPANSIONS
 from estimators.engine.program import Instruction, Loop, Program
-from estimators.engine.tracer import KINDS, Tracer, cast, constant, operation, where, within
+from estimators.engine.tracer import KINDS, Tracer, cast, constant, within
 
 _OPERATIONS = {
     "add": ("fadd", "add", "add"), "subtract": ("fsub", "sub", "sub"), "multiply": ("fmul", "mul", "mul"),
@@ -51,12 +51,8 @@ def literal(value: Any, kind: str, width: int) -> str:
     return text if width == 1 else f"splat ({type_of(kind, 1)} {text})"
 
 
-_LITERAL = (0.0, 1.0, -1.0, 0.5, -0.5, 2.0, np.inf, -np.inf)
-
-
-def is_literal(value: Any, kind: str) -> bool:
-    """Is a constant part of the code, and not one of the numbers that it reads from memory?"""
-    return bool(kind != "f" or value in _LITERAL or np.isnan(value))
+LITERAL = (0.0, 1.0, -1.0, 0.5, -0.5, 2.0, np.inf, -np.inf)
+"""Floats that are part of the code, and none of the numbers that it reads from memory."""
 
 
 class Module:
@@ -66,8 +62,7 @@ class Module:
     compiled once.
 
     Args:
-        places: Where the numbers of constants begin in memory, by value; the others are
-            `is_literal`.
+        places: Where the numbers of constants begin in memory, by value; others are literals.
     """
 
     def __init__(self, places: Mapping[int, int]) -> None:
@@ -166,9 +161,6 @@ class Emitter:
         self._numbers: Iterator[int] = within._numbers if within else itertools.count(1)
         self._lanes: dict[int, Lanes] = within._lanes if within else {}
         self.names: dict[int, str] = {}
-        self.special: dict[str, Callable[[Instruction], None]] = {
-            "repeat": self._repeat, "lookup": self._lookup, "sin": self._sine_or_cosine, "cos": self._sine_or_cosine,
-        }  # fmt: skip
         self.one, self.own = self.lanes(1), self.lanes(width)
 
     # --- lines ------------------------------------------------------------------------------------
@@ -287,8 +279,8 @@ class Emitter:
     def block(self, instructions: Sequence[Instruction]) -> None:
         """Instructions in order."""
         for each in instructions:
-            if each.opcode in self.special:
-                self.specially(each)
+            if hasattr(self, f"_emit_{each.opcode}"):
+                self.special(each)
                 continue
             values: Any = each.operands
             kinds = "".join(self.program.kinds[value] for value in values)
@@ -296,9 +288,9 @@ class Emitter:
             kind = self.program.kinds[each.result]
             self.names[each.result] = self.operation(each.opcode, kinds, operands, self.width, kind)
 
-    def specially(self, instruction: Instruction) -> None:
-        """An instruction that is more than one operation of scalars."""
-        self.special[instruction.opcode](instruction)
+    def special(self, instruction: Instruction) -> None:
+        """An instruction that is more than one operation of scalars, by the method of its name."""
+        getattr(self, f"_emit_{instruction.opcode}")(instruction)
 
     def scalar(self, value: int) -> Tracer:
         """A scalar of the program."""
@@ -319,19 +311,18 @@ class Emitter:
         if opcode == "where":
             chosen = type_of(kinds[1], width)
             return self.line(f"select {T} {x}, {chosen} {operands[1]}, {chosen} {operands[2]}")
-        if opcode in ("cast", "bits"):
-            word = "bitcast" if opcode == "bits" else _CASTS.get(kind + result, "bitcast")
-            return self.line(f"{word} {T} {x} to {type_of(result, width)}")
-        lanes = self.lanes(width)
-        return lanes.name(_COMPOSED[opcode](*map(lanes.value, operands, kinds)))
+        word = "bitcast" if opcode == "bits" else _CASTS.get(kind + result, "bitcast")
+        return self.line(f"{word} {T} {x} to {type_of(result, width)}")
 
-    def _sine_or_cosine(self, instruction: Instruction) -> None:
+    def _emit_sin(self, instruction: Instruction) -> None:
         """Sine and cosine are computed together; LLVM finds calls that are equal."""
         value: Any = instruction.operands[0]
         T, name = type_of("f", self.width), self.module.elementary("sincos", self.width)
         pair = self.line(f"call {{{T}, {T}}} {name}({T} {self.name(value)})")
         which = int(instruction.opcode == "cos")
         self.names[instruction.result] = self.line(f"extractvalue {{{T}, {T}}} {pair}, {which}")
+
+    _emit_cos = _emit_sin
 
     def gather(self, one: Callable[[int], str], scalar: str = "double") -> str:
         """A vector of what a function gives for each lane, of a type of LLVM."""
@@ -365,7 +356,7 @@ class Emitter:
         vector = self.own.name(cast(within(index, zero, zero + (count - 1)), "i"))
         return [self.one.value(self.lane(vector, "i64", lane), "i") for lane in range(self.width)]
 
-    def _lookup(self, instruction: Instruction) -> None:
+    def _emit_lookup(self, instruction: Instruction) -> None:
         value: Any = instruction.operands[0]
         place, count, across, column = instruction.attributes
         entries = self.places(self.scalar(value), count)
@@ -375,7 +366,7 @@ class Emitter:
             )
         )
 
-    def _repeat(self, instruction: Instruction) -> None:
+    def _emit_repeat(self, instruction: Instruction) -> None:
         loop: Loop = instruction.attributes[0]
 
         def body(_: Tracer, *carried: Tracer) -> list[Tracer]:
@@ -389,25 +380,3 @@ class Emitter:
         initial = [self.scalar(value) for value in instruction.operands if isinstance(value, int)]
         results = self.loop(0, loop.count, body, initial, going=going if loop.masks else None)
         self.names.update(zip(loop.results, map(self.own.name, results), strict=True))
-
-
-def _remainder(x: Tracer, y: Tracer) -> Any:
-    """NumPy's, which is 0 of a divisor 0; the lowest number overflows for -1."""
-    y = where((y == 0) | (y == -1) if y.kind == "i" else y == 0, 1, y)
-    rest = Tracer(x.program, x.program.add("fmod", (x.value, y.value), x.kind))
-    return rest if y.kind == "u" else where(((rest ^ y) < 0) & (rest != 0), rest + y, rest)
-
-
-def _beyond(x: Tracer, order: Tracer) -> Any:
-    return order | operation("isnan", x) if x.kind == "f" else order
-
-
-_COMPOSED: dict[str, Callable[..., Any]] = {
-    "maximum": lambda x, y: where(_beyond(x, x > y), x, y),
-    "minimum": lambda x, y: where(_beyond(x, x < y), x, y),
-    "remainder": _remainder,
-    "isfinite": lambda x: x - x == 0.0,
-    "isnan": lambda x: x != x,
-    "invert": lambda x: x ^ (True if x.kind == "b" else -1),
-}
-"""NumPy's: the first operand where it is NaN, the second where that is."""

@@ -5,16 +5,17 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import partial
+from operator import attrgetter, itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimators.engine import machine
-from estimators.engine.emit import Module, is_literal, literal, type_of
+from estimators.engine.emit import LITERAL, Module, literal, type_of
 from estimators.engine.linear_emit import LinearEmitter
 from estimators.engine.matching import described, in_memory, invoker
 from estimators.engine.matrix_emit import Index
-from estimators.engine.program import Instruction, Program, View
+from estimators.engine.program import Instruction, Program, View, value_of
 from estimators.engine.tracer import KINDS, Tracer, cast, operation, where
 
 LANES = 8
@@ -39,13 +40,15 @@ class Function:
     """A program, compiled for one row and for many when it is first needed for as many.
 
     Args:
-        program: What it computes; its instructions ``input`` and ``input matrix`` read the
+        program: What it computes; its instructions ``input`` and ``input_matrix`` read the
             arguments.
         arguments: Rows of what it takes.
         outputs: For each result its scalars and views of matrices, one after the other, and an
             argument like it.
+        sealed: Takes the arguments that it reads alone, and gives read-only arrays.
 
     Attributes:
+        arguments: Rows of what `call` takes, by their numbers.
         layout: Places of matrices in the scratch.
     """
 
@@ -54,18 +57,22 @@ class Function:
         program: Program,
         arguments: Sequence[Argument],
         outputs: Sequence[tuple[Any, Argument]],
+        sealed: bool = False,
     ) -> None:
-        self.arguments, self.results = tuple(arguments), tuple(result for _, result in outputs)
-        self.program, self.outputs = program, [entries for entries, _ in outputs]
-        values = [
-            part.value if isinstance(part, View) else part
-            for parts in self.outputs
-            for part in parts
-        ]
+        self.program, self._sealed = program, sealed
+        self.outputs: tuple[Any, ...] = tuple(map(itemgetter(0), outputs))
+        self.results: tuple[Argument, ...] = tuple(map(itemgetter(1), outputs))
+        values = [*map(value_of, itertools.chain(*self.outputs))]
         self.instructions = program.complete(values)
+        self.arguments: dict[int, Argument] = {}
+        for each in self.instructions:
+            if sealed and each.opcode in _INPUTS:
+                self.arguments[each.attributes[0]] = arguments[each.attributes[0]]
+        if not sealed:
+            self.arguments = dict(enumerate(arguments))
         self.layout, self._scratch = _laid_out(program, self.instructions, values)
-        self._places, self._constants = _placed(program)
-        self._codes: dict[int, tuple[int, Any]] = {}
+        self._places, self._literals, self._constants = _placed(program)
+        self._codes: dict[int, int] = {}
         self.call: Callable[..., Any] = unlike
 
     def compute(self, arrays: Sequence[Any]) -> Any:
@@ -75,62 +82,63 @@ class Function:
         """
         results = self.call(*arrays)
         if results is None:
-            given = list(map(in_memory, arrays))
-            leading = [
-                a.shape[: a.ndim - len(own.shape)]
-                for a, own in zip(given, self.arguments, strict=True)
-            ]
-            batch, shared = np.broadcast_shapes(*leading), 0
+            own, given, leading = list(self.arguments.values()), [], []
+            for array, each in zip(arrays, own, strict=True):
+                given.append(a := in_memory(array, each.kind))
+                leading.append(a.shape[: a.ndim - len(each.shape)])
+            batch = leading[0] if len({*leading}) == 1 else np.broadcast_shapes(*leading)
+            shared = 0
             for i, axes in enumerate(leading):
                 if math.prod(axes) == 1:
                     shared |= (axes != batch) << i
                 elif axes != batch:
-                    given[i] = np.broadcast_to(given[i], batch + self.arguments[i].shape).copy()
+                    given[i] = np.broadcast_to(given[i], batch + own[i].shape).copy()
             rows = math.prod(batch)
             width = LANES if rows >= FEW else 1
             room = machine.scratch(width * self._scratch)
-            head = self._code(width)[0], rows, shared, room, self._constants.ctypes.data
-            like = [(KINDS[each.kind], batch + each.shape) for each in self.results]
-            self.call = call = partial(invoker(), described(head, given, like))
+            flags = ~0x400 if self._sealed else -1  # NPY_ARRAY_WRITEABLE
+            head = self._code(width), rows, shared, room, machine.address(self._constants), flags
+            like = [*map(attrgetter("dtype", "shape"), given)]
+            for each in self.results:
+                like.append((KINDS[each.kind], batch + each.shape))
+            self.call = call = partial(invoker(), described(head, len(given), like))
             results = call(*given)
         return results
 
-    def _code(self, width: int) -> tuple[int, Any]:
+    def _code(self, width: int) -> int:
         """Machine code for ``width`` rows side by side; programs with other numbers share it."""
         if width not in self._codes:
-            program = self.program
-            literals = [
-                (value, literal(x, program.kinds[value], 1))
-                for value, x in program.constants.items() if value not in self._places
-            ]  # fmt: skip
             code = str((
-                self.instructions, self.outputs, self.arguments, self.results, width, literals,
-                self._places, program.sizes, program.kinds,
+                self.instructions, self.outputs, self.arguments, self.results, width,
+                self._literals, self._places, self.program.sizes, self.program.kinds,
             )).encode()  # fmt: skip
-            self._codes[width] = machine.load(code, lambda: self.text(width))
+            self._codes[width] = machine.load(code, partial(self.text, width))
         return self._codes[width]
 
-    def text(self, width: int) -> str:
-        """The program in LLVM IR."""
-        module = Module(self._places)
-        return module.text([Driver(self, module, width).function(self.instructions, self.outputs)])
+    def text(self, width: int, name: str) -> str:
+        """The program in LLVM IR, as a function of a name."""
+        driver = Driver(self, Module(self._places), width)
+        return driver.module.text([driver.function(name, self.instructions, self.outputs)])
 
 
 def unlike(*_: Any) -> None:
     """A call before there was one."""
 
 
-def _placed(program: Program) -> tuple[dict[int, int], np.ndarray]:
-    """The numbers that a program reads from memory, and where those of each constant begin."""
-    read = {
-        value: (x,)
-        for value, x in program.constants.items()
-        if not is_literal(x, program.kinds[value])
-    }
-    numbers = read | program.tables
+def _placed(program: Program) -> tuple[dict[int, int], dict[int, str], np.ndarray]:
+    """Where each constant begins in memory, those that are in the code, and the numbers in memory."""
+    numbers: dict[int, Any] = {}
+    literals: dict[int, str] = {}
+    for value, x in program.constants.items():
+        kind = program.kinds[value]
+        if kind != "f" or x in LITERAL or x != x:
+            literals[value] = literal(x, kind, 1)
+        else:
+            numbers[value] = (x,)
+    numbers |= program.tables
     starts = itertools.accumulate(map(len, numbers.values()), initial=0)
-    constants = np.array([x for each in numbers.values() for x in each], float)
-    return dict(zip(numbers, starts, strict=False)), constants
+    constants = np.array([*itertools.chain(*numbers.values())], float)
+    return dict(zip(numbers, starts, strict=False)), literals, constants
 
 
 def _laid_out(
@@ -142,7 +150,9 @@ def _laid_out(
     """
     places: dict[int, int] = {}
     total, free = 0, defaultdict[int, list[int]](list)
-    last = {value: at for at, each in enumerate(instructions) for value in each.values}
+    last: dict[int, int] = {}
+    for at, each in enumerate(instructions):
+        last |= dict.fromkeys(each.values, at)
     last |= dict.fromkeys(outputs, len(instructions))
     for at, each in enumerate(instructions):
         size = program.sizes.get(each.result)
@@ -151,7 +161,7 @@ def _laid_out(
                 free[size].append(total)
                 total += size
             places[each.result] = free[size].pop()
-        for value in {*each.values, *each.results} & places.keys():
+        for value in {*each.values, each.result} & places.keys():
             if last.get(value, at) == at:
                 free[program.sizes[value]].append(places[value])
     return places, total
@@ -163,48 +173,42 @@ class Driver(LinearEmitter):
     def __init__(self, function: Function, module: Module, width: int) -> None:
         super().__init__(function.program, module, width, function.layout)
         self._function = function
-        self._bases: list[list[str]] = []
-        self.special["input"] = self._input
-        self.special["input matrix"] = self._input_matrix
+        self._bases: dict[int, list[str]] = {}
 
-    def function(self, instructions: Sequence[Instruction], outputs: Sequence[Any]) -> str:
+    def function(
+        self, name: str, instructions: Sequence[Instruction], outputs: Sequence[Any]
+    ) -> str:
         """The function in LLVM IR."""
         arguments, results = self._function.arguments, self._function.results
         end, shared = (self.one.value(f"%{name}", "i") for name in ("end", "shared"))
         strides = [
-            where((shared & (1 << i)) != 0, 0, each.size) for i, each in enumerate(arguments)
+            where((shared & (1 << i)) != 0, 0, each.size)
+            for i, each in enumerate(arguments.values())
         ]
 
         def body(row: Tracer) -> None:
             own = [operation("minimum", row + lane, end - 1) for lane in range(self.width)]
-            self._bases = self._places("a", strides, arguments, own)
+
+            def places(array: str, size: Any, kind: str) -> list[str]:
+                return [self.at(array, each * size, _MEMORY[kind]) for each in own]
+
+            for (i, each), stride in zip(arguments.items(), strides, strict=True):
+                self._bases[i] = places(f"%a{i}", stride, each.kind)
             self.block(instructions)
-            places = self._places("o", [each.size for each in results], results, own)
-            for parts, result, bases in zip(outputs, results, places, strict=True):
-                self._output(parts, result.kind, bases)
+            for i, (parts, each) in enumerate(zip(outputs, results, strict=True)):
+                self._output(parts, each.kind, places(f"%o{i}", each.size, each.kind))
 
         self.loop(0, end, body, step=self.width)
-        arrays = [f"%a{i}" for i in range(len(arguments))]
-        arrays += [f"%o{i}" for i in range(len(results))]
+        arrays = [f"%a{i}" for i in arguments] + [f"%o{i}" for i in range(len(results))]
         loads = [
             f"  {name}.at = getelementptr ptr, ptr %arrays, i64 {i}\n  {name} = load ptr, ptr {name}.at"
             for i, name in enumerate(arrays)
         ]
         head = (
-            "define void @call(i64 %end, i64 %shared, ptr noalias %scratch,"
+            f"define void @{name}(i64 %end, i64 %shared, ptr noalias %scratch,"
             " ptr noalias readonly %constants, ptr noalias readonly %arrays) #0 {\nentry:"
         )
         return "\n".join([head, *loads, *self.lines, "  ret void\n}"])
-
-    def _places(
-        self, letter: str, sizes: Sequence[Any], each: Sequence[Argument], rows: Sequence[Any]
-    ) -> list[list[str]]:
-        """Addresses of some rows of arguments or results."""
-        pairs = enumerate(zip(sizes, each, strict=True))
-        return [
-            [self.at(f"%{letter}{i}", row * size, _MEMORY[one.kind]) for row in rows]
-            for i, (size, one) in pairs
-        ]
 
     def _loaded(self, argument: int, column: Any) -> Tracer:
         """An entry of the rows of an argument."""
@@ -223,24 +227,24 @@ class Driver(LinearEmitter):
             )
         return self.own.value(value, kind)
 
-    def _input(self, instruction: Instruction) -> None:
+    def _emit_input(self, instruction: Instruction) -> None:
         self.names[instruction.result] = self.own.name(self._loaded(*instruction.attributes))
 
-    def _input_matrix(self, instruction: Instruction) -> None:
-        argument, column = instruction.attributes
+    def _emit_input_matrix(self, instruction: Instruction) -> None:
+        (argument,) = instruction.attributes
         size = self.program.sizes[instruction.result]
         target, bases = self.matrix(instruction.result, (1, size)), self._bases[argument]
         floats = self._function.arguments[argument].kind == "f"
         if floats and self.width == 1:  # as it stands in its row
-            self.pointers[instruction.result] = self.at(bases[0], column)
+            self.pointers[instruction.result] = bases[0]
             return
 
         def some(_: Index, j: Index, count: int) -> None:
             if floats and count == self.width:
-                rows = [self.read(self.at(base, j + column), count) for base in bases]
+                rows = [self.read(self.at(base, j), count) for base in bases]
                 entries = self._transposed(rows)
             else:
-                entries = [self._loaded(argument, j + column + m) for m in range(count)]
+                entries = [self._loaded(argument, j + m) for m in range(count)]
             for m, entry in enumerate(entries):
                 target[0, j + m] = entry
 
@@ -299,4 +303,5 @@ class Driver(LinearEmitter):
             self.lines.append(f"  store {memory} {self.lane(value, memory, lane)}, ptr {place}")
 
 
+_INPUTS = "input", "input_matrix"
 _MEMORY = {"f": "double", "i": "i64", "u": "i64", "b": "i8"}

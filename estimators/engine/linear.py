@@ -1,23 +1,24 @@
 """Linear algebra of traced matrices: products, factorisations, solutions, each an instruction."""
 
 from functools import partial
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
-from estimators.engine.matrices import (
-    FUNCTIONS,
-    MatrixTracer,
-    is_mask,
-    matrix,
-    program_of,
-    shapes,
-)
+from estimators.engine.matrices import FUNCTIONS, MatrixTracer, matrix, shapes
 from estimators.engine.program import NotTraceable, Program
+from estimators.engine.tracer import program_of
+
+
+def _matrices(*operands: Any) -> tuple[Program, Any, Any]:
+    """The program of two operands, and them as matrices."""
+    program = program_of(operands)
+    return program, *map(partial(matrix, program), operands)
 
 
 def _check(word: str, fit: bool, *operands: Any) -> None:
-    if not fit or any(operand.ndim != 2 or is_mask(operand) for operand in operands):
+    if not fit or {*map(attrgetter("ndim", "kind"), operands)} != {(2, "f")}:
         raise ValueError(f"{shapes(operands)} have no {word} in a traced formula")
 
 
@@ -27,17 +28,17 @@ def _for_every_row(program: Program, values: np.ndarray) -> MatrixTracer:
 
 
 def _matmul(a: Any, b: Any) -> Any:
-    if (a.ndim, b.ndim) != (2, 2) or (is_mask(a) and is_mask(b)):
+    program, a, b = _matrices(a, b)
+    if (a.ndim, b.ndim) != (2, 2) or a.kind == b.kind == "b":
         raise NotTraceable(
             "@ in a traced formula is of matrices of numbers; of a matrix and a vector there is"
             " np.matvec"
         )
     if a.shape[1] != b.shape[0]:
         raise ValueError(f"{shapes((a, b))} have no product in a traced formula")
-    program = program_of(a, b)
-    if a.shape[1] == 0:
-        return _for_every_row(program, np.zeros((a.shape[0], b.shape[1])))
     rows, columns = a.shape[0], b.shape[1]
+    if a.shape[1] == 0:
+        return _for_every_row(program, np.zeros((rows, columns)))
     value = program.add("matmul", (a.view, b.view), "f", rows * columns)
     return MatrixTracer(program, value, (rows, columns))
 
@@ -48,8 +49,7 @@ def _matvec(a: Any, x: Any) -> Any:
 
 def inner(a: Any, b: Any) -> Any:
     """``A B'`` of ``(i, N)`` and ``(j, N)``; an entry is eight partial sums, halves added."""
-    program = program_of(a, b)
-    a, b = matrix(program, a), matrix(program, b)
+    program, a, b = _matrices(a, b)
     _check("inner products", a.shape[-1] == b.shape[-1], a, b)
     symmetric = a.view == b.view
     value = program.add("inner", (a.view, b.view), "f", a.shape[0] * b.shape[0], (symmetric,))
@@ -57,8 +57,7 @@ def inner(a: Any, b: Any) -> Any:
 
 
 def _solved(opcode: str, s: Any, b: Any) -> Any:
-    program = program_of(s, b)
-    s, b = matrix(program, s), matrix(program, b)
+    program, s, b = _matrices(s, b)
     _check("solution (of a vector b: b[..., None])", s.shape[0] == s.shape[-1] == b.shape[0], s, b)
     value = program.add(opcode, (s.view, b.view), "f", b.size + s.size)  # factors stand behind it
     return MatrixTracer(program, value, b.shape)
@@ -66,9 +65,9 @@ def _solved(opcode: str, s: Any, b: Any) -> Any:
 
 solve_definite: Any = partial(_solved, "solve")
 """``S^-1 B`` of a symmetric positive definite S; NaN of any other."""
-solve_lower: Any = partial(_solved, "solve lower")
+solve_lower: Any = partial(_solved, "solve_lower")
 """``L^-1 B`` of a lower triangular L."""
-solve_upper: Any = partial(_solved, "solve upper")
+solve_upper: Any = partial(_solved, "solve_upper")
 """``U^-1 B`` of an upper triangular U."""
 
 
@@ -77,7 +76,7 @@ def _of_square(opcode: str, a: Any) -> MatrixTracer:
     return MatrixTracer(a.program, a.program.add(opcode, (a.view,), "f", a.size), a.shape)
 
 
-semidefinite_cholesky: Any = partial(_of_square, "semidefinite cholesky")
+semidefinite_cholesky: Any = partial(_of_square, "semidefinite_cholesky")
 """Lower triangular L with ``L L' = S`` of a positive semidefinite S."""
 cholesky: Any = partial(_of_square, "cholesky")
 """Lower triangular L with ``L L' = S``; NaN of an S that is not positive definite."""

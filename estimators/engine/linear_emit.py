@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine.emit import Module, type_of
+from estimators.engine.emit import type_of
 from estimators.engine.matrix_emit import CHUNK, Index, Matrix, MatrixEmitter
 from estimators.engine.program import Instruction, Program, View
 from estimators.engine.tracer import Tracer, cast, constant, where
@@ -16,8 +16,8 @@ from estimators.engine.tracer import Tracer, cast, constant, where
 # columns of a product that are summed at a time: as many vectors as processors have registers for
 _ACROSS = 48
 _OUTLINED = frozenset((
-    "each", "join", "matmul", "inner", "solve", "solve lower", "solve upper", "cholesky",
-    "semidefinite cholesky", "rotate",
+    "each", "join", "matmul", "inner", "solve", "solve_lower", "solve_upper", "cholesky",
+    "semidefinite_cholesky", "rotate",
 ))  # fmt: skip
 _INLINED = 16  # entries of the operands up to which there is no call
 _EPS = float(np.finfo(float).eps)
@@ -30,29 +30,18 @@ class LinearEmitter(MatrixEmitter):
     Terms of a sum are added in their order; those of an inner product in eight partial sums.
     """
 
-    def __init__(
-        self, program: Program, module: Module, width: int, places: dict[int, int]
-    ) -> None:
-        super().__init__(program, module, width, places)
-        self.special |= {
-            "matmul": self._matmul, "inner": self._inner, "solve": self._solve,
-            "solve lower": self._solve_triangular, "cholesky": self._cholesky,
-            "solve upper": self._solve_triangular, "semidefinite cholesky": self._cholesky,
-            "rotate": self._rotate,
-        }  # fmt: skip
-
     def _operands(self, instruction: Instruction) -> list[Matrix]:
         views: Any = instruction.operands
         return [Matrix(self, view) for view in views]
 
     # --- functions --------------------------------------------------------------------------------
 
-    def specially(self, instruction: Instruction) -> None:
+    def special(self, instruction: Instruction) -> None:
         """An instruction of matrices, as a call of a function where it is long."""
         views = [each for each in instruction.operands if isinstance(each, View)]
         entries = sum(math.prod(each.shape) for each in views)
         if instruction.opcode not in _OUTLINED or entries <= _INLINED:
-            super().specially(instruction)
+            super().special(instruction)
             return
         name, T = self._outlined(instruction), type_of("f", self.width)
         given = [
@@ -86,14 +75,14 @@ class LinearEmitter(MatrixEmitter):
         own = instruction._replace(operands=tuple(operands), result=result)
         name = f"@outlined.{sha256(f'{own} {list(program.tables)}'.encode()).hexdigest()[:16]}"
         if name not in self.module.functions:
-            emitter.special[own.opcode](own)
+            MatrixEmitter.special(emitter, own)
             head = f"define internal void {name}({', '.join(parameters)}, ptr noalias %r) noinline nounwind {{\nentry:"
             self.module.functions[name] = "\n".join([head, *emitter.lines, "  ret void\n}"])
         return name
 
     # --- products ---------------------------------------------------------------------------------
 
-    def _matmul(self, instruction: Instruction) -> None:
+    def _emit_matmul(self, instruction: Instruction) -> None:
         a, b = self._operands(instruction)
         (rows, inner), columns = a.shape, b.shape[1]
         together = self.width == 1 and b.view.steps[1] == 1
@@ -127,7 +116,7 @@ class LinearEmitter(MatrixEmitter):
         """Sums and the products that each index adds to them."""
         return self.loop(low, high, lambda k, *sums: list(map(add, sums, products(k))), sums, step)
 
-    def _inner(self, instruction: Instruction) -> None:
+    def _emit_inner(self, instruction: Instruction) -> None:
         a, b = self._operands(instruction)
         (rows, count), columns = a.shape, b.shape[0]
         target = self.matrix(instruction.result, (rows, columns))
@@ -207,7 +196,7 @@ class LinearEmitter(MatrixEmitter):
 
         self.over(1, z.shape[1], column, CHUNK if neighbours else 1)
 
-    def _solve(self, instruction: Instruction) -> None:
+    def _emit_solve(self, instruction: Instruction) -> None:
         """``S^-1 B`` by ``S = L D L'``; f holds L D below its diagonal, D on it and L' above."""
         s, b = self._operands(instruction)
         n, z = s.shape[0], self.matrix(instruction.result, b.shape)
@@ -230,14 +219,16 @@ class LinearEmitter(MatrixEmitter):
         self._substitute(lambda i, k: f[k, i], b.view, z.view, True)
         self._substitute(lambda i, k: f[i, k], z.view, z.view, False, "before")
 
-    def _solve_triangular(self, instruction: Instruction) -> None:
+    def _emit_solve_lower(self, instruction: Instruction) -> None:
         t, b = self._operands(instruction)
         z = self.matrix(instruction.result, b.shape)
         self._substitute(
-            lambda i, k: t[i, k], b.view, z.view, instruction.opcode == "solve lower", "after"
+            lambda i, k: t[i, k], b.view, z.view, instruction.opcode == "solve_lower", "after"
         )
 
-    def _cholesky(self, instruction: Instruction) -> None:
+    _emit_solve_upper = _emit_solve_lower
+
+    def _emit_cholesky(self, instruction: Instruction) -> None:
         """``L L' = S``; a pivot that is not positive gives NaN or, semidefinite, zeros."""
         (s,) = self._operands(instruction)
         n, f = s.shape[0], self.matrix(instruction.result, s.shape)
@@ -268,7 +259,9 @@ class LinearEmitter(MatrixEmitter):
 
         self.loop(0, n, column)
 
-    def _rotate(self, instruction: Instruction) -> None:
+    _emit_semidefinite_cholesky = _emit_cholesky
+
+    def _emit_rotate(self, instruction: Instruction) -> None:
         """``A V`` with orthogonal columns by one-sided Jacobi rotations, then V if wanted."""
         (a,) = self._operands(instruction)
         (m, n), wanted = a.shape, instruction.attributes[0]

@@ -16,35 +16,48 @@ from typing import Any
 import numpy as np
 
 _KEPT = 90 * 86400.0  # seconds after their last use that objects are kept
-_loaded: dict[bytes, tuple[int, Any]] = {}
+OPTIMISED = os.environ.get("VESSEL_GYM_OPTIMISE") != "0"
+"""If code is not optimised, it compiles seven times as fast, and batches are slower."""
+_loaded: dict[bytes, int] = {}
 _rooms: list[np.ndarray] = []
 
 
-def load(code: bytes, emit: Callable[[], str]) -> tuple[int, Any]:
-    """Address of the function ``call`` of a module, and the engine that keeps its code.
+def load(code: bytes, emit: Callable[[str], str]) -> int:
+    """Address of the function of a module.
 
     Objects are kept by the digest of the code, of this package and of the processor, each written
     at once under a name of its own and then renamed: processes that compile the same need no lock.
 
     Args:
         code: All that the module depends on, this package's sources aside. A process loads it once.
-        emit: Gives its LLVM IR, where no object is kept.
+        emit: Gives its LLVM IR, where no object is kept, with a function of the name it is given.
     """
     key = sha256(code).digest()
     if key not in _loaded:
-        from llvmlite import binding
-
-        compiler = f"{_optimised():d} {' '.join(_processor())} {_emitter()}"
-        path = os.path.join(folder(), f"{sha256(compiler.encode() + key).hexdigest()[:40]}.o")
+        engine, binding = linker()
+        compiler = f"{OPTIMISED:d} {' '.join(_processor())} {_emitter()}"
+        name = f"f{sha256(compiler.encode() + key).hexdigest()[:40]}"
+        path = f"{folder()}/{name}.o"
         found = _kept(path)
         if found is None:
-            found = _object(emit())
+            found = _object(emit(name))
             _keep(path, found)
-        engine = binding.create_mcjit_compiler(binding.parse_assembly(""), _machine())
         engine.add_object_file(binding.ObjectFileRef.from_data(found))
         engine.finalize_object()
-        _loaded[key] = engine.get_function_address("call"), engine
+        _loaded[key] = engine.get_function_address(name)
     return _loaded[key]
+
+
+@cache
+def linker() -> tuple[Any, Any]:
+    """LLVM's engine, which keeps the machine code of this process, and its module."""
+    from llvmlite import binding
+
+    for symbol in _PYTHON:
+        place = ctypes.c_byte.in_dll(ctypes.pythonapi, symbol)
+        binding.add_symbol(symbol, ctypes.addressof(place))
+    binding.add_symbol("PyArray_Empty", _numpy_functions()[_EMPTY])
+    return binding.create_mcjit_compiler(binding.parse_assembly(""), _machine()), binding
 
 
 _PYTHON = "PyTuple_New", "PyTuple_SetItem", "Py_IncRef", "Py_DecRef", "_Py_NoneStruct"
@@ -59,18 +72,13 @@ def _object(text: str) -> bytes:
     _announce()
     machine = _machine()  # not the engine's, as one that has emitted keeps a megabyte
     module = binding.parse_assembly(text)
-    if not _optimised():
+    if not OPTIMISED:
         return bytes(machine.emit_object(module))
     options = binding.create_pipeline_tuning_options(speed_level=1)
     options.loop_vectorization = options.slp_vectorization = options.loop_unrolling = False
     passes = binding.create_pass_builder(machine, options)
     passes.getModulePassManager().run(module, passes)
     return bytes(machine.emit_object(module))
-
-
-def _optimised() -> bool:
-    """Is code optimised? If not, it compiles seven times as fast, and batches are slower."""
-    return os.environ.get("VESSEL_GYM_OPTIMISE") != "0"
 
 
 @cache
@@ -99,12 +107,10 @@ def _machine() -> Any:
 
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
-    for symbol in _PYTHON:
-        binding.add_symbol(symbol, ctypes.addressof(ctypes.c_byte.in_dll(ctypes.pythonapi, symbol)))
-    binding.add_symbol("PyArray_Empty", _numpy_functions()[_EMPTY])
     _, triple, name, features = _processor()
+    # Not "pic": LLVM's linker takes all offsets from the table of the first object that has one.
     return binding.Target.from_triple(triple).create_target_machine(
-        cpu=name, features=features, opt=2 if _optimised() else 0, reloc="pic", jit=True
+        cpu=name, features=features, opt=2 if OPTIMISED else 0, reloc="static", jit=True
     )
 
 
@@ -115,11 +121,16 @@ def _numpy_functions() -> Any:
     return table(np._core._multiarray_umath._ARRAY_API, None)  # type: ignore[attr-defined]
 
 
+def address(array: np.ndarray) -> int:
+    """Address of the numbers of an array."""
+    return array.__array_interface__["data"][0]
+
+
 def scratch(size: int) -> int:
     """Address of so many numbers, where a line of the cache begins, as vectors of eight do."""
     if not _rooms or len(_rooms[-1]) < size + 8:
         _rooms.append(np.empty(2 * size + 8))  # the former ones stay: calls have their addresses
-    return -(-_rooms[-1].ctypes.data // 64) * 64
+    return -(-address(_rooms[-1]) // 64) * 64
 
 
 # --- objects on disk ------------------------------------------------------------------------------

@@ -18,10 +18,10 @@ _HEAD = object.__basicsize__
 """Bytes of the head of all objects, which ends with the type; fields of its kind follow."""
 
 
-def in_memory(value: Any) -> np.ndarray:
-    """An argument as an array in C order, of a type that the engine has."""
+def in_memory(value: Any, kind: str = "") -> np.ndarray:
+    """An argument as an array in C order, of a type that the engine has: its own or a given one."""
     array = np.asarray(value)
-    kind = array.dtype.kind
+    kind = kind or array.dtype.kind
     if kind not in KINDS:
         raise NotTraceable(f"a compiled function takes numbers, got {array.dtype}")
     array = np.asarray(array, KINDS[kind], order="C")
@@ -31,18 +31,18 @@ def in_memory(value: Any) -> np.ndarray:
 
 
 def described(
-    head: Sequence[int], arrays: Sequence[np.ndarray], results: Sequence[tuple[np.dtype, Any]]
+    head: Sequence[int], count: int, arrays: Sequence[tuple[np.dtype, Any]]
 ) -> np.ndarray:
     """Table of a call for `invoker`: of arrays like these, with results of such types and shapes.
 
     Args:
-        head: Address of the code, its whole numbers, and the addresses of its scratch and
-            constants.
-        arrays: Arguments.
-        results: Their types and shapes. Types must live as long as the table.
+        head: Address of the code, its whole numbers, the addresses of its scratch and constants,
+            and the flags that fresh arrays keep.
+        count: How many are arguments.
+        arrays: Types and shapes of arguments and results. Types must live as long as the table.
     """
-    table = [*head, len(arrays), len(results)]
-    for dtype, shape in [*((a.dtype, a.shape) for a in arrays), *results]:
+    table = [*head, count, len(arrays) - count]
+    for dtype, shape in arrays:
         table += (id(dtype), len(shape), *shape)
     return np.array(table, np.int64)
 
@@ -54,13 +54,13 @@ def invoker() -> Callable[..., tuple[np.ndarray, ...] | None]:
     It gives None unless there are as many arrays as in the table, in C order and of such types and
     shapes.
     """
-    address, engine = machine.load(b"invoker", lambda: _TEXT)
+    address = machine.load(b"invoker", lambda name: _TEXT.replace("@call(", f"@{name}("))
     # bytes: the collector of garbage may empty a structure of ctypes before the function reads it
     method = bytes(_Method(b"invoke", address, _FASTCALL, None))
     create = ctypes.pythonapi.PyCFunction_NewEx
     create.restype = ctypes.py_object
     create.argtypes = ctypes.c_char_p, ctypes.py_object, ctypes.c_void_p
-    return create(method, (engine, method), None)
+    return create(method, method, None)
 
 
 class _Method(ctypes.Structure):
@@ -71,6 +71,8 @@ class _Method(ctypes.Structure):
 
 
 _FASTCALL = 0x80
+_HEADER = "{ptr, i64, i64, ptr, ptr, i64, i64, i64}"
+"""Numbers of a table before its types and shapes."""
 _TEXT = f"""
 declare ptr @PyTuple_New(i64)
 declare i32 @PyTuple_SetItem(ptr, i64, ptr)
@@ -136,10 +138,12 @@ entry:
   %first = load ptr, ptr %args
   %type = call ptr @field(ptr %first, i64 {_HEAD - 8})
   %table = call ptr @field(ptr %first, i64 {_HEAD})
-  %head = load {{ptr, i64, i64, ptr, ptr, i64, i64}}, ptr %table
-  %inputs = extractvalue {{ptr, i64, i64, ptr, ptr, i64, i64}} %head, 5
-  %outputs = extractvalue {{ptr, i64, i64, ptr, ptr, i64, i64}} %head, 6
-  %begin = getelementptr i64, ptr %table, i64 7
+  %head = load {_HEADER}, ptr %table
+  %inputs = extractvalue {_HEADER} %head, 6
+  %outputs = extractvalue {_HEADER} %head, 7
+  %kept64 = extractvalue {_HEADER} %head, 5
+  %kept = trunc i64 %kept64 to i32
+  %begin = getelementptr i64, ptr %table, i64 8
   %expected = add i64 %inputs, 1
   %all = add i64 %inputs, %outputs
   %data = alloca ptr, i64 %all
@@ -184,6 +188,10 @@ make:
   %no_array = icmp eq ptr %fresh, null
   br i1 %no_array, label %lost, label %made
 made:
+  %fresh_flags_at = getelementptr i8, ptr %fresh, i64 {_HEAD + 48}
+  %fresh_flags = load i32, ptr %fresh_flags_at
+  %own_flags = and i32 %fresh_flags, %kept
+  store i32 %own_flags, ptr %fresh_flags_at
   %set = call i32 @PyTuple_SetItem(ptr %results, i64 %j, ptr %fresh)
   %fresh_contents = call ptr @field(ptr %fresh, i64 {_HEAD})
   %place = add i64 %inputs, %j
@@ -191,11 +199,11 @@ made:
   store ptr %fresh_contents, ptr %fresh_at
   br label %result
 run:
-  %code = extractvalue {{ptr, i64, i64, ptr, ptr, i64, i64}} %head, 0
-  %rows = extractvalue {{ptr, i64, i64, ptr, ptr, i64, i64}} %head, 1
-  %shared = extractvalue {{ptr, i64, i64, ptr, ptr, i64, i64}} %head, 2
-  %scratch = extractvalue {{ptr, i64, i64, ptr, ptr, i64, i64}} %head, 3
-  %constants = extractvalue {{ptr, i64, i64, ptr, ptr, i64, i64}} %head, 4
+  %code = extractvalue {_HEADER} %head, 0
+  %rows = extractvalue {_HEADER} %head, 1
+  %shared = extractvalue {_HEADER} %head, 2
+  %scratch = extractvalue {_HEADER} %head, 3
+  %constants = extractvalue {_HEADER} %head, 4
   call void %code(i64 %rows, i64 %shared, ptr %scratch, ptr %constants, ptr %data)
   ret ptr %results
 lost:

@@ -6,22 +6,24 @@ is refused while it is traced: a shape that does not fit, a mask where numbers b
 without an instruction of its own.
 """
 
-import itertools
 import math
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Callable, Sequence
+from functools import cache, partial
+from operator import attrgetter
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from estimators.engine.arrays import SCALAR_FUNCTIONS, TracedArray, entries
 from estimators.engine.program import NotTraceable, Program, View
 from estimators.engine.tables import lookup
-from estimators.engine.tracer import Tracer, cast, constant, known
+from estimators.engine.tracer import OPERATORS, UNARY, Tracer, cast, constant, known, program_of
+
+_INDICES = {slice, int, np.int64, type(None)}
+_Operators: Any = object  # which are set below, and unknown to a checker of types
 
 
-class MatrixTracer(NDArrayOperatorsMixin):
+class MatrixTracer(_Operators):
     """A vector or matrix of each row; entries of a mask are 1 and 0.
 
     ``shape``, ``ndim`` and ``size`` are those of one row: ``shape[-1]`` means what it means in
@@ -31,7 +33,7 @@ class MatrixTracer(NDArrayOperatorsMixin):
     __array_priority__ = 3000.0
 
     def __init__(
-        self, program: Program, value: int, places: Any, mask: bool = False, constant: bool = False
+        self, program: Program, value: int, places: Any, kind: str = "f", constant: bool = False
     ) -> None:
         """A new tracer.
 
@@ -40,15 +42,14 @@ class MatrixTracer(NDArrayOperatorsMixin):
             value: Its value, or the one that it is a part of.
             places: Which entry of the value stands where ``(n,)`` or ``(n, m)``; or the shape of
                 all of them.
-            mask: Are the entries True and False?
+            kind: "b" of a mask.
             constant: Is it an array that has no axes of a batch?
         """
-        self.places = (
-            np.arange(math.prod(places)).reshape(places) if isinstance(places, tuple) else places
-        )
-        self.program, self.value, self.mask, self.constant = program, value, mask, constant
-        self.shape: tuple[int, ...] = self.places.shape
-        self.ndim, self.size = self.places.ndim, self.places.size
+        if isinstance(places, tuple):
+            places = np.arange(math.prod(places)).reshape(places)
+        self.program, self.value, self.places, self.kind = program, value, places, kind
+        self.shape, self.ndim, self.size = places.shape, places.ndim, places.size
+        self.constant = constant
         if not 1 <= self.ndim <= 2:
             raise NotTraceable(
                 "a traced formula's arrays are numbers, vectors and matrices a row, not of shape"
@@ -69,8 +70,8 @@ class MatrixTracer(NDArrayOperatorsMixin):
         if method != "__call__" or others:
             raise NotTraceable(f"a traced formula cannot have np.{ufunc.__name__} in it, so used")
         if ufunc in FUNCTIONS:
-            return FUNCTIONS[ufunc](*(matrix(self.program, each) for each in operands))
-        return entrywise(self.program, ufunc, *operands)
+            return FUNCTIONS[ufunc](*operands)
+        return entrywise(ufunc, *operands)
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
         if function not in FUNCTIONS:
@@ -83,16 +84,14 @@ class MatrixTracer(NDArrayOperatorsMixin):
     @property
     def dtype(self) -> np.dtype:
         """The type of a mask or of numbers."""
-        return np.dtype(bool if self.mask else float)
+        return np.dtype(bool if self.kind == "b" else float)
 
     @property
     def view(self) -> View:
         """Places of its entries, as those of a matrix; steps are 0 over one row or column."""
-        places = self.places[(None,) * (2 - self.ndim)]
-        steps: Any = tuple(
-            step // places.itemsize if size > 1 else 0
-            for step, size in zip(places.strides, places.shape, strict=True)
-        )
+        places = self.places if self.ndim == 2 else self.places[None]
+        down, right = places.strides
+        steps = down // 8 if len(places) > 1 else 0, right // 8 if places.shape[1] > 1 else 0
         return View(self.value, places.shape, int(places[0, 0]) if self.size else 0, steps)
 
     @property
@@ -101,19 +100,15 @@ class MatrixTracer(NDArrayOperatorsMixin):
         return self._part(self.places.mT)
 
     def _part(self, places: Any) -> Any:
-        if places.ndim:
-            return MatrixTracer(self.program, self.value, places, self.mask, self.constant)
+        """Entries at some places; at one, a number."""
+        if getattr(places, "ndim", 0):
+            return MatrixTracer(self.program, self.value, places, self.kind, self.constant)
         place = View(self.value, (1, 1), int(places), (0, 0))
-        return Tracer(
-            self.program, self.program.add("element", (place,), "b" if self.mask else "f")
-        )
+        return Tracer(self.program, self.program.add("element", (place,), self.kind))
 
     def scalars(self) -> TracedArray:
         """Its entries, one by one."""
-        found = np.empty(self.shape, object)
-        for place in itertools.product(*map(range, self.shape)):
-            found[place] = self[(..., *place)]
-        return found.view(TracedArray)
+        return np.frompyfunc(self._part, 1, 1)(self.places).view(TracedArray)
 
     def diagonal(self, offset: int = 0, axis1: int = 0, axis2: int = 1) -> "MatrixTracer":
         """The diagonal of a matrix, whose axes are the last two."""
@@ -127,19 +122,20 @@ class MatrixTracer(NDArrayOperatorsMixin):
             raise NotTraceable("a traced formula sums over its last axes, -1, -2 or (-2, -1)")
         whole: Any = self[..., None, :] if self.ndim == 1 else self
         if axis != -1:
-            whole = np.ones((1, whole.shape[0])) @ whole
+            whole = (np.zeros((1, whole.shape[0])) + 1.0) @ whole
         if axis != -2:
-            whole = whole @ np.ones((whole.shape[1], 1))
-        if axis == -2:
-            return whole[..., 0, :]
-        return whole[..., 0] if axis == -1 and self.ndim == 2 else whole[..., 0, 0]
+            whole = (whole @ (np.zeros((whole.shape[1], 1)) + 1.0))[..., 0]
+        return (
+            whole
+            if axis == -1 and self.ndim == 2
+            else whole[..., 0, :]
+            if axis == -2
+            else whole[..., 0]
+        )
 
     def __getitem__(self, key: Any) -> Any:
         first, *named = key if isinstance(key, tuple) else (key,)
-        if first is not Ellipsis or any(
-            isinstance(each, bool) or not isinstance(each, slice | int | np.integer | None)
-            for each in named
-        ):
+        if first is not Ellipsis or not {*map(type, named)} <= _INDICES:
             raise NotTraceable(
                 "a traced formula's arrays are indexed from behind, by a[..., i] with whole numbers,"
                 " slices and None"
@@ -147,6 +143,16 @@ class MatrixTracer(NDArrayOperatorsMixin):
         return self._part(self.places[key])
 
 
+def _operator(name: str, swapped: bool = False) -> Callable[..., Any]:
+    ufunc = getattr(np, name)
+    return lambda self, *other: ufunc(*other, self) if swapped else ufunc(self, *other)
+
+
+for _name, _opcode in (OPERATORS | {"matmul": "matmul"}).items():
+    setattr(MatrixTracer, f"__{_name}__", _operator(_opcode))
+    setattr(MatrixTracer, f"__r{_name}__", _operator(_opcode, True))
+for _name, _opcode in UNARY.items():
+    setattr(MatrixTracer, f"__{_name}__", _operator(_opcode))
 TracedArray.stronger.add(MatrixTracer)
 
 
@@ -154,36 +160,29 @@ def matrix(program: Program, value: Any) -> Any:
     """Tracer of a vector or matrix: a tracer as it is, packed scalars, or an array for all rows."""
     if isinstance(value, MatrixTracer | Tracer):
         return value
-    if isinstance(value, TracedArray):
-        if value.ndim == 0:
-            return constant(program, value[()])
-        scalars = entries(value, program)
-        mask = {each.kind for each in scalars} == {"b"}
-        packed = program.add(
-            "pack", tuple((x if mask else cast(x, "f")).value for x in scalars), "f", value.size
-        )
-        return MatrixTracer(program, packed, value.shape, mask=mask)
     array = np.asarray(value)
     if array.ndim == 0:
         return constant(program, array)
-    return MatrixTracer(
-        program,
-        program.table(array),
-        array.shape,
-        mask=array.dtype.kind == "b",
-        constant=True,
-    )
+    if not isinstance(value, TracedArray):
+        kind = "b" if array.dtype.kind == "b" else "f"
+        return MatrixTracer(program, program.table(array), array.shape, kind, True)
+    scalars = entries(value, program)
+    kind = "b" if {*map(_kind, scalars)} == {"b"} else "f"
+    if kind == "f":
+        scalars = [*map(_float, scalars)]
+    packed = program.add("pack", (*map(_value, scalars),), "f", value.size)
+    return MatrixTracer(program, packed, value.shape, kind)
 
 
-def matrix_input(
-    program: Program, argument: int, column: int, shape: tuple[int, ...], kind: str = "f"
-) -> Any:
-    """A vector or matrix in columns of an argument from one on; without axes, a number."""
+_kind, _value, _float = attrgetter("kind"), attrgetter("value"), partial(cast, kind="f")
+
+
+def matrix_input(program: Program, argument: int, shape: tuple[int, ...], kind: str) -> Any:
+    """An argument as a vector or matrix; without axes, a number."""
     if not shape:
-        return Tracer(program, program.add("input", (), kind, None, (argument, column)))
-    size = math.prod(shape)
-    value = program.add("input matrix", (), "f", size, (argument, column))
-    return MatrixTracer(program, value, shape, mask=kind == "b")
+        return Tracer(program, program.add("input", (), kind, None, (argument, 0)))
+    value = program.add("input_matrix", (), "f", math.prod(shape), (argument,))
+    return MatrixTracer(program, value, shape, kind)
 
 
 def lookup_matrix(table: np.ndarray, index: Tracer) -> MatrixTracer:
@@ -198,7 +197,7 @@ def columnwise(function: Any, *operands: Any) -> MatrixTracer:
         function: Traced entry by entry.
         operands: Matrices, of which it gets the columns; vectors ``(m,)`` and None as they are.
     """
-    program = program_of(*operands)
+    program = program_of(operands)
     given: list[Any] = [
         each if each is None or isinstance(each, TracedArray) else matrix(program, each)
         for each in operands
@@ -235,7 +234,7 @@ def along(function: Any, *rows: Any) -> tuple[Any, ...]:
             such, and may use others, which are the same for all entries.
         rows: Of the same length.
     """
-    program = program_of(*rows) if any(map(is_traced, rows)) else None
+    program = program_of(rows) if any(map(is_traced, rows)) else None
     if program is None:
         each = [function(*(row[..., i] for row in rows)) for i in range(np.shape(rows[0])[-1])]
         return tuple(np.stack(found, -1) for found in zip(*each, strict=True))
@@ -255,53 +254,38 @@ def is_traced(value: Any) -> bool:
     return isinstance(value, MatrixTracer | Tracer | TracedArray)
 
 
-def is_mask(operand: Any) -> bool:
-    """Are its entries True and False?"""
-    return operand.mask if isinstance(operand, MatrixTracer) else operand.kind == "b"
-
-
-def _is_constant(operand: Any) -> bool:
-    return operand.constant if isinstance(operand, MatrixTracer) else known(operand) is not None
-
-
 @cache
 def _result_kind(name: str, kinds: str) -> Any:
     """The kind of what NumPy's function of that name gives for scalars of some kinds."""
     program = Program()
-    return SCALAR_FUNCTIONS[name](*(Tracer(program, program.new(kind)) for kind in kinds)).kind
+    values = map(program.new, kinds)
+    return SCALAR_FUNCTIONS[name](*map(partial(Tracer, program), values)).kind
 
 
-def entrywise(program: Program, function: Any, *values: Any) -> Any:
+def entrywise(function: Any, *values: Any) -> Any:
     """One of NumPy's functions entry by entry; what has one row or column is the same in all."""
-    name, operands = function.__name__, [matrix(program, value) for value in values]
-    kinds = "".join("b" if is_mask(each) else "f" for each in operands)
+    name, program = function.__name__, program_of(values)
     if name not in SCALAR_FUNCTIONS:
         raise NotTraceable(f"a traced formula cannot have np.{name} in it")
-    if name == "where":
-        kinds = "b" + kinds[1:]
-    kind = _result_kind(name, kinds)
-    shape = _common_shape(operands)
-    views = [each.view if isinstance(each, MatrixTracer) else each.value for each in operands]
-    rows, columns = (1,) * (2 - len(shape)) + shape
-    whole = (rows, columns), (columns, 1)
-    if all(isinstance(each, int) or (each.shape, each.steps) == whole for each in views):
-        rows, columns = 1, rows * columns  # they lie in one piece
-        views = [
-            each if isinstance(each, int) else each._replace(shape=(1, columns), steps=(0, 1))
-            for each in views
-        ]
-    value = program.add("each", tuple(views), "f", rows * columns, (name, kinds, rows, columns))
-    return MatrixTracer(program, value, shape, mask=kind == "b")
-
-
-def _common_shape(operands: Sequence[Any]) -> tuple[int, ...]:
-    axes = {each.ndim for each in operands if not _is_constant(each)}
-    if len(axes) > 1 or any(each.ndim > min(axes, default=2) for each in operands):
+    operands = [*map(partial(matrix, program), values)]
+    kinds, views, places, most, axes = "", [], [], 0, set()
+    for each in operands:
+        whole = isinstance(each, MatrixTracer)
+        kinds += "b" if each.kind == "b" or (name == "where" and not kinds) else "f"
+        views.append(each.view if whole else each.value)
+        places.append(each.places if whole else 0)
+        most = max(most, each.ndim)
+        if not (each.constant if whole else known(each) is not None):
+            axes.add(each.ndim)
+    if len(axes) > 1 or most > min(axes, default=2):
         raise ValueError(
             f"{shapes(operands)} have axes of other number in a traced formula: add some by a[...,"
             " None]"
         )
-    return np.broadcast(*(getattr(each, "places", 0) for each in operands)).shape
+    kind, shape = _result_kind(name, kinds), np.broadcast(*places).shape
+    rows, columns = (1,) * (2 - len(shape)) + shape
+    value = program.add("each", tuple(views), "f", rows * columns, (name, kinds, rows, columns))
+    return MatrixTracer(program, value, shape, kind)
 
 
 def shapes(operands: Sequence[Any]) -> str:
@@ -311,12 +295,8 @@ def shapes(operands: Sequence[Any]) -> str:
 
 def joined(parts: Sequence[Any], axis: int) -> Any:
     """Arrays below (axis -2) or beside (axis -1) each other; constants among them are matrices."""
-    own = [not is_traced(part) for part in parts]
-    program = program_of(*parts)
-    parts = [matrix(program, part) for part in parts]
-    if not -parts[0].ndim <= axis < 0 or any(
-        one and part.ndim != 2 for one, part in zip(own, parts, strict=True)
-    ):
+    parts = [*map(partial(matrix, program := program_of(parts)), parts)]
+    if not -parts[0].ndim <= axis < 0 or any(part.constant and part.ndim < 2 for part in parts):
         raise ValueError(
             f"{shapes(parts)} cannot be joined along axis {axis} in a traced formula: axes are -1"
             " and -2, constants matrices"
@@ -328,17 +308,7 @@ def joined(parts: Sequence[Any], axis: int) -> Any:
     value = program.add(
         "join", tuple(part.view for part in parts), "f", math.prod(shape), (places, shape[-1])
     )
-    return MatrixTracer(program, value, shape, mask=all(part.mask for part in parts))
-
-
-def program_of(*values: Any) -> Program:
-    """The program of some traced matrices."""
-    for each in values:
-        if isinstance(each, MatrixTracer | Tracer):
-            return each.program
-        if isinstance(each, TracedArray):
-            return next(entry.program for entry in each.flat if isinstance(entry, Tracer))
-    raise NotTraceable("nothing here depends on the row")
+    return MatrixTracer(program, value, shape, "b" if {*map(_kind, parts)} == {"b"} else "f")
 
 
 def _concatenate(parts: Any, axis: int = 0) -> MatrixTracer:
@@ -351,7 +321,7 @@ def _concatenate(parts: Any, axis: int = 0) -> MatrixTracer:
 
 
 FUNCTIONS: dict[Any, Any] = {
-    np.where: lambda *operands: entrywise(program_of(*operands), np.where, *operands),
+    np.where: partial(entrywise, np.where),
     np.concatenate: _concatenate,
 }
 """NumPy's functions of whole matrices; `estimators.engine.linear` adds linear algebra."""

@@ -64,10 +64,6 @@ class MatrixEmitter(Emitter):
         super().__init__(program, module, width)
         self.places_of = places
         self.pointers: dict[int, str] = {}
-        self.special |= {
-            "each": self._each, "element": self._element, "pack": self._pack, "join": self._join,
-            "columns": self._columns,
-        }  # fmt: skip
 
     # --- memory -----------------------------------------------------------------------------------
 
@@ -114,17 +110,17 @@ class MatrixEmitter(Emitter):
 
     # --- entry by entry ---------------------------------------------------------------------------
 
-    def _element(self, instruction: Instruction) -> None:
+    def _emit_element(self, instruction: Instruction) -> None:
         place: Any = instruction.operands[0]
         value = cast(self.load(place), self.program.kinds[instruction.result])
         self.names[instruction.result] = self.own.name(value)
 
-    def _pack(self, instruction: Instruction) -> None:
+    def _emit_pack(self, instruction: Instruction) -> None:
         target = self.matrix(instruction.result, (1, len(instruction.operands)))
         for j, value in enumerate(instruction.operands):
             target[0, j] = self.load(value)
 
-    def _join(self, instruction: Instruction) -> None:
+    def _emit_join(self, instruction: Instruction) -> None:
         places, width = instruction.attributes
         views: Any = instruction.operands
         for view, place in zip(views, places, strict=True):
@@ -146,22 +142,29 @@ class MatrixEmitter(Emitter):
 
         self.over(*target.shape, one)
 
-    def _each(self, instruction: Instruction) -> None:
+    def _emit_each(self, instruction: Instruction) -> None:
         name, kinds, rows, columns = instruction.attributes
+        views: list[Any] = list(instruction.operands)
+        whole = (rows, columns), (columns, 1)
+        if all(isinstance(v, int) or (v.shape, v.steps) == whole for v in views):
+            rows, columns = 1, rows * columns  # they lie in one piece
+            views = [
+                v if isinstance(v, int) else View(v.value, (1, columns), v.start, (0, 1))
+                for v in views
+            ]
         target = self.matrix(instruction.result, (rows, columns)).view
         together = self.width == 1 and all(
-            isinstance(each, int) or each.steps[1] == min(each.shape[1] - 1, 1)
-            for each in instruction.operands
+            isinstance(each, int) or each.steps[1] == min(each.shape[1] - 1, 1) for each in views
         )
 
         def some(i: Index, j: Index, count: int) -> None:
-            loaded = [self.load(each, i, j, count) for each in instruction.operands]
+            loaded = [self.load(each, i, j, count) for each in views]
             result = SCALAR_FUNCTIONS[name](*map(cast, loaded, kinds))
             Matrix(self, target, count)[i, j] = result
 
         self.over(rows, columns, some, CHUNK if together else 1)
 
-    def _columns(self, instruction: Instruction) -> None:
+    def _emit_columns(self, instruction: Instruction) -> None:
         """A function of columns: of a batch one after the other, of one row eight side by side."""
         loop: Columns = instruction.attributes[0]
         views: Any = instruction.operands[: len(loop.parameters)]

@@ -38,9 +38,7 @@ class Instruction(NamedTuple):
     @property
     def values(self) -> set[int]:
         """The values that it reads."""
-        found = {
-            operand.value if isinstance(operand, View) else operand for operand in self.operands
-        }
+        found = {*map(value_of, self.operands)}
         if self.opcode == "repeat":
             loop: Loop = self.attributes[0]
             found.update(*(each.values for each in loop.body), loop.after)
@@ -51,6 +49,11 @@ class Instruction(NamedTuple):
     def results(self) -> tuple[int, ...]:
         """The values that it gives."""
         return self.attributes[0].results if self.opcode == "repeat" else (self.result,)
+
+
+def value_of(operand: int | View) -> int:
+    """The value of an operand, or the one that it is a part of."""
+    return operand.value if isinstance(operand, View) else operand
 
 
 class Loop(NamedTuple):
@@ -92,7 +95,7 @@ class Program:
         self.sizes: dict[int, int] = {}
         self.constants: dict[int, Any] = {}
         self.tables: dict[int, np.ndarray] = {}
-        self._blocks: list[dict[_Key, int]] = [{}]  # what gives each result, in order
+        self._blocks: list[dict[Any, Instruction]] = [{}]  # in order
         self._constants: dict[tuple[str, Any], int] = {}
 
     def new(self, kind: str, size: int | None = None) -> int:
@@ -127,13 +130,14 @@ class Program:
         key = opcode, operands, kind, size, attributes
         for block in self._blocks:
             if key in block:
-                return block[key]
+                return block[key].result
         if len(self.kinds) > _LONGEST:
             raise NotTraceable(
                 "its loops are too long to be unrolled: use NumPy's functions of arrays, or"
                 " estimators.engine.repeat"
             )
-        result = self._blocks[-1][key] = self.new(kind, size)
+        result = self.new(kind, size)
+        self._blocks[-1][key] = Instruction(opcode, operands, result, attributes)
         return result
 
     def repeat(
@@ -151,7 +155,7 @@ class Program:
             raise TypeError("a repeat ends by a mask, such as x > 0.0")
         results = tuple(map(self.new, kinds))
         loop = Loop(count, masks, parameters, inside, after, results)
-        self._blocks[-1]["repeat", tuple(initial), "", None, (loop,)] = results[0]
+        self._blocks[-1][loop] = Instruction("repeat", tuple(initial), results[0], (loop,))
         return results
 
     def _block(
@@ -162,7 +166,7 @@ class Program:
         try:
             results = tuple(body(*parameters))
         finally:
-            inside = tuple(map(_instruction, self._blocks.pop().items()))
+            inside = tuple(self._blocks.pop().values())
         if any(each.result in self.sizes for each in inside):
             raise TypeError(f"{word} computes scalars, no matrices")
         return results, inside
@@ -176,18 +180,18 @@ class Program:
         count = views[0].shape[1]
         loop = Columns(count, parameters, inside, results)
         value = self.new("f", len(results) * count)
-        self._blocks[-1]["columns", (*views, *outer), "", None, (loop,)] = value
+        self._blocks[-1][loop] = Instruction("columns", (*views, *outer), value, (loop,))
         return value
 
     def live(self, outputs: Sequence[int]) -> list[Instruction]:
         """The instructions that outputs need, in order."""
         needed, kept = set(outputs), []
-        for each in reversed(self._blocks[0].items()):
-            if each[1] in needed or (
-                each[0][0] == "repeat" and not needed.isdisjoint(_instruction(each).results)
+        for each in reversed(self._blocks[0].values()):
+            if each.result in needed or (
+                each.opcode == "repeat" and not needed.isdisjoint(each.results)
             ):
-                kept.append(_instruction(each))
-                needed |= kept[-1].values
+                kept.append(each)
+                needed |= each.values
         return kept[::-1]
 
     def complete(self, outputs: Sequence[int]) -> tuple[Instruction, ...]:
@@ -195,11 +199,3 @@ class Program:
         live = tuple(self.live(outputs))
         self._blocks, self._constants, self.kinds = [{}], {}, "".join(self.kinds)
         return live
-
-
-_Key = tuple[str, tuple[int | View, ...], str, int | None, tuple[Any, ...]]
-
-
-def _instruction(item: tuple[_Key, int]) -> Instruction:
-    (opcode, operands, _, _, attributes), result = item
-    return Instruction(opcode, operands, result, attributes)

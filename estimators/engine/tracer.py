@@ -1,6 +1,8 @@
 """Tracers, which stand for scalars while a function is traced and record the operations on them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from operator import attrgetter
 from typing import Any, ClassVar, NoReturn
 
 import numpy as np
@@ -21,7 +23,7 @@ _Operators: Any = object  # which are set below, and unknown to a checker of typ
 class Tracer(_Operators):
     """A scalar of each row: a number, a word or a mask."""
 
-    __slots__ = ("program", "value")
+    __slots__ = ("kind", "program", "value")
     as_array: ClassVar[Callable[["Tracer"], Any]]
     """Array of a tracer alone, whose functions it has, too; set by `estimators.engine.arrays`."""
     __array_priority__ = 1000.0
@@ -30,12 +32,7 @@ class Tracer(_Operators):
     size = 1
 
     def __init__(self, program: Program, value: int) -> None:
-        self.program, self.value = program, value
-
-    @property
-    def kind(self) -> str:
-        """The letter of its type."""
-        return self.program.kinds[self.value]
+        self.program, self.value, self.kind = program, value, program.kinds[value]
 
     @property
     def dtype(self) -> np.dtype:
@@ -147,37 +144,31 @@ ELEMENTARY = frozenset((
 """Opcodes that `estimators.engine.elementary` computes; the others are exactly NumPy's."""
 _FLOATS = frozenset(("add", "subtract", "multiply", "divide"))
 _BITWISE = frozenset(("bitwise_and", "bitwise_or", "bitwise_xor"))
-_GIVE_MASKS = frozenset(("greater", "greater_equal", "equal", "not_equal", "isfinite", "isnan"))
+_GIVE_MASKS = frozenset(("greater", "greater_equal", "equal", "not_equal"))
 _SHIFTS = frozenset(("left_shift", "right_shift"))
-_PROMOTING = frozenset((
-    "add", "subtract", "multiply", "maximum", "minimum", "greater", "greater_equal", "equal", "not_equal",
-    "remainder", *_BITWISE,
-))  # fmt: skip
+_PROMOTING = frozenset(("add", "subtract", "multiply", *_GIVE_MASKS, *_BITWISE))
 """Opcodes whose operands become of one kind."""
-_SWAPPED = {"less": "greater", "less_equal": "greater_equal"}
-OPCODES = frozenset((
-    "divide", "negative", "sqrt", "absolute", "floor", "ceil", "trunc", "rint", "copysign", "fmod", "invert",
-    "floor_divide", *_PROMOTING, *_GIVE_MASKS, *_SHIFTS, *_SWAPPED, *ELEMENTARY,
-))  # fmt: skip
-"""Operations of scalars, by the names of NumPy's functions."""
+
+
+def program_of(operands: Iterable[Any]) -> Any:
+    """The program of the first operand that is traced; None if there is none."""
+    for each in operands:
+        if (program := getattr(each, "program", None)) is not None:
+            return program
+    return None
 
 
 def operation(opcode: str, *operands: Any) -> Any:
     """The result of an opcode of scalars, computed at once by NumPy where none is traced."""
-    program = next((each.program for each in operands if type(each) is Tracer), None)
-    if program is None:
+    if (program := program_of(operands)) is None:
         with np.errstate(all="ignore"):
             return getattr(np, opcode)(*operands)
-    traced = [constant(program, each) for each in operands]
-    kinds = {x.kind for x in traced}
+    traced: list[Any] = [*map(partial(constant, program), operands)]
+    if opcode in _COMPOSED:
+        return _COMPOSED[opcode](*traced)
+    kinds = {*map(attrgetter("kind"), traced)}
     if kinds == {"f"} and opcode in _FLOATS:  # most instructions by far
         kind = "f"
-    elif opcode in _SWAPPED:
-        return operation(_SWAPPED[opcode], *traced[::-1])
-    elif opcode == "floor_divide":
-        return _floor_divide(*traced)
-    elif opcode == "remainder" and "f" in kinds:
-        return _remainder(*traced)
     elif opcode in _BITWISE and "f" in kinds:
         raise NotTraceable("&, | and ^ are of masks or whole numbers")
     elif opcode in _PROMOTING:
@@ -190,18 +181,18 @@ def operation(opcode: str, *operands: Any) -> Any:
     elif opcode in ("absolute", "negative") and kinds <= {"i", "u"}:
         (x,) = traced
         return where(x < 0, 0 - x, x) if opcode == "absolute" else 0 - x
-    elif opcode != "invert":
-        traced = [cast(x, "f") for x in traced]
+    else:
+        traced = [*map(partial(cast, kind="f"), traced)]
     kind = "b" if opcode in _GIVE_MASKS else traced[0].kind
     if opcode == "multiply" and kind == "b":
         opcode = "bitwise_and"
-    values = [known(x) for x in traced]
+    values = [*map(known, traced)]
     if opcode not in ELEMENTARY and None not in values:
         exact = [KINDS[x.kind].type(value) for x, value in zip(traced, values, strict=True)]
         return constant(program, operation(opcode, *exact))
     if (simple := _simplified(opcode, traced, values)) is not None:
         return simple
-    return Tracer(program, program.add(opcode, tuple(x.value for x in traced), kind))
+    return Tracer(program, program.add(opcode, (*map(attrgetter("value"), traced),), kind))
 
 
 _IDENTITIES = {
@@ -225,8 +216,7 @@ def _simplified(opcode: str, operands: Sequence[Tracer], values: Sequence[Any]) 
 
 def where(mask: Any, chosen: Any, other: Any) -> Any:
     """One of two scalars."""
-    program = next((x.program for x in (mask, chosen, other) if isinstance(x, Tracer)), None)
-    if program is None:
+    if (program := program_of((mask, chosen, other))) is None:
         return np.where(mask, chosen, other)[()]
     mask = cast(constant(program, mask), "b")
     if known(mask) is not None:
@@ -239,11 +229,22 @@ def where(mask: Any, chosen: Any, other: Any) -> Any:
     return Tracer(program, program.add("where", (mask.value, one.value, two.value), one.kind))
 
 
-def _remainder(x: Any, y: Any) -> Any:
+def _larger(x: Tracer, y: Tracer, order: Tracer) -> Any:
+    """The operand that an order says, or the one that is NaN."""
+    return where(order | operation("isnan", x) if x.kind == "f" else order, x, y)
+
+
+def _remainder(x: Tracer, y: Tracer) -> Any:
     """``x - y floor(x / y)`` with the sign of y, exactly, as `numpy.remainder`."""
-    rest = operation("fmod", x, y)
-    moved = where((rest < 0.0) ^ (y < 0.0), rest + y, rest)
-    return where(rest == 0.0, operation("copysign", 0.0, y), moved)
+    x, y = _arithmetic(x, y)
+    if x.kind == "f":
+        rest = operation("fmod", x, y)
+        moved = where((rest < 0.0) ^ (y < 0.0), rest + y, rest)
+        return where(rest == 0.0, operation("copysign", 0.0, y), moved)
+    # NumPy's is 0 of a divisor 0; the lowest number overflows for -1
+    y = where((y == 0) | (y == -1) if y.kind == "i" else y == 0, 1, y)
+    rest = Tracer(x.program, x.program.add("fmod", (x.value, y.value), x.kind))
+    return rest if y.kind == "u" else where(((rest ^ y) < 0) & (rest != 0), rest + y, rest)
 
 
 def _floor_divide(x: Any, y: Any) -> Any:
@@ -256,6 +257,25 @@ def _floor_divide(x: Any, y: Any) -> Any:
     floor = where(quotient - floor > 0.5, floor + 1.0, floor)
     whole = where(quotient == 0.0, operation("copysign", 0.0, x / y), floor)
     return where(y == 0.0, x / y, whole)
+
+
+_COMPOSED: dict[str, Callable[..., Any]] = {
+    "less": lambda x, y: operation("greater", y, x),
+    "less_equal": lambda x, y: operation("greater_equal", y, x),
+    "maximum": lambda x, y: _larger(x, y, x > y),
+    "minimum": lambda x, y: _larger(x, y, x < y),
+    "isnan": lambda x: x != x,
+    "isfinite": lambda x: cast(x, "f") - cast(x, "f") == 0.0,
+    "invert": lambda x: x ^ (True if x.kind == "b" else -1),
+    "remainder": _remainder,
+    "floor_divide": _floor_divide,
+}
+"""Operations that are several instructions."""
+OPCODES = frozenset((
+    "divide", "negative", "sqrt", "absolute", "floor", "ceil", "trunc", "rint", "copysign", "fmod",
+    *_PROMOTING, *_SHIFTS, *_COMPOSED, *ELEMENTARY,
+))  # fmt: skip
+"""Operations of scalars, by the names of NumPy's functions."""
 
 
 def power(x: Any, exponent: Any) -> Any:
@@ -281,22 +301,25 @@ def power(x: Any, exponent: Any) -> Any:
 
 def _operator(opcode: str, swapped: bool = False) -> Callable[[Tracer, Any], Any]:
     def apply(self: Tracer, other: Any) -> Any:
-        if isinstance(other, np.ndarray) or not (isinstance(other, Tracer) or np.isscalar(other)):
+        if not isinstance(other, Tracer | float | int | np.generic):
             return NotImplemented
         return operation(opcode, other, self) if swapped else operation(opcode, self, other)
 
     return apply
 
 
-for _name, _opcode in {
+OPERATORS = {
     "add": "add", "sub": "subtract", "mul": "multiply", "truediv": "divide", "and": "bitwise_and",
     "or": "bitwise_or", "xor": "bitwise_xor", "lshift": "left_shift", "rshift": "right_shift", "mod": "remainder",
     "floordiv": "floor_divide", "gt": "greater", "ge": "greater_equal", "lt": "less", "le": "less_equal",
     "eq": "equal", "ne": "not_equal",
-}.items():  # fmt: skip
+}  # fmt: skip
+"""Python's operators of two numbers, and NumPy's functions."""
+UNARY = {"neg": "negative", "abs": "absolute", "invert": "invert"}
+for _name, _opcode in OPERATORS.items():
     setattr(Tracer, f"__{_name}__", _operator(_opcode))
     setattr(Tracer, f"__r{_name}__", _operator(_opcode, True))
-for _name, _opcode in (("neg", "negative"), ("abs", "absolute"), ("invert", "invert")):
+for _name, _opcode in UNARY.items():
     setattr(Tracer, f"__{_name}__", lambda self, opcode=_opcode: operation(opcode, self))
 for _name, _method in (("pos", lambda self: self), ("pow", power)):
     setattr(Tracer, f"__{_name}__", _method)

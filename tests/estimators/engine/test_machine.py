@@ -172,10 +172,10 @@ def test_objects_that_nobody_has_used_for_long_are_removed(tmp_path: Path):
 
 
 @pytest.mark.skipif("x86_64" not in machine._processor()[1], reason="of processors of this family")
-@pytest.mark.parametrize("optimise", ["0", "1"])
+@pytest.mark.parametrize("optimised", [False, True])
 @pytest.mark.parametrize("name", ["x86-64", "x86-64-v3", machine._processor()[2]])
 def test_a_processor_with_less_and_a_compiler_with_more_effort_give_the_same_bits(
-    name: str, optimise: str, monkeypatch: pytest.MonkeyPatch
+    name: str, optimised: bool, monkeypatch: pytest.MonkeyPatch
 ):
     if name == "x86-64-v3" and "+avx2" not in machine._processor()[3]:
         pytest.skip("this machine is an older one")
@@ -192,7 +192,7 @@ def test_a_processor_with_less_and_a_compiler_with_more_effort_give_the_same_bit
 
     expected = results()
     processor = machine._processor()
-    monkeypatch.setenv("VESSEL_GYM_OPTIMISE", optimise)
+    monkeypatch.setattr(machine, "OPTIMISED", optimised)
     if name != processor[2]:
         monkeypatch.setattr(machine, "_processor", lambda: (*processor[:2], name, ""))
     texts = compilations(monkeypatch)

@@ -1,0 +1,105 @@
+"""A prediction, an update or both, as one program of the engine."""
+
+from collections.abc import Sequence
+from functools import partial
+from itertools import filterfalse
+from typing import Any
+
+import numpy as np
+
+from estimators.belief import unmeasured
+from estimators.engine.compiled import trace
+from estimators.engine.function import Argument
+from estimators.engine.matrices import is_traced
+from estimators.randomness import RandomKeys
+
+_GIVEN = (1, "f"), (1, "f"), (1, "b"), (2, "f")
+"""Axes and kinds of rows of u, y, available and R."""
+_DRAWN = (1, "u"), (1, "i")
+
+
+class StepProgram:
+    """A step of a filter, traced for rows of some shapes.
+
+    It takes the arrays that it reads alone, and gives read-only ones. What is alike in all rows and
+    steps is made once a batch.
+
+    Args:
+        filter: The filter.
+        step: "predict", "update" or "step", the two together.
+        inside: Is the model's answer computed in the program? Otherwise it is given.
+        belief: A belief before the step.
+        given: Known input, measurement, mask and covariance of the measurement, or None; the
+            model's answer; and keys and steps of a filter that draws.
+
+    Attributes:
+        inside: As given.
+    """
+
+    def __init__(
+        self, filter: Any, step: str, inside: bool, belief: Any, given: Sequence[Any]
+    ) -> None:
+        if inside:
+            filter.model.compare(belief.mean, given[0], belief.cov, *filter.model.parts[step])
+        record, names, batch = filter.record, filter.record.names(), belief.mean.ndim - 1
+        drawn: Any = _DRAWN if filter.random else ()
+        answered = len(given) - len(_GIVEN + drawn)
+        answers = [*zip(filter._axes.get(step, ())[:answered], "ffff", strict=False)]
+        rows, sources = list[Any](), list[Any](names)
+        for array in map(partial(getattr, belief), names):
+            rows.append(Argument(array.shape[batch:], array.dtype.kind))
+        for i, (axes, kind) in enumerate((*_GIVEN, *answers, *drawn)):
+            if given[i] is None:
+                rows.append(None)
+            else:
+                rows.append(Argument(given[i].shape[given[i].ndim - axes :], kind))
+                sources.append(i)
+
+        def function(*arrays: Any) -> list[Any]:
+            before = record.of(dict(zip((*names, "u"), arrays, strict=False)))
+            u, y, available, R, *more = arrays[len(names) :]
+            rng = RandomKeys(more[-2], more[-1][..., 0]) if drawn else None
+            changed = filter._changed(step, before, u, rng, y, available, R, more[: len(answers)])
+            if step == "predict":
+                changed |= unmeasured((), filter.model.p, changed["healthy"])
+            traced: dict[str, Any] = {}
+            for name, array in changed.items():
+                (traced if is_traced(array) else self._alike)[name] = array
+            self._order = *traced, *self._alike
+            return [*traced.values()]
+
+        self.inside, self._alike = inside, dict[str, Any]()
+        self._batch: tuple[int, ...] | None = None
+        self._arrays: list[np.ndarray] = []
+        self._function = trace(function, rows, True, True)[0]
+        self._names, self._others = list[str](), list[int]()
+        for i in self._function.arguments:
+            (self._names if i < len(names) else self._others).append(sources[i])
+        self._kept = [*filterfalse(self._order.__contains__, names)]
+
+    def __call__(self, belief: Any, *given: Any) -> Any:
+        """The belief after the step."""
+        arrays = [
+            *map(partial(getattr, belief), self._names),
+            *map(given.__getitem__, self._others),
+        ]
+        results = self._function.call(*arrays)
+        if results is None:
+            results = self._function.compute(arrays)
+        if self._batch != (batch := belief.mean.shape[:-1]):
+            self._batch = batch
+            self._arrays = [*map(partial(_repeated, batch=batch), self._alike.values())]
+        after, put = object.__new__(type(belief)), object.__setattr__
+        for name, array in zip(self._order, (*results, *self._arrays), strict=True):
+            put(after, name, array)
+        for name in self._kept:
+            put(after, name, getattr(belief, name))
+        put(after, "u", given[0])
+        return after
+
+
+def _repeated(value: Any, batch: tuple[int, ...]) -> np.ndarray:
+    """An array for a batch, read-only, of one for all rows."""
+    array = np.array(np.broadcast_to(value, batch + np.shape(value)), order="C")
+    array.setflags(write=False)
+    return array
