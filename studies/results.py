@@ -249,7 +249,7 @@ def five(study: str) -> str:
     ):
         name, kept = _extreme(study, environment, condition, worst)
         line = f'gym.make("{environment}", estimator="{name}")'
-        rows.append((what, f"`{name}`", interval(kept), f"`{line}`"))
+        rows.append((what, f"`{name}`", interval(kept), "" if worst else f"`{line}`"))
     return table(("for", "use", "share kept", "to copy"), rows)
 
 

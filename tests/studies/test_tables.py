@@ -135,7 +135,7 @@ CORVETTE = "SigmaCorvette-v0"
 @pytest.fixture
 def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     """A study of the corvette in three suites, its episodes out of order."""
-    keys = ["environment", "condition", "agent", "estimator", "seed"]
+    keys = ["environment", "condition", "policy", "estimator", "seed"]
     places = [f"rough, {suite}" for suite in results.SUITE]
     frame = pd.DataFrame(product([CORVETTE], places, ["autopilot"], LOST, (1, 0, 2)), columns=keys)
     loss = frame.estimator.map(LOST) * np.where(frame.condition == places[2], 1.0, 0.1)
@@ -144,7 +144,7 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     frame["steering_travel"] = 100.0 * loss + frame.seed
     folder = tmp_path / "results" / "mine"
     folder.mkdir(parents=True)
-    frame.assign(training_seed=None).to_csv(folder / "episodes.csv")
+    frame.assign(run=0).to_parquet(folder / "results.parquet")
     monkeypatch.setattr(results, "ROOT", tmp_path)
     results.read_study.cache_clear()
     return "mine"
