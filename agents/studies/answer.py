@@ -36,7 +36,7 @@ def answer(results: Results) -> list[str]:
 
     The last say what is missing.
     """
-    return [_first(results), *_learned(results), *_missing(results)]
+    return [_first(results), *_suspicious(results), *_learned(results), *_missing(results)]
 
 
 def _first(results: Results) -> str:
@@ -193,6 +193,19 @@ def _over_conditions(
         found.setdefault(word, []).append(name)
     order = (BETTER, HIGHER, EQUIVALENT, UNDECIDED, LOWER, WORSE)
     return {word: found[word] for word in order if word in found}
+
+
+def _suspicious(results: Results) -> list[str]:
+    """A warning where an estimator beats the truth beyond chance."""
+    found = []
+    for environment in shares.ruled(results):
+        ranked = shares.rankable(results, [environment])
+        for name in ranked:
+            kept = shares.kept(results, [environment], results.classical, name, len(ranked))
+            if isinstance(kept, Interval) and kept.low > 1.0:
+                found.append(f"{name} in {environment} ({amount(kept)})")
+    text = "beats the truth beyond chance: check the task's score, and what its reward pays for"
+    return [f"On {listed(found)} {results.who} {text}."] if found else []
 
 
 # --- learned policies, and what is missing --------------------------------------------------------

@@ -81,6 +81,13 @@ def test_few_episodes_give_no_advice_but_the_number_that_would(episodes, noise):
     assert said(enough).startswith("Use ")
 
 
+def test_an_estimator_that_beats_the_truth_is_warned_of(small):
+    told = answer(results(small.plan, QUALITY | {"ekf": 1.3}))
+    assert told[1].startswith(f"On ekf in {CORVETTE} (1.30")
+    assert "check the task's score" in told[1]
+    assert not any("check the task" in line for line in answer(small))
+
+
 def test_of_one_episode_not_even_that_number_is_known():
     one = answer(results(study((CORVETTE,), conditions=CONDITIONS[:1], episodes=1)))[0]
     assert one.startswith("1 episodes cannot tell")
