@@ -381,27 +381,43 @@ class Filter(ABC, Generic[Record]):
     ) -> Changes:
         """Arrays that a step changes: of arrays, or of tracers when it is traced."""
         drawn = (rng,) if self.random else ()
-        changed: Changes = {}
-        if step != "update":
-            answer = answers or self.propagate(belief, u)
-            changed = self._known_fields("_predict", self._predict(belief, u, *answer, *drawn))
-            if step == "predict":
-                healthy = is_finite(belief.replaced(changed))
-                if self.input_delay is not None:
-                    healthy = healthy & ~exhausted(belief, changed)
-                return changed | {"healthy": healthy}
-            belief = belief.replaced(changed)
-        expected, C, R, *more = answers or self.expect(belief, u, R)
+        if step == "update":
+            answers = answers or self.expect(belief, u, R)
+            return self._corrected(belief, u, drawn, y, available, *answers)
+        answers = answers or self.propagate(belief, u)
+        changed = self._known_fields("_predict", self._predict(belief, u, *answers, *drawn))
+        after = belief.replaced(changed)
+        if step == "step":
+            answers = self.expect(after, u, R)
+            return changed | self._corrected(after, u, drawn, y, available, *answers)
+        healthy = is_finite(after)
+        if self.input_delay is not None:
+            healthy = healthy & ~exhausted(belief, changed)
+        return changed | {"healthy": healthy}
+
+    def _corrected(
+        self,
+        belief: Record,
+        u: Any,
+        drawn: Sequence[Any],
+        y: Any,
+        available: Any,
+        expected: Any,
+        C: Any,
+        R: Any,
+        *more: Any,
+    ) -> Changes:
+        """Arrays that an update changes, of the model's answers."""
         available = available & np.isfinite(y) & np.isfinite(R.diagonal(0, -2, -1))
         if rescuing():
             available = available & np.isfinite(expected) & np.isfinite(C).all(-1)
         e = np.where(available, difference(y, expected, self.model.measurement_angles), 0.0)
         C = np.where(available[..., None], C, 0.0)
-        for i, each in enumerate(more):  # H, of an unknown input
-            more[i] = np.where(available[..., None], each, 0.0)
+        # H, of an unknown input
+        rest = [np.where(available[..., None], each, 0.0) for each in more]
         R = masked(R, available)
         updated = {"innovation_cov": None, "innovation": e, "available": available}
-        own = self._update(belief, u, e, C, R, available, *more, *drawn)
+        own = self._update(belief, u, e, C, R, available, *rest, *drawn)
         updated |= self._known_fields("_update", own)
         if updated["innovation_cov"] is None:
             updated["innovation_cov"] = congruence(C, belief.cov) + R
@@ -409,7 +425,7 @@ class Filter(ABC, Generic[Record]):
         healthy = healthy & ~perfect(updated, R, 1e20 if self.random else DIGITS)
         if not self.random:
             healthy = healthy & ~exhausted(belief, updated)
-        return changed | updated | {"healthy": healthy}
+        return updated | {"healthy": healthy}
 
     def _known_fields(self, method: str, changed: Changes) -> Changes:
         """Arrays that a method gave, checked to be fields of the belief."""

@@ -126,7 +126,7 @@ def unlike(*_: Any) -> None:
 
 
 def _placed(program: Program) -> tuple[dict[int, int], dict[int, str], np.ndarray]:
-    """Where each constant begins in memory, those that are in the code, and the numbers in memory."""
+    """Constants of a program: begins in memory, texts of those in the code, numbers in memory."""
     numbers: dict[int, Any] = {}
     literals: dict[int, str] = {}
     for value, x in program.constants.items():
