@@ -38,7 +38,7 @@ def conclusion(budget: Budget) -> list[str]:
         number, noun = sum(other.cost < suite.cost for other in budget.suites), "cheaper suite"
         kept = words(budget.confirmed[budget.answer], 3)
         found = [
-            f"The cheapest suite that keeps {share}: {suite}.",
+            f"The cheapest suite that is confirmed to keep {share}: {suite}.",
             f"Its price is {suite.cost[0]:g}, and it keeps {kept} on {search.episodes} fresh"
             " seeds.",
         ]

@@ -62,7 +62,7 @@ def main(
         in_range("--processes", processes, 1)
         planned = _plan(path := _file(study), scheduler is not None)
         check_folder(out)
-    console = Console(markup=False, highlight=False, soft_wrap=True)
+    console = Console(markup=False, emoji=False, highlight=False, soft_wrap=True)
     _introduce(planned.study, path, out, console)
     episodes = examples(planned)
     jobs = [*planned.jobs, *episodes.values()]
@@ -93,7 +93,7 @@ def _report(results: Any, pages: Any, out: Path, console: Any) -> None:
 
 
 def _file(study: Path) -> Path:
-    """The file of a study by its path or name; its folder holds modules of the user's own."""
+    """The file of a study by its path or name; modules of the user's own lie beside it or here."""
     from estimators.factory import unknown
 
     path = STUDIES.get(str(study), study)
@@ -101,7 +101,7 @@ def _file(study: Path) -> Path:
         raise ValueError(
             f"{unknown('study', str(path), STUDIES)} (your own: a file, e.g. mine.toml)"
         )
-    sys.path.append(str(path.resolve().parent))  # an own estimator may lie beside the study
+    sys.path += [str(path.resolve().parent), str(Path.cwd())]
     return path
 
 

@@ -63,7 +63,7 @@ def _fly(
         for options in worlds:
             flown = rollout(agent, env_id, seeds, options, trust=trust)
             columns.append(scores(flown))
-            header.append(core_of(flown).estimator or "no estimator")
+            header.append(options.get("estimator") or core_of(flown).estimator or "no estimator")
             advance()
     sections: tuple[list[list[str]], list[list[str]]] = ([], [])
     for metric in metrics(core_of(flown).system):

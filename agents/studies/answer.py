@@ -21,7 +21,7 @@ from agents.statistics import (
     verdict,
 )
 from agents.studies import shares
-from agents.studies.records import Condition, Estimator
+from agents.studies.records import Condition
 from agents.studies.results import Results
 
 BEST = 5
@@ -43,14 +43,15 @@ def _first(results: Results) -> str:
     environments = shares.ruled(results)
     if not results.environments:
         return "Nothing has a result yet."
-    if not environments:
-        return (
-            f"No estimator can be ranked: for that {results.who} needs results on the truth, on"
-            " dead reckoning and on an estimator between them, and a higher score on the truth."
+    groups = [environments] if shares.common(results) else [[e] for e in environments]
+    sentences = [_trend(results, group) or _advice(results, group) for group in groups]
+    if rest := [e for e in results.plan.study.environments if e not in environments]:
+        sentences.append(
+            f"No estimator can be ranked in {listed(rest)}: for that {results.who} needs results on"
+            " the truth, on dead reckoning and on an estimator between them, and a higher score on"
+            " the truth."
         )
-    together = len(environments) == 1 or bool(shares.common(results))
-    groups = [environments] if together else [[e] for e in environments]
-    return " ".join(_trend(results, group) or _advice(results, group) for group in groups)
+    return " ".join(sentences)
 
 
 def _advice(results: Results, environments: Sequence[str]) -> str:
@@ -153,22 +154,28 @@ def _monotonic(numbers: Sequence[float]) -> bool:
 
 
 def _trend(results: Results, environments: Sequence[str]) -> str | None:
-    """The best estimator's share over conditions that are `ordered`; None for other conditions."""
-    conditions, ranked = results.plan.study.conditions, shares.rankable(results, environments)
+    """The best estimator's share over `ordered` conditions that all environments have, or None."""
+    conditions = [c for c in results.plan.study.conditions if all(map(c.is_in, environments))]
+    ranked = shares.rankable(results, environments)
     pick, names = next(iter(ranked)), [c.name for c in conditions]
     there = all((e, name) in results.scales.index for e in environments for name in names)
     if not ordered(conditions) or not there:
         return None
     each = {name: in_condition(results, environments, pick, name) for name in names}
-    first, last = names[0], names[-1]
-    at_first, at_last = (amount(crossed_interval(each[n][None])) for n in (first, last))
+    at_first, at_last = (amount(crossed_interval(each[n][None])) for n in (names[0], names[-1]))
     found = _over_conditions(results, environments, each, len(ranked))
-    against = listed([f"{word} at {listed(at)}" for word, at in found.items()])
+    against = listed([f"{word} at {listed([*map(_called, at)])}" for word, at in found.items()])
+    first, last = _called(names[0]), _called(names[-1])
     most = ", which keeps most over all conditions," if len(ranked) > 1 else ""
     return (
         f"In {_where(environments)} on {pick}{most} {results.who} keeps {at_first} {_WORTH} at"
         f" {first} and {at_last} at {last}; against {first}: {against}."
     )
+
+
+def _called(name: str) -> str:
+    """The name of a condition in a sentence: in quotation marks unless it is a number and a unit."""
+    return name if re.fullmatch(r"[\d.]+ ?\S*", name) else f'"{name}"'
 
 
 def in_condition(
@@ -274,7 +281,7 @@ def summary(results: Results, environments: Sequence[str]) -> pd.DataFrame:
 def to_copy(results: Results) -> pd.DataFrame:
     """The estimator to use in each environment, its share, and the line that makes it.
 
-    The last row is the estimator to avoid: the one that keeps least.
+    The last row is the estimator to avoid: the one that keeps least, if that is shown.
     """
     rows: list[tuple[str, ...]] = []
     worst = ("", "", np.inf)
@@ -284,7 +291,9 @@ def to_copy(results: Results) -> pd.DataFrame:
         share = text(shares.kept(results, [environment], results.classical, pick, len(ranked)), 3)
         rows.append((environment, pick, share, _line(results, environment, pick)))
         least = list(ranked)[-1]
-        worst = min(worst, (environment, least, float(ranked[least].mean())), key=lambda w: w[2])
+        if shares.verdicts(results, [environment], ranked).get(least) in (LOWER, WORSE):
+            found = environment, least, float(ranked[least].mean())
+            worst = min(worst, found, key=lambda w: w[2])
     if worst[1] not in {"", *(pick for _, pick, *_ in rows)}:
         rows.append(("avoid", worst[1], f"{text(worst[2], 3)} in {worst[0]}", ""))
     return pd.DataFrame(rows, columns=["where", "use", "share kept", "to copy"])
@@ -292,12 +301,12 @@ def to_copy(results: Results) -> pd.DataFrame:
 
 def _line(results: Results, environment: str, name: str) -> str:
     """The line that makes an environment with an estimator of the study."""
-    found = next(
-        (e for e in results.plan.study.estimators if e.name == name), Estimator(name, name)
-    )
-    own = found.estimator.rpartition(":")
-    kind = own[2] if own[1] else f'"{found.estimator}"'
-    options = f", estimator_options={found.options}" if found.options else ""
+    flown = (f for f in results.plan.flights if (f.environment, f.estimator) == (environment, name))
+    made = next(flown).job.arguments["options"]
+    own = made["estimator"].rpartition(":")
+    kind = own[2] if own[1] else f'"{own[2]}"'
+    chosen = made.get("estimator_options")
+    options = f", estimator_options={chosen}" if chosen else ""
     return f'gym.make("{environment}", estimator={kind}{options})'
 
 
@@ -308,12 +317,11 @@ def conditions_table(results: Results, environment: str) -> pd.DataFrame:
     """
     scaled = environment in shares.ruled(results)
     values = results.kept if scaled else results.wide("score")
-    rows = values.xs((environment, results.classical), level=("environment", "policy"))
     names = results.conditions(environment)
     found = {
         estimator: {
-            name: text(crossed_interval(rows.loc[[(name, estimator, 0)]].to_numpy()), 3)
-            if (name, estimator, 0) in rows.index
+            name: text(crossed_interval(values.loc[[flight]].to_numpy()), 3)
+            if (flight := (environment, name, results.classical, estimator, 0)) in values.index
             else "–"
             for name in names
         }

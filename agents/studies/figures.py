@@ -50,9 +50,14 @@ def shares_figure(results: Results) -> "Figure":
     names = list(dict.fromkeys(n for each in ranked.values() for n in each)) + list(ENDS)
     height = dict(zip(names, range(len(names))[::-1], strict=True))
     with styled():
-        size = (_WIDTH, 0.9 + 0.19 * len(names))
+        across = min(len(columns), _that_fit(columns))
+        down = -(-len(columns) // across)
+        size = (_WIDTH, 0.5 + (0.4 + 0.19 * len(names)) * down)
         figure = Figure(figsize=size, layout="constrained")
-        axes = figure.subplots(1, len(columns), squeeze=False, sharex=True, sharey=True)[0]
+        grid = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True)
+        axes = list(grid.flat)
+        while len(axes) > len(columns):
+            axes.pop().remove()
         for panel, (head, column) in zip(axes, columns.items(), strict=True):
             for name in (*ranked[head], *ENDS):
                 among = max(len(ranked[head]), 1)
@@ -60,10 +65,16 @@ def shares_figure(results: Results) -> "Figure":
                 _point(panel, share, height[name], look[name])
             panel.set_title(head, loc="left", fontsize=9)
             panel.grid(axis="x")
+            panel.tick_params(labelbottom=True)
             panel.locator_params(axis="x", nbins=4)
         axes[0].set_yticks(list(height.values()), list(height))
         figure.supxlabel("share of the oracle's performance kept", fontsize=10)
     return figure
+
+
+def _that_fit(names: Iterable[str]) -> int:
+    """Number of names like the longest that stand beside each other in a figure, at least one."""
+    return max(1, 90 // (max(map(len, names)) + 2))
 
 
 def _point(panel: "Axes", value: Interval | float | None, height: float, look: Look) -> None:
@@ -96,22 +107,29 @@ def robustness_figure(results: Results) -> "Figure":
     environments = ruled(results)
     look = {name: each for name, each in looks(results).items() if name not in ENDS}
     with styled():
-        size = (_WIDTH, 0.7 + 0.19 * -(-len(look) // 5) + 2.3 * len(environments))
+        ncols = min(5, _that_fit(look))
+        size = (_WIDTH, 0.7 + 0.19 * -(-len(look) // ncols) + 2.3 * len(environments))
         figure = Figure(figsize=size, layout="constrained")
         axes = figure.subplots(len(environments), 1, squeeze=False)[:, 0]
+        handles: dict[str, Any] = {}
         for panel, environment in zip(axes, environments, strict=True):
             conditions = results.conditions(environment)
             for k, name in enumerate(results.estimators(environment)):
                 if name in look:
                     shift = 0.3 * (k / len(look) - 0.5)
-                    _curve(panel, results, (environment, name), conditions, shift, look[name])
-            rotation = 20 if len(conditions) > 4 else 0
+                    where = environment, name
+                    if curve := _curve(panel, results, where, conditions, shift, look[name]):
+                        handles[name] = curve
+            rotation = 20 if len(conditions) > _that_fit(conditions) else 0
             ticks = {"rotation": rotation, "ha": "right" if rotation else "center"}
             panel.set_xticks(range(len(conditions)), conditions, **ticks)
             panel.set_ylabel("share kept")
             panel.set_title(environment, loc="left")
             panel.grid(axis="y")
-        _legend(figure, axes)
+        if handles:
+            figure.legend(
+                handles.values(), handles, loc="outside upper center", ncols=ncols, fontsize=8.5
+            )
     return figure
 
 
@@ -122,14 +140,14 @@ def _curve(
     conditions: Sequence[str],
     shift: float,
     look: Look,
-) -> None:
+) -> Any:
     """Share kept over conditions, shifted a little so that intervals do not hide each other."""
     environment, name = where
     rows = results.kept.xs((environment, results.classical), level=("environment", "policy"))
     there = [(i, c) for i, c in enumerate(conditions) if (c, name, 0) in rows.index]
     found = [crossed_interval(rows.loc[[(c, name, 0)]].to_numpy()) for _, c in there]
     each = [(i, value) for (i, _), value in zip(there, found, strict=True) if value]
-    if each:
+    return each and (
         panel.errorbar(
             [i + shift for i, _ in each],
             [value.mean for _, value in each],
@@ -140,17 +158,5 @@ def _curve(
             markersize=3.2,
             linewidth=0.9,
             elinewidth=0.5,
-            label=name,
         )
-
-
-def _legend(figure: "Figure", panels: Iterable["Axes"]) -> None:
-    """One legend above all panels, each name once."""
-    found: dict[str, Any] = {}
-    for panel in panels:
-        for handle, name in zip(*panel.get_legend_handles_labels(), strict=True):
-            found.setdefault(name, handle)
-    if found:
-        figure.legend(
-            found.values(), found.keys(), loc="outside upper center", ncols=5, fontsize=8.5
-        )
+    )

@@ -151,7 +151,9 @@ class Results:
 
     def _ends(self, place: pd.DataFrame) -> tuple[np.ndarray, np.ndarray] | None:
         """Scores ``(seeds,)`` of the classical agent on `FLOOR` and `ORACLE`, if they are a scale."""
-        own = place.xs(self.classical, level="policy").droplevel([0, 1, 3])
+        own = place[place.index.get_level_values("policy") == self.classical].droplevel(
+            [0, 1, 2, 4]
+        )
         if FLOOR not in own.index or ORACLE not in own.index:
             return None
         low, high = own.loc[FLOOR].to_numpy(), own.loc[ORACLE].to_numpy()

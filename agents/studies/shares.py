@@ -218,7 +218,7 @@ def episodes_to_tell(results: Results, environments: Sequence[str], ranked: Rank
 
     They do if the scale's interval excludes zero and that of the share kept is no wider than the
     scale (Fieller 1954: a ratio whose denominator may be zero has no bounded interval). So many as
-    make both half as wide, by their spread; NaN of one seed.
+    make both half as wide, by their spread, and more than there are; NaN of one seed.
     """
     from scipy.special import ndtri
 
@@ -230,7 +230,7 @@ def episodes_to_tell(results: Results, environments: Sequence[str], ranked: Rank
         found = mean_interval(values, among)
         enough &= found is not None and found.half < half
         needed = max(needed, (2.0 * ndtri(1.0 - 0.025 / among) * values.std(ddof=1) / half) ** 2)
-    return 0.0 if enough else float(np.ceil(needed))
+    return 0.0 if enough else float(max(np.ceil(needed), len(best) + 1))
 
 
 # --- learned policies -----------------------------------------------------------------------------

@@ -182,9 +182,9 @@ class _Reader:
             kind = system_of(world).estimator if kind == DEFAULT else kind
             plain = condition.options | {"estimator": kind}
             error = refusal(world, plain | own)
-            for_options = error and own and not refusal(world, plain)
-            reasons.append(None if for_options else error)
-            if for_options:
+            suits = not error or not refusal(world, plain)
+            reasons.append(None if suits else error)
+            if error and suits:
                 self.wrong(f"{world} refuses the options of {name}: {error}", "options")
         if reasons and all(reasons):
             self.wrong(f"no environment of the study can carry {name}: {reasons[0]}")

@@ -151,7 +151,7 @@ def graded_sensors(environment: str, grades: Mapping[str, str]) -> list[Sensor]:
     found = []
     for name, known in grades_of(system_of(environment)).items():
         words = grades.get(name, NOMINAL)
-        at_rate = re.fullmatch(r"(.+) at ([\d.]+) Hz", words)
+        at_rate = re.fullmatch(r"(.+) at (\d*\.?\d+) Hz", words)
         if words in known:
             found.append(known[words])
         elif at_rate and at_rate[1] in known:

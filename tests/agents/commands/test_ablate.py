@@ -14,7 +14,7 @@ from agents.commands.console import command
 
 ROOT = Path(__file__).parents[3]
 SMALL = """
-title = "A small study"
+title = "A small study of a :ship:"
 episodes = 2
 training_seeds = 1
 
@@ -57,13 +57,13 @@ def test_a_study_ends_with_its_answer_and_where_the_report_lies_and_is_not_compu
     out = tmp_path / "out"
     assert ablate.main(study, out, processes=1) == 0
     printed = capsys.readouterr().out
-    assert printed.startswith("A small study\n")
+    assert printed.startswith("A small study of a :ship:\n")
     assert "warning: 1 training seeds say little" in printed
     assert f"Report: {out / 'report.html'}" in printed
     assert (out / "report.html").stat().st_size > 100_000
     assert (out / "study.toml").read_text() == SMALL
     assert json.loads((out / "study.json").read_text())["training_seeds"] == 1
-    assert (out / "ranking.md").read_text().startswith("# A small study\n\n")
+    assert (out / "ranking.md").read_text().startswith("# A small study of a :ship:\n\n")
     computed = {path.name: path.stat().st_ino for path in (out / "jobs").iterdir()}
     table = (out / "results.parquet").read_bytes()
     assert ablate.main(out / "study.toml", out, processes=1) == 0  # as the report says
@@ -78,13 +78,13 @@ def test_the_documentation_shows_how_to_bring_an_own_estimator_and_environment(
     text = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
     filters, ships = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     *_, own = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
-    for name, content in (("my_filters.py", filters), ("my_ships.py", ships), ("own.toml", own)):
-        (tmp_path / name).write_text(content)
+    (tmp_path / "my_filters.py").write_text(filters)  # in the working directory
+    (folder := tmp_path / "studies").mkdir()
+    for name, content in (("my_ships.py", ships), ("own.toml", own)):
+        (folder / name).write_text(content)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(
-        sys, "path", [*sys.path]
-    )  # to which the command adds the folder of the study
-    assert command(ablate.main, ["own.toml", "--out", "out", "--processes", "1"]) == 0
+    monkeypatch.setattr(sys, "path", [*filter(None, sys.path)])  # the command adds to it
+    assert command(ablate.main, ["studies/own.toml", "--out", "out", "--processes", "1"]) == 0
     table = pd.read_parquet(tmp_path / "out" / "results.parquet")
     flown = set(zip(table.environment, table.estimator, strict=True))
     ship = "my_ships:LightCorvetteVectorEnv"

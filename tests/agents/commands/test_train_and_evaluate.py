@@ -33,9 +33,11 @@ def test_a_trained_agent_can_be_evaluated_on_several_estimators(
         train.main(ENV, out=tmp_path / "ppo")
     with pytest.raises(Refusal, match=r"mine.toml has neither a table \['PunaUAV-v0'\] nor"):
         train.main("PunaUAV-v0", hyperparameters=tables)
-    evaluate.main(ENV, agent=str(tmp_path / "ppo.zip"), estimator=("truth", "kf"), episodes=2)
+    evaluate.main(
+        ENV, agent=str(tmp_path / "ppo.zip"), estimator=("truth", "kf-linear"), episodes=2
+    )
     printed = capsys.readouterr().out
-    for label in ("Score", "Off track", "truth", "kf"):
+    for label in ("Score", "Off track", "truth", "kf-linear"):
         assert label in printed
 
 

@@ -1,17 +1,23 @@
 """The report of a study: what is computed is on the page, and nothing is left out in silence."""
 
 import re
+from dataclasses import replace
 from html import unescape
+from itertools import combinations
 
 import invented
 import pandas as pd
 import pytest
-from invented import CORVETTE, results, study, without
+from invented import CORVETTE, ENDS, QUALITY, SEGOROGENI, results, study, without
+from matplotlib.text import Text
 
 from agents.metrics import NEES, SCORE, metrics
 from agents.page import text
+from agents.plotting import styled
 from agents.statistics import crossed_interval
 from agents.studies.answer import answer, conditions_table, markdown, ranking_table
+from agents.studies.figures import robustness_figure, shares_figure
+from agents.studies.records import Condition, Estimator
 from agents.studies.report import consistency, costs, write_report
 from agents.studies.worlds import system_of
 
@@ -80,6 +86,40 @@ def test_consistency_is_that_of_the_first_condition_and_of_filters_alone(small):
     assert table.loc["kf", "Diverged"] == "0 of 8"
     assert table.loc["kf", ["NEES in band", "NIS in band"]].tolist() == ["0.90", "0.95"]
     assert table.loc["kf", ["batch [µs]", "alone [µs]"]].tolist() == ["30.0", "200.0"]
+
+
+def test_names_are_shown_as_they_are_written(tmp_path):
+    odd = ("_first", "$_^$", 'a|b <i>, "c"')
+    estimators = (*ENDS, *(Estimator(name, "kf") for name in odd))
+    asked = replace(study((CORVETTE,), conditions=[Condition("$1_$")]), estimators=estimators)
+    found = results(asked, QUALITY | dict.fromkeys(odd, 0.5))
+    html = written(found, tmp_path)
+    for figure, names in ((shares_figure, odd), (robustness_figure, (*odd, "$1_$"))):
+        text = {each.get_text() for each in figure(found).findobj(Text)}
+        assert text.issuperset(names)
+    assert all(f"<td>{name}</td>" in html for name in odd)
+
+
+def test_no_text_of_a_figure_is_cut_or_covers_another():
+    names = [f"huber-kf-nonlinear, number {i}" for i in range(12)]
+    conditions = [Condition(f"a condition with a long name, {'abc'[i]}") for i in range(3)]
+    environments = (CORVETTE, "SigmaChannel-v0", SEGOROGENI, "ItsunusaAUV-v0", "PunaUAV-v0")
+    estimators = (*ENDS, *(Estimator(name, "ekf") for name in names))
+    asked = replace(study(environments, conditions=conditions), estimators=estimators)
+    found = results(asked, QUALITY | dict.fromkeys(names, 0.5))
+    for draw in (shares_figure, robustness_figure):
+        with styled():
+            figure = draw(found)
+            figure.draw_without_rendering()
+        known = {*names, *environments, *(each.name for each in conditions)}
+        texts = [t for t in figure.findobj(Text) if t.get_text() in known and t.get_visible()]
+        boxes = [each.get_window_extent() for each in texts if not each.get_rotation()]
+        assert len(boxes) > 15
+        for box in boxes:
+            assert figure.bbox.x0 <= box.x0
+            assert box.x1 <= figure.bbox.x1
+        for one, other in combinations(boxes, 2):
+            assert not one.overlaps(other)
 
 
 @pytest.mark.slow

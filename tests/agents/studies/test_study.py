@@ -164,6 +164,7 @@ i = { sensors = { "acoustic positon" = "nominal" } }
 j = { sensors = { gyroscope = "consumer MEMZ" } }
 k = { sensors = { gyroscope = "consumer MEMS at 3 Hz" } }
 l = { sensors = { gyroscope = 3 } }
+m = { sensors = { gyroscope = "consumer MEMS at 1.2.3 Hz" } }
 """
     found = mistakes(tmp_path, text)
     expected = {
@@ -185,6 +186,7 @@ l = { sensors = { gyroscope = 3 } }
         13: "unknown grade of gyroscope 'consumer MEMZ' (did you mean 'consumer MEMS'?)",
         14: "gyroscope reads at 3 Hz, which does not divide",
         15: "sensors must be a name, or a table of grades by sensor, got {'gyroscope': 3}",
+        16: "unknown grade of gyroscope 'consumer MEMS at 1.2.3 Hz'",
     }
     expect(found, expected)
 
