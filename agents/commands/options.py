@@ -19,7 +19,7 @@ class Assignments(argparse.Action):
 
     def __call__(self, parser: Any, namespace: Any, values: Any, option: Any = None) -> None:
         """Add the words to the dictionary."""
-        found = {}
+        found = dict(getattr(namespace, self.dest, None) or {})
         for word in values:
             name, _, text = word.partition("=")
             if not (name and text):

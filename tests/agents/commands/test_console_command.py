@@ -10,6 +10,8 @@ import pytest
 
 import vessel_gym
 from agents import commands
+from agents.commands import train
+from agents.commands.options import parsed
 from vessel_gym.__main__ import main as vessel_gym_main
 
 ROOT = Path(vessel_gym.__file__).parents[1]
@@ -49,6 +51,13 @@ def test_the_help_of_a_command_names_it_as_it_was_called(
         called(monkeypatch, name, "--help")
     assert stop.value.code == 0
     assert capsys.readouterr().out.startswith(f"usage: vessel-gym {name} ")
+
+
+def test_settings_of_several_options_count_together():
+    words = ["--set", "gamma=0.9", "n_steps=2", "--set", "policy=MlpPolicy", "--seed", "3"]
+    given = parsed(train.main, words, None).keywords
+    assert given["set_"] == {"gamma": 0.9, "n_steps": 2, "policy": "MlpPolicy"}
+    assert parsed(train.main, [], None).keywords["set_"] == {}  # the default is as it was
 
 
 def test_help_loads_nothing_that_takes_long_to_load():
