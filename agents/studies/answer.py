@@ -361,7 +361,9 @@ def markdown(results: Results) -> str:
     """The answer and its tables as Markdown."""
     blocks = [f"# {results.plan.study.title}", "\n".join(answer(results))]
     if shares.ruled(results):
-        blocks.append(markdown_frame(to_copy(results).set_index("where")))
+        lines = to_copy(results).set_index("where")
+        lines["to copy"] = [f"`{line}`" if line else "" for line in lines["to copy"]]
+        blocks.append(markdown_frame(lines))
     for environment in results.environments:
         table = conditions_table(results, environment)
         blocks += [f"## {environment}", markdown_frame(table)]
