@@ -224,7 +224,24 @@ def semidefinite_form(
     rounding of numbers of ``size (..., p)``; NaN where S is not finite. Between them comes half the
     log-determinant of the independent components.
     """
-    rounding = _DIGITS * np.asarray(size)
+    size, eye = np.broadcast_to(size, e.shape), identity(s.shape[-1])
+    scale, unit = equilibrated(s)
+    root = cholesky(np.where(np.isfinite(unit).all((-2, -1), keepdims=True), unit, eye))
+    spread = root.diagonal(0, -2, -1)
+    square = np.array(np.square(solve_lower(root, (e / scale)[..., None])).sum((-2, -1)))
+    logs, independent = np.array(np.log(spread * scale).sum(-1)), np.ones(e.shape, bool)
+    rest = ~((spread > 1e-4) & (scale > _DIGITS * size)).all(-1) | ~np.isfinite(scale).all(-1)
+    if rest.any():
+        found = _by_eigenvalues(e[rest], s[rest], size[rest])
+        square[rest], logs[rest], independent[rest] = found
+    return square, logs, independent
+
+
+def _by_eigenvalues(
+    e: np.ndarray, s: np.ndarray, size: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """`semidefinite_form` of covariances that may be singular or not finite."""
+    rounding = _DIGITS * size
     exact = np.diagonal(s, axis1=-2, axis2=-1) <= np.square(rounding)
     scale, unit = equilibrated(masked(s, ~exact))
     finite = np.isfinite(unit).all((-2, -1), keepdims=True)
