@@ -266,7 +266,7 @@ def _extreme(
         each = [normalise(scores[at, name], *of) for at, of in zip(places, ends, strict=True)]
         kept[name] = np.mean(each, axis=0)
     best = (min if worst else max)(kept, key=lambda name: kept[name].mean())
-    return best, crossed_interval(kept[best], 1 if worst else len(names))
+    return best, crossed_interval(kept[best], len(names))
 
 
 # --- what would overturn them ---------------------------------------------------------------------

@@ -54,18 +54,6 @@ def test_a_share_is_the_mean_over_environments_of_means_over_conditions(found, p
     assert together.shape == (runs, 8)
 
 
-def test_the_floor_and_the_oracle_keep_nothing_and_everything(found):
-    for name, end in (("dead-reckoning", 0.0), ("truth", 1.0)):
-        kept = shares.shares(found, (CORVETTE, SEGOROGENI), "autopilot", name)
-        np.testing.assert_allclose(kept, end, atol=1e-12)
-
-
-def test_nothing_is_clipped():
-    odd = results(study((CORVETTE,)), QUALITY | {"ekf": 1.3, "kf": -0.5})
-    assert shares.kept(odd, [CORVETTE], "autopilot", "ekf").mean > 1.2
-    assert shares.kept(odd, [CORVETTE], "autopilot", "kf").mean < -0.3
-
-
 def test_policies_have_one_name_in_all_environments_and_a_home_in_each(found):
     assert found.learned == [PPO, "PPO trained on ekf", "PPO, raw", "PPO, LSTM"]
     assert [found.home(e, PPO) for e in (CORVETTE, SEGOROGENI)] == ["kf-umv-ui", "enkf"]
