@@ -15,10 +15,15 @@ import gymnasium as gym
 import numpy as np
 import pandas as pd
 
+from agents.commands.ablate import STUDIES
 from agents.page import listed
 from agents.refusal import Refusal
-from agents.statistics import Interval, crossed_interval, normalise, paired_difference
+from agents.statistics import Interval, crossed_interval, paired_difference
+from agents.studies.plan import plan
 from agents.studies.records import FLOOR, ORACLE
+from agents.studies.results import Results
+from agents.studies.shares import rankable
+from agents.studies.study import read_study as study_file
 from agents.studies.worlds import system_of
 from studies.comparisons import SETTINGS, VARIANTS, arm_metrics, assuming
 from studies.markdown import NONE, ROOT, interval, mean_and_half, number, table
@@ -239,6 +244,7 @@ def advice(study: str) -> str:
 
 def five(study: str) -> str:
     """What to use on a ship, under water, in the air and with outliers, what to avoid, and how."""
+    planned = plan(study_file(STUDIES[study]))
     rows = []
     for what, environment, condition, worst in (
         ("a ship", "SigmaCorvette-v0", "", False),
@@ -247,26 +253,14 @@ def five(study: str) -> str:
         ("measurements with outliers", "SegorogeniAUV-v0", "bad sensors", False),
         ("avoid", "SegorogeniAUV-v0", "", True),
     ):
-        name, kept = _extreme(study, environment, condition, worst)
-        line = f'gym.make("{environment}", estimator="{name}")'
-        rows.append((what, f"`{name}`", interval(kept), "" if worst else f"`{line}`"))
+        of = read_study(study)
+        found = Results(planned, of[of.condition == condition] if condition else of)
+        ranked = rankable(found, [environment])
+        name = [*ranked][-1 if worst else 0]
+        share = crossed_interval(ranked[name][None], len(ranked))
+        line = "" if worst else f'`gym.make("{environment}", estimator="{name}")`'
+        rows.append((what, f"`{name}`", interval(share), line))
     return table(("for", "use", "share kept", "to copy"), rows)
-
-
-def _extreme(
-    study: str, environment: str, condition: str, worst: bool
-) -> tuple[str, Interval | None]:
-    """The estimator that keeps most or least, and its share, in one condition or in all."""
-    scores = episodes(study, environment)
-    places = [condition] if condition else list(dict.fromkeys(at for at, _ in scores))
-    names = [name for at, name in scores if at == places[0] and name not in (ORACLE, FLOOR)]
-    kept = {}
-    for name in names:
-        ends = [(scores[at, FLOOR][0], scores[at, ORACLE][0]) for at in places]
-        each = [normalise(scores[at, name], *of) for at, of in zip(places, ends, strict=True)]
-        kept[name] = np.mean(each, axis=0)
-    best = (min if worst else max)(kept, key=lambda name: kept[name].mean())
-    return best, crossed_interval(kept[best], len(names))
 
 
 # --- what would overturn them ---------------------------------------------------------------------

@@ -27,16 +27,13 @@ def main(what: str = "environments", env_id: str = "SigmaCorvette-v0", /) -> Non
 
 def _environments() -> list[list[str]]:
     """Names, default estimators and first sentences."""
-    import gymnasium as gym
-
-    from agents.studies.worlds import system_of
+    from agents.studies.worlds import ours, system_of
 
     rows = []
-    for name, spec in gym.registry.items():
-        module, _, entry = str(spec.entry_point).partition(":")
-        if module.startswith("vessel_gym"):
-            summary = (getattr(import_module(module), entry).__doc__ or "").strip().splitlines()[0]
-            rows.append([name, system_of(name).estimator, summary])
+    for name, place in ours().items():
+        module, _, entry = place.partition(":")
+        summary = (getattr(import_module(module), entry).__doc__ or "").strip().splitlines()[0]
+        rows.append([name, system_of(name).estimator, summary])
     return rows
 
 

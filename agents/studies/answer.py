@@ -182,8 +182,8 @@ def in_condition(
     results: Results, environments: Sequence[str], estimator: str, condition: str
 ) -> np.ndarray:
     """Share that the classical agent keeps ``(seeds,)`` in one condition."""
-    flights = [(e, condition, results.classical, estimator, 0) for e in environments]
-    return results.kept.loc[flights].to_numpy().mean(axis=0)
+    each = [results.flight(results.kept, e, condition, estimator) for e in environments]
+    return np.concatenate([row for row in each if row is not None]).mean(axis=0)
 
 
 def _over_conditions(
@@ -254,10 +254,10 @@ def _missing(results: Results) -> list[str]:
     return [f"{len(missing)} of {len(flights)} results are missing{why}. Run the study again."]
 
 
-def amount(value: Interval | float | None, signed: bool = False) -> str:
+def amount(value: Interval | float | None) -> str:
     """A share or score in a sentence, with a digit more where its interval is small."""
     wide = isinstance(value, Interval) and value.half >= 0.095
-    return words(value, 2 if wide else 3, signed)
+    return words(value, 2 if wide else 3)
 
 
 # --- tables ---------------------------------------------------------------------------------------
@@ -318,13 +318,13 @@ def conditions_table(results: Results, environment: str) -> pd.DataFrame:
     scaled = environment in shares.ruled(results)
     values = results.kept if scaled else results.wide("score")
     names = results.conditions(environment)
+
+    def cell(condition: str, estimator: str) -> str:
+        row = results.flight(values, environment, condition, estimator)
+        return "–" if row is None else text(crossed_interval(row), 3)
+
     found = {
-        estimator: {
-            name: text(crossed_interval(values.loc[[flight]].to_numpy()), 3)
-            if (flight := (environment, name, results.classical, estimator, 0)) in values.index
-            else "–"
-            for name in names
-        }
+        estimator: {name: cell(name, estimator) for name in names}
         for estimator in results.estimators(environment)
     }
     return pd.DataFrame.from_dict(found, orient="index", columns=names).rename_axis("estimator")

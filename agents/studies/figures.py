@@ -143,10 +143,9 @@ def _curve(
 ) -> Any:
     """Share kept over conditions, shifted a little so that intervals do not hide each other."""
     environment, name = where
-    rows = results.kept.xs((environment, results.classical), level=("environment", "policy"))
-    there = [(i, c) for i, c in enumerate(conditions) if (c, name, 0) in rows.index]
-    found = [crossed_interval(rows.loc[[(c, name, 0)]].to_numpy()) for _, c in there]
-    each = [(i, value) for (i, _), value in zip(there, found, strict=True) if value]
+    rows = [results.flight(results.kept, environment, c, name) for c in conditions]
+    found = [None if row is None else crossed_interval(row) for row in rows]
+    each = [(i, value) for i, value in enumerate(found) if value]
     return each and (
         panel.errorbar(
             [i + shift for i, _ in each],

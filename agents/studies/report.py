@@ -82,23 +82,18 @@ def write_report(results: Results, out: Path, pages: Mapping[str, dict[str, obje
 
 def _ranked(results: Results) -> list[Block]:
     """Blocks about the share kept in all conditions together."""
-    environments = ruled(results)
-    if not environments:
+    if not (columns := groups(results)):
         return []
-    margin, who = results.plan.study.margin, results.who
-    blocks = [
+    margin, (head, column) = results.plan.study.margin, next(iter(columns.items()))
+    return [
+        table("To copy", to_copy(results).set_index("where")),
         table(
-            f"The best estimators for {who}{', ' + head if len(groups(results)) > 1 else ''}",
+            f"The best estimators for {results.who}{', ' + head if len(columns) > 1 else ''}",
             summary(results, column),
             f"Means over conditions and evaluation seeds with 95 % intervals for other seeds: the"
             f" share kept of {ORACLE} over dead reckoning, the score lost against {ORACLE},"
             " completed episodes, and the mean score of the worst tenth of them.",
-        )
-        for head, column in list(groups(results).items())[:1]
-    ]
-    return [
-        table("To copy", to_copy(results).set_index("where")),
-        *blocks,
+        ),
         picture("Share of the oracle's performance kept", data_uri(shares_figure(results))),
         table(
             "Share kept, and the verdict against the best of each column",
@@ -153,7 +148,7 @@ def _environments(results: Results) -> list[Block]:
                     f"Of {results.who} on {ORACLE}, and on the others the differences from that,"
                     f" paired by evaluation seed. {meanings}",
                 )
-            )  # fmt: skip
+            )
         blocks.append(
             table(
                 f"{environment}: consistency and CPU time, {first}",
@@ -169,21 +164,19 @@ def _environments(results: Results) -> list[Block]:
 
 def costs(results: Results, environment: str, chosen: Sequence[Metric]) -> pd.DataFrame:
     """Score and costs of the classical agent in the first condition, beyond those on the truth."""
-    rows = {}
-    place = (environment, results.conditions(environment)[0], results.classical)
+    rows, place = {}, (environment, results.conditions(environment)[0])
     for estimator in (ORACLE, *(n for n in results.estimators(environment) if n != ORACLE)):
         cells = {}
         for m in chosen:
             wide = results.wide(m.key)
-            ours, truth = ((*place, name, 0) for name in (estimator, ORACLE))
-            if ours not in wide.index:
+            ours, truth = (results.flight(wide, *place, name) for name in (estimator, ORACLE))
+            if ours is None or truth is None:
                 break
-            values = wide.loc[[ours]].to_numpy()
             value: Interval | float | None = None
             if estimator == ORACLE:
-                value = mean(m, values)
+                value = mean(m, ours)
             else:
-                more = values - wide.loc[[truth]].to_numpy()
+                more = ours - truth
                 more = more[:, np.isfinite(more).all(axis=0)]
                 value = interval(results, results.classical, more) if more.size else value
             cells[_head(m)] = text(value, m.decimals, estimator != ORACLE)

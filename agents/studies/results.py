@@ -184,6 +184,13 @@ class Results:
         levels = ["environment", "policy", "estimator"]
         return {key: rows.droplevel(levels) for key, rows in means.groupby(level=levels)}
 
+    def flight(
+        self, wide: pd.DataFrame, environment: str, condition: str, estimator: str
+    ) -> np.ndarray | None:
+        """Row ``(1, seeds)`` of the classical agent in a frame such as `wide`; None if not there."""
+        name = environment, condition, self.classical, estimator, 0
+        return wide.loc[[name]].to_numpy() if name in wide.index else None
+
     def home(self, environment: str, policy: str) -> str:
         """The home estimator of a policy, see `agents.studies.plan.Flight`."""
         here = [f for f in self.plan.flights if (f.environment, f.policy) == (environment, policy)]

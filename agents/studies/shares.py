@@ -74,7 +74,7 @@ def interval(
     results: Results, policy: str, values: np.ndarray, comparisons: int = 1
 ) -> Interval | float | None:
     """The mean of ``(runs, seeds)`` with its interval; a number for one training run."""
-    if policy != results.classical and policy in results.learned and len(values) == 1:
+    if policy in results.learned and len(values) == 1:
         return float(values.mean())
     return crossed_interval(values, comparisons)
 
@@ -184,16 +184,15 @@ def _scales(results: Results, environments: Sequence[str]) -> np.ndarray:
 
 
 def verdicts(results: Results, environments: Sequence[str], ranked: Ranked) -> dict[str, str]:
-    """Verdict on each estimator but the best against the best, in their order."""
+    """Verdict on each estimator but the best against the best, in their order.
+
+    Scores lie in [0, 1], so that shares differ by at most the inverse of the mean scale.
+    """
     best, *others = ranked
-    span, pairs = widest(results, environments), comb(len(ranked), 2)
+    span = float(np.mean(1.0 / _scales(results, environments).mean(axis=1)))
+    pairs = comb(len(ranked), 2)
     margin = results.plan.study.margin
     return {n: verdict(ranked[n] - ranked[best], margin, span, pairs) for n in others}
-
-
-def widest(results: Results, environments: Sequence[str]) -> float:
-    """The most by which shares can differ, as scores lie in [0, 1]: the inverse mean scale."""
-    return float(np.mean(1.0 / _scales(results, environments).mean(axis=1)))
 
 
 def cheapest(results: Results, environments: Sequence[str], ranked: Ranked) -> str:

@@ -70,13 +70,14 @@ def registered_id(name: str) -> str:
         if env_id not in gym.registry:
             gym.register(env_id, vector_entry_point=cls, max_episode_steps=steps)
     if env_id not in gym.registry:
-        ours = [
-            id
-            for id, spec in gym.registry.items()
-            if str(spec.entry_point).startswith("vessel_gym")
-        ]
-        raise ValueError(f"{unknown('environment', name, ours)} (your own: module:id)")
+        raise ValueError(f"{unknown('environment', name, [*ours()])} (your own: module:id)")
     return env_id
+
+
+def ours() -> dict[str, str]:
+    """Entry points of the package's environments by their ids."""
+    found = {name: str(spec.entry_point) for name, spec in gym.registry.items()}
+    return {name: entry for name, entry in found.items() if entry.startswith("vessel_gym")}
 
 
 @cache
