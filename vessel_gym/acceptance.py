@@ -64,11 +64,11 @@ def checked_vehicle(vehicle: Vehicle) -> Any:
 
 
 def checked_task(task: Task, vehicle: Vehicle) -> Any:
-    """The task if it is verified, and otherwise with `CheckedMethods`, after the start of an episode.
+    """A verified task as it is; another with `CheckedMethods`, after the start of an episode is tried.
 
     Raises:
         ValueError: naming the function that gives no array, or too few columns.
-        TypeError: for a prior that is none.
+        TypeError: for a prior that is no `Prior`.
     """
     if is_verified(task):
         return task

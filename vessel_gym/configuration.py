@@ -87,7 +87,7 @@ class Options:
     Raises:
         ValueError: for a name that does not exist (saying which do) or a number out of range.
         TypeError: for an argument that there is not, an option that the estimator does not have, or
-            sensors, faults or a disturbance that are none.
+            sensors, faults or a disturbance of another class.
     """
 
     estimator: EstimatorChoice | None = None
@@ -132,13 +132,13 @@ class Configuration:
 
     Args:
         system: The environment as data.
-        options: Those of the environment.
+        options: The environment's arguments.
 
     Attributes:
         world: The true world, with its vehicle, sensors and disturbance.
         mission: The task.
         estimation: The estimator and its model.
-        raw: That of raw measurements as they are, where they guide; None: they do not.
+        raw: The estimation from raw measurements alone, where these guide; otherwise None.
         observe_mode: One of `OBSERVE`.
         based: Components of the true state that stand where the filter has them.
         perfect: Sum of rewards of a perfect episode, and of a step more.
@@ -146,7 +146,7 @@ class Configuration:
 
     Raises:
         ValueError: as `Options`.
-        TypeError: likewise.
+        TypeError: as `Options`.
     """
 
     def __init__(self, system: System, options: Options) -> None:
@@ -214,7 +214,7 @@ class Configuration:
 
     @property
     def sensors_name(self) -> str:
-        """That of the sensors, likewise."""
+        """The name of the sensors; ``own`` where they were given as objects."""
         return self.options.sensors if isinstance(self.options.sensors, str) else "own"
 
 
@@ -238,7 +238,7 @@ class TrueState(NamedTuple):
 
     @classmethod
     def of(cls, world: World, composition: Composition) -> "TrueState":
-        """That of a world, beside a filter's."""
+        """The true state of a world, compared with what a filter estimates."""
         disturbance, vehicle = world.forces.disturbance, world.forces.vehicle.state_names
         drifting = disturbance.assumed_as == "states" or len(composition.estimated) > 0
         names = *vehicle, *(disturbance.names if drifting else ()), *world.sensors.bias_names
@@ -265,7 +265,7 @@ class UnknownInput(NamedTuple):
 
     @classmethod
     def of(cls, world: World, names: tuple[str, ...]) -> "UnknownInput":
-        """Those of components by these names."""
+        """The places of the unknown input's components by their names."""
         disturbance = world.forces.disturbance
         new = (*disturbance.names, *world.sensors.bias_names)
         new = (*disturbance.white_increments, *map(change_of, new))  # components of `noise`

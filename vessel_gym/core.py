@@ -44,20 +44,20 @@ class Core:
     Args:
         system: The environment as data.
         num_envs: B.
-        arguments: Those of `vessel_gym.configuration.Options`, in order or
-        named: by name.
+        arguments: Fields of `vessel_gym.configuration.Options`, in order.
+        named: Fields of `vessel_gym.configuration.Options`, by name.
 
     Attributes:
         config: All that no step changes.
         now: All that a step changes, but for
         loop: sensors and estimator, and
         raw: the estimator of raw measurements as they are, where these guide; None: they do not.
-        seeds: One an environment; none before the first reset.
+        seeds: A seed for each environment; empty before the first reset.
         episodes: Number of the episode since it was seeded ``(B,)``.
 
     Raises:
         ValueError: as `vessel_gym.configuration.Options`.
-        TypeError: likewise.
+        TypeError: as `vessel_gym.configuration.Options`.
     """
 
     system, vehicle, task = map(
@@ -120,7 +120,7 @@ class Core:
         return np.clip(self.now.total / np.maximum(perfect, each * self.now.steps), 0.0, 1.0)
 
     def score_of(self, row: int) -> float:
-        """That of one environment, in a tenth of the time."""
+        """The score of one environment, in a tenth of the time that `score` takes."""
         perfect, each = self.config.perfect
         score: float = self.now.total.item(row) / max(perfect, each * self.now.steps.item(row))
         return score if 0.0 <= score <= 1.0 else min(max(score, 0.0), 1.0)

@@ -115,6 +115,6 @@ def estimate_of(
 
 
 def standard_deviations(cov: np.ndarray) -> np.ndarray:
-    """Those of covariances ``(B, n, n)``; 0 where rounding has made a variance negative."""
+    """Standard deviations of covariances ``(B, n, n)``; 0 for a variance below 0 by rounding."""
     sd: np.ndarray = np.sqrt(np.maximum(cov.diagonal(0, -2, -1), 0.0))
     return sd

@@ -40,7 +40,7 @@ class Seaway(Disturbance, verified=True):
 
     Raises:
         ValueError: for a number that no sea has.
-        TypeError: for a ship that is none.
+        TypeError: for a ship that is no `CorvetteParameters`.
     """
 
     ship: CorvetteParameters

@@ -37,7 +37,8 @@ class SensorFault:
             or one for each.
         begin: Seconds after an episode's start; a pair: drawn in each episode, uniformly between
             the two.
-        end: From when on it is over, likewise; infinity: never.
+        end: Seconds after an episode's start at which it is over, or a pair as for ``begin``;
+            infinity: never.
         duration: Seconds from the drawn beginning to the end, in place of ``end``; None: as ``end``
             says.
 

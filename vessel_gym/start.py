@@ -57,7 +57,7 @@ class Draws(NamedTuple):
 
     @classmethod
     def of(cls, world: World, based: int, mismatch: float) -> "Draws":
-        """Those of a world whose prior is about ``based`` components of the vehicle's state."""
+        """The draws of a world whose prior is about ``based`` components of the vehicle's state."""
         biased = [sensor for sensor in world.sensors.each if sensor.bias is not None]
         parts = "disturbance", *(f"bias of {sensor.name}" for sensor in biased)
         sensed = (f"sensor {sensor.name}" for sensor in world.sensors.each)

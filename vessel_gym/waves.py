@@ -153,12 +153,12 @@ class WaveBands:
 
     @cached_property
     def frequencies(self) -> np.ndarray:
-        """Those of the bands [rad/s], ``(3,)``."""
+        """Frequencies of the bands [rad/s], ``(3,)``."""
         return 2.0 * np.pi / self.period * _PEAKS
 
     @cached_property
     def numbers(self) -> np.ndarray:
-        """Their wave numbers [1/m], in deep water."""
+        """Wave numbers of the bands [1/m], in deep water."""
         return self.frequencies**2 / GRAVITY
 
     @cached_property

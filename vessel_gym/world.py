@@ -18,11 +18,11 @@ class World:
     Methods that call no user's function are compiled; NumPy computes the others.
 
     Args:
-        vehicle: That of the forces, with its methods checked where it is a user's.
-        forces: What acts on it.
-        disturbance: That of the forces, likewise checked.
-        sensors: What measures it.
-        task: What is asked of it, likewise.
+        vehicle: The forces' vehicle, with its methods checked where it is a user's.
+        forces: What acts on the vehicle.
+        disturbance: The forces' disturbance, with its methods checked where it is a user's.
+        sensors: What measures the vehicle.
+        task: What is asked of the vehicle, with its methods checked where it is a user's.
 
     Attributes:
         own_parts: Vehicle, task and disturbance, as far as they are a user's.

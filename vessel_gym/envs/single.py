@@ -18,7 +18,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     Args:
         render_mode: ``None``, ``"human"`` or ``"rgb_array"``.
-        options: Those of `vessel_gym.configuration.Options`, by name.
+        options: The fields of `vessel_gym.configuration.Options`, by name.
 
     Some keys of ``info`` depend on the arguments. With sensor faults, ``sensor_faults`` is
     the mask of the active ones.
@@ -26,7 +26,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
     Raises:
         ValueError: for a name that does not exist, or a filter that the model cannot carry.
         TypeError: for an argument that there is not, an option that the estimator does not have, or
-            sensors or faults that are none.
+            sensors or faults of another class.
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 20}

@@ -16,7 +16,7 @@ class Parts:
 
     Attributes:
         forces: What acts, as the filter assumes it.
-        sensors: The sensors, likewise.
+        sensors: The sensors, as the filter assumes them.
         own: The components of the vehicle's state that are estimated, the first of the filter's
             state.
         estimated: Indices of the estimated components of the disturbance's state, which follow; the

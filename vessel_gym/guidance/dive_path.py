@@ -25,7 +25,7 @@ def arc_to(goal: np.ndarray) -> np.ndarray:
 
 @compiled
 def arc_from_origin(goal: np.ndarray) -> np.ndarray:
-    """The same of goals that are known to be arrays ``(..., 3)``."""
+    """Arcs ``(..., 3)`` from the origin to goals that are known to be arrays ``(..., 3)``."""
     chord, half = np.hypot(goal[..., 0], goal[..., 1]), np.arctan2(goal[..., 1], goal[..., 0])
     some = np.where(half == 0.0, 1e-20, half)
     return np.stack([2.0 * half, chord * (some / np.sin(some)), goal[..., 2]], -1)

@@ -176,7 +176,7 @@ class TurningCircle(Steering, verified=True):
         return np.stack([*errors, v, d, actuators[..., 0], rate, rate_ahead], -1) * self._mean_gains
 
     def observe_std(self, estimate: Estimate) -> np.ndarray:
-        """The standard deviations ``(..., 4)`` of sway, yaw rate, heading and unknown input, scaled likewise."""
+        """Scaled standard deviations ``(..., 4)`` of sway, yaw rate, heading and unknown input."""
         assert estimate.sd is not None
         sd = estimate.sd[..., :3]
         known = (

@@ -96,7 +96,7 @@ class ThesisCorvette(Ship, verified=True):
 
     @property
     def process_sd(self) -> np.ndarray:
-        """That of simulation I, where ``noise`` does not apply."""
+        """Standard deviations of simulation I's process noise, where ``noise`` does not apply."""
         return np.sqrt(np.full(3, SIMULATIONS["I"].Q))
 
     @cached_property

@@ -272,7 +272,7 @@ class FromFile:
 
     Raises:
         TypeError: for parameters of another class.
-        ValueError: for steps that are none.
+        ValueError: for a step that is not positive, or fewer than one substep.
     """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]

@@ -128,7 +128,7 @@ def trim(speed: float, body: PunaParameters, altitude: float = 0.0, bank: float 
     Raises:
         ValueError: if the aircraft cannot fly level like this within its limits of angle and
             thrust.
-        TypeError: for an aircraft that is none.
+        TypeError: for an aircraft that is no `PunaParameters`.
     """
     instance("body of trim", body, PunaParameters)
     given = {"speed": speed, "altitude": altitude, "bank": bank}

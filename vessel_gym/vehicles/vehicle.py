@@ -47,7 +47,7 @@ class Vehicle(Protocol):
 
     @property
     def angles(self) -> tuple[str, ...]:
-        """Those of them that are angles [rad]."""
+        """Components of the state that are angles [rad]."""
 
     @property
     def action_names(self) -> tuple[str, ...]:
@@ -130,8 +130,8 @@ class Vehicle(Protocol):
     def linear(self, kind: str) -> tuple[Any, ...] | Trims:
         """A and B of a linear model, each a matrix or a function of the known input.
 
-        And where flows move what it estimates, what each does over a step ``(n, ambient_flows)``,
-        likewise. Or the `Trims` about which the nonlinear model is linearised.
+        Where flows move what the model estimates, the effect of each over a step ``(n,
+        ambient_flows)`` comes third, a matrix or a function, too. Or the `Trims` about which the nonlinear model is linearised.
         """
 
     @property

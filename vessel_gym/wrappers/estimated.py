@@ -137,7 +137,9 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
 
     @property
     def compute_reward(self) -> Callable[..., Any]:
-        """That of an environment with goals ``(achieved, desired, info)``; others have none.
+        """``compute_reward(achieved, desired, info)`` of an environment with goals.
+
+        Other environments have no such method.
 
         It knows no truth: of an achieved goal that is an estimate it tells what reaching it would
         pay.

@@ -37,10 +37,10 @@ def simulator(
         env: An environment that can be made again from its spec; it is left as it is.
         measurement: ``h(x, u)``, which broadcasts.
         Q: ``(n, n)``, or a number for that number times identity.
-        R: ``(p, p)``, likewise.
+        R: ``(p, p)``, or a number for that number times identity.
         get: The state ``(n,)`` of an environment; None: MuJoCo's positions and velocities, classic
             control's ``state``.
-        put: Sets it; None: likewise.
+        put: Sets the state ``(n,)`` of an environment; None: sets what ``get`` reads by itself.
         **angles: ``state_angles`` and ``measurement_angles`` of `NonlinearModel`.
 
     Raises:
@@ -177,7 +177,7 @@ class _Simulator:
 
 
 class _Rollout:
-    """The same for MuJoCo: all points in one native call."""
+    """Steps of MuJoCo: all points in one native call."""
 
     def __init__(self, model: Any, substeps: int) -> None:
         mujoco = import_module("mujoco")  # no extra of ours: who has its environments has it

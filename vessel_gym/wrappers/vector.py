@@ -15,7 +15,7 @@ from vessel_gym.wrappers.watch import Watch, observed_state, time_step
 
 
 class EstimatedObservation(VectorWrapper):
-    """Environments whose agents see what one batched filter believes: the single wrapper, for many.
+    """A vector environment whose agents see what one batched filter believes.
 
     Environment i, seeded with s, has the sensors' and the filter's numbers of the single one seeded
     with s + i: the same seeds give the same flights. Native batches and Gymnasium's Sync and Async
@@ -35,8 +35,8 @@ class EstimatedObservation(VectorWrapper):
             ``sensor_faults``.
 
     Raises:
-        TypeError: as the single one.
-        ValueError: likewise; or for an environment that resets in the same step, which hides how
+        TypeError: as for the single one.
+        ValueError: as for the single one; or for an environment that resets in the same step, which hides how
             episodes end.
     """
 
