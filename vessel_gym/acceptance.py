@@ -64,7 +64,7 @@ def checked_vehicle(vehicle: Vehicle) -> Any:
 
 
 def checked_task(task: Task, vehicle: Vehicle) -> Any:
-    """A verified task as it is; another with `CheckedMethods`, after the start of an episode is tried.
+    """A verified task as it is; another with `CheckedMethods`, once an episode's start is tried.
 
     Raises:
         ValueError: naming the function that gives no array, or too few columns.

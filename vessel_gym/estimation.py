@@ -187,7 +187,7 @@ def build(
         advice = (
             ". A filter of your own is passed as its class, in a study as module:class"
             if ":" in str(estimator)
-            else ""
+            else f"; a filter's name may end in {', '.join(f'-{last}' for last in VARIANTS)}"
         )
         raise ValueError(
             factory.unknown("estimator", estimator, accepted(system, sensors, disturbance)) + advice

@@ -95,7 +95,8 @@ class Flight(Task, verified=True):
                 poses, these are (0, 0, 0) and (750, 0, 0).
 
         Raises:
-            ValueError: for an unknown option, a value out of its range, or poses that no path joins.
+            ValueError: for an unknown option, a value out of its range, or poses that no path
+                joins.
         """
         for option in options:
             one_of("reset option", option, _OPTIONS)

@@ -131,7 +131,8 @@ class Vehicle(Protocol):
         """A and B of a linear model, each a matrix or a function of the known input.
 
         Where flows move what the model estimates, the effect of each over a step ``(n,
-        ambient_flows)`` comes third, a matrix or a function, too. Or the `Trims` about which the nonlinear model is linearised.
+        ambient_flows)`` comes third, a matrix or a function, too. Or the `Trims` about which the
+        nonlinear model is linearised.
         """
 
     @property

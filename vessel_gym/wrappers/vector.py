@@ -36,8 +36,8 @@ class EstimatedObservation(VectorWrapper):
 
     Raises:
         TypeError: as for the single one.
-        ValueError: as for the single one; or for an environment that resets in the same step, which hides how
-            episodes end.
+        ValueError: as for the single one; or for an environment that resets in the
+            same step, which hides how episodes end.
     """
 
     def __init__(
