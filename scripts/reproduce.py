@@ -38,7 +38,7 @@ def main(
     from vessel_gym.extras import require
 
     require("joblib")  # before the experiments, not after them
-    from studies.papers import PAPERS, job, opening
+    from studies.papers import PAPERS, job
     from studies.papers.measures import Row, summary_table
 
     with asked():
@@ -57,7 +57,7 @@ def main(
             continue
         made = outcome.values[of.key]
         console.print(f"Page: {_write(name, made['tables'], out)}")
-        summary[name] = {"opening": opening(name), "rows": made["rows"]}
+        summary[name] = made["rows"]
         rows += [Row(*row) for row in made["rows"]]
     console.print(f"\n{summary_table(rows)}")
     (out / "summary.json").write_text(

@@ -36,6 +36,8 @@ SUITE = "nominal", "budget", "denied"
 HEADLINE = ("truth", "kf-umv-ui", INFORMED, "huber-kf-nonlinear", PLAIN, "kf", "fixed-gain", HELD,
             FLOOR)  # fmt: skip
 """Estimators of the corvette's study in the README and on her page."""
+PUBLISHED = "ThesisCorvette-v0"
+"""A published experiment and no control task."""
 MARGIN = 0.05
 """Difference of scores above which cells are bold."""
 
@@ -86,9 +88,9 @@ class Column(NamedTuple):
         pair = self.scores[one], self.scores[other]
         return paired_difference(*pair, comparisons=self.comparisons)
 
-    def best(self, *without: str) -> str:
+    def best(self) -> str:
         """The filter with the highest mean score."""
-        filters = [name for name in self.scores if name not in (ORACLE, FLOOR, HELD, *without)]
+        filters = [name for name in self.scores if name not in (ORACLE, FLOOR, HELD)]
         return max(filters, key=lambda name: self.scores[name].mean())
 
 
@@ -124,18 +126,19 @@ def by_suite(
 
 
 def differences(study: str) -> str:
-    """The best filter of each column against its rivals and the truth."""
+    """The best filter of each column of a control task against its rivals and the truth."""
     rows = []
     for at in columns(study):
+        if at.environment == PUBLISHED:
+            continue
         best, default = at.best(), system_of(at.environment).estimator
-        rival = at.best(PLAIN, INFORMED, "kf")  # on the model of `ekf`
-        pairs = (best, HELD), (rival, PLAIN), (best, default), (ORACLE, best)
+        pairs = (best, HELD), (best, default), (ORACLE, best)
         gaps = [at.gap(*pair) for pair in pairs]
         bold = ["**" if gap and gap.low > MARGIN else "" for gap in gaps]
         cells = (f"{star}{interval(gap)}{star}" for gap, star in zip(gaps, bold, strict=True))
         rows.append((str(at), f"`{best}`", *cells))
-    return table(("", "best filter", "best − `measurement`", "best other on its model − `ekf`",
-                  "best − default", "`truth` − best"), rows)  # fmt: skip
+    heads = "", "best filter", "best − `measurement`", "best − default", "`truth` − best"
+    return table(heads, rows)
 
 
 def wrapped(text: str) -> str:
@@ -231,15 +234,10 @@ def latency(study: str) -> str:
 
 
 def shares(study: str) -> str:
-    """The ranking of a study in all its conditions, from its report."""
+    """The ranking of the estimators of all environments and conditions, from a study's report."""
     page = (ROOT / "results" / study / "ranking.md").read_text(encoding="utf-8")
-    return page.partition("## All conditions\n\n")[2].strip()
-
-
-def advice(study: str) -> str:
-    """The answer of a study."""
-    page = (ROOT / "results" / study / "ranking.md").read_text(encoding="utf-8")
-    return wrapped(" ".join(page.split("\n\n")[1].splitlines()))
+    ranked = page.partition("## All conditions\n\n")[2].strip().splitlines()
+    return "\n".join(line for line in ranked if f" {NONE} " not in line)
 
 
 def five(study: str) -> str:
@@ -280,7 +278,7 @@ def variation(
     env: Any = type("Env", (VesselVectorEnv,), {"system": system})
     env_id = f"Scored{len(gym.registry)}-v0"
     gym.register(env_id, vector_entry_point=env, max_episode_steps=corvette.task.horizon)
-    arms = {name: name for name in ("kf-umv-ui", INFORMED, PLAIN, "huber-kf", "enkf-sr", HELD)}
+    arms = {name: name for name in ("kf-umv-ui", INFORMED, PLAIN, "huber-kf", HELD)}
     arms |= {INFORMED: "ekf assuming waves", "huber-kf": "huber-kf, nonlinear"}
     changes["variants"] = VARIANTS | {"assuming waves": assuming(sea, "states")}
     scores = {name: arm_metrics(arm, env_id, **changes)["score"] for name, arm in arms.items()}
@@ -288,21 +286,24 @@ def variation(
 
 
 def overturn() -> str:
-    """Differences in each variation, and how often their sign holds, flips or is not decided."""
-    found = [variation(name, **changes) for name, changes in SETTINGS["overturn"].items()]
-    apart = max(abs(gap.mean) for at in found if (gap := at.gap("enkf-sr", PLAIN)))
-    heads, rows = ["", "best filter"], [[at.condition, f"`{at.best()}`"] for at in found]
-    total = ["the sign holds, flips, is not decided", ""]
-    for one, other in (
+    """The worlds in which differences of scores keep their sign, change it, or are not decided."""
+    first, *others = [variation(name, **changes) for name, changes in SETTINGS["overturn"].items()]
+    rows = []
+    for name, other in (
         ("", HELD),
         ("kf-umv-ui", PLAIN),
         (INFORMED, "kf-umv-ui"),
         ("huber-kf", PLAIN),
     ):
-        gaps: list[Any] = [at.gap(one or at.best(), other) for at in found]
-        heads.append(f"`{one}` − `{other}`" if one else f"best − `{other}`")
-        rows = [[*row, interval(gap)] for row, gap in zip(rows, gaps, strict=True)]
-        same = [gap.mean * gaps[0].mean > 0.0 for gap in gaps[1:] if gap.excludes_zero]
-        total.append(f"{sum(same)}, {len(same) - sum(same)}, {len(gaps) - 1 - len(same)}")
-    sentence = f"Means of `enkf-sr` and `{PLAIN}` differ by at most {apart:.4f}."
-    return f"{sentence}\n\n{table(heads, [*rows, total])}"
+        worlds: dict[bool | None, list[str]] = {True: [], False: [], None: []}
+        usual: Any = first.gap(name or first.best(), other)
+        for at in others:
+            gap: Any = at.gap(name or at.best(), other)
+            same = gap.mean * usual.mean > 0.0 if gap.excludes_zero else None
+            worlds[same].append(at.condition)
+        pair = f"`{name}` − `{other}`" if name else f"best filter − `{other}`"
+        held, *names = worlds.values()
+        cells = ("; ".join(of) or NONE for of in names)
+        rows.append((pair, interval(usual), f"{len(held)} of {len(others)}", *cells))
+    heads = "scores", "in the studies' world", "same sign in", "other sign", "not decided"
+    return table(heads, rows)

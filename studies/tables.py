@@ -15,6 +15,7 @@ from agents.commands.console import command, progress_bar
 from agents.page import markdown_table
 from agents.refusal import Refusal
 from studies.markdown import ROOT, put
+from studies.papers import opening
 from studies.papers.measures import Row
 
 
@@ -23,29 +24,23 @@ def papers() -> str:
     kept, last = (ROOT / f"{at}/summary.json" for at in ("studies/papers", "results/reproduction"))
     if last.exists():
         kept.write_text(last.read_text(encoding="utf-8"), encoding="utf-8")
-    summary = json.loads(kept.read_text(encoding="utf-8"))
-    return papers_page(summary)
-
-
-def _every(summary: Mapping[str, Any]) -> pd.DataFrame:
-    """The rows of all papers in a summary."""
-    rows = [row for each in summary.values() for row in each["rows"]]
-    return pd.DataFrame(rows, columns=Row._fields)
+    return papers_page(json.loads(kept.read_text(encoding="utf-8")))
 
 
 def papers_page(summary: Mapping[str, Any]) -> str:
     """A line for each way of a paper, and the openings of the pages."""
+    rows = [row for each in summary.values() for row in each]
     lines = []
-    for paper, of in _every(summary).groupby("paper", sort=False):
+    for paper, of in pd.DataFrame(rows, columns=Row._fields).groupby("paper", sort=False):
         total: Any = of.sum()
         scored, logs = of.numbers - of.incomparable, np.log(of.factor.replace(0.0, 1.0))
         factor = f"{np.exp(scored @ logs / scored.sum()):.1f}" if scored.sum() else "–"
-        beside = f"{total.better}, {total.worse}"
-        numbers = total.agree, total.near, beside, total.incomparable, factor
+        numbers = total.agree, total.near, total.better, total.worse, factor
         lines.append([str(paper), *map(str, numbers)])
-    head = ("Paper", "agree", "within 25 %", "better, worse", "not comparable", "typical factor")
-    openings = (f"**{name.title()}.** {each['opening']}" for name, each in summary.items())
-    return "\n\n".join((markdown_table(head, lines, 1), *openings))
+    head = "Errors", "agree", "within 25 %", "better", "worse", "typical factor"
+    openings = [(name.title(), opening(name)) for name in summary]
+    verdicts = markdown_table(("Paper", "What holds, and what is wrong"), openings, 2)
+    return f"{verdicts}\n\n{markdown_table(head, lines, 1)}"
 
 
 def _made(module: str, function: str, *arguments: str) -> str:

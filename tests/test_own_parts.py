@@ -1,7 +1,5 @@
 """Sensors, disturbances, tasks and vehicles of one's own as their pages show them, and what users' functions may do."""
 
-import contextlib
-import io
 import re
 import warnings
 from dataclasses import replace
@@ -11,7 +9,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from pages import OWN, PAGES, blocks, code, my_sensor, my_vehicle
+from pages import OWN, PAGES, code, my_sensor, my_vehicle
 
 from agents import rollout
 from agents.metrics import scores
@@ -46,9 +44,9 @@ def test_a_part_of_ones_own_takes_few_formatted_lines(module: str) -> None:
     )
 
 
-@pytest.mark.parametrize("env_id", [*OWN, "Catamaran-v0"])
+@pytest.mark.parametrize("env_id", [*OWN, "Route-v0"])
 def test_filters_run_the_equations_of_a_page_compiled_with_their_exact_derivatives(
-    catamaran: str, env_id: str
+    env_id: str,
 ) -> None:
     env: Any = gym.make(env_id, estimator="ekf")
     env.reset(seed=0)
@@ -222,27 +220,6 @@ def test_numbers_that_a_filter_of_ones_own_keeps_stay_those_of_their_step() -> N
 # --- a vehicle of one's own equations -------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def catamaran() -> str:
-    """Its environment, registered as the page does, and what the page's controller says of its flight."""
-    with contextlib.redirect_stdout(io.StringIO()) as said:
-        exec(
-            compile(blocks("own-equations", "python")[0], "own-equations", "exec"),
-            {"__name__": "page"},
-        )
-    return said.getvalue()
-
-
-def test_the_vehicle_of_the_page_scores_most_on_the_truth_and_least_on_dead_reckoning(
-    catamaran: str,
-) -> None:
-    found = re.findall(r"(\S+): +[\d.]+ m from the mark, score ([\d.]+)", catamaran)
-    assert [name for name, _ in found] == ["truth", "ekf", "measurement", "dead-reckoning"]
-    scores = [float(score) for _, score in found]
-    assert scores == sorted(scores, reverse=True)
-    assert scores[1] > 0.95 > 0.5 > scores[3]
-
-
 def test_a_vehicle_follows_the_waypoints_of_the_page_on_a_filter() -> None:
     shares = {}
     for estimator in ("truth", "ekf", "dead-reckoning"):
@@ -252,12 +229,10 @@ def test_a_vehicle_follows_the_waypoints_of_the_page_on_a_filter() -> None:
     assert 0.9 > shares["truth"] > shares["ekf"] > 0.7 > shares["dead-reckoning"]
 
 
-def test_filters_of_ones_own_equations_are_as_good_as_they_say_and_rows_alike(
-    catamaran: str,
-) -> None:
+def test_filters_of_ones_own_equations_are_as_good_as_they_say_and_rows_alike() -> None:
     """The mean NEES of 200 rows within its band, left by chance once in 10,000 times; a row is a single environment."""
     made = {"num_envs": 200, "sensors": "nominal", "disturbance": "moderate"}
-    many, one = gym.make_vec("Catamaran-v0", **made), gym.make("Catamaran-v0")
+    many, one = gym.make_vec("Route-v0", **made), gym.make("Route-v0")
     many.reset(seed=7)
     one.reset(seed=7 + 3)
     for _ in range(40):
@@ -274,10 +249,10 @@ def test_filters_of_ones_own_equations_are_as_good_as_they_say_and_rows_alike(
 
 @pytest.mark.parametrize(("name", "shape"), [("step", (1, 4)), ("drift", (1, 3)), ("drift", (5,))])
 def test_equations_of_another_shape_are_refused_in_a_sentence(
-    catamaran: str, name: str, shape: tuple[int, ...]
+    name: str, shape: tuple[int, ...]
 ) -> None:
     wrong = type("Wrong", (my_vehicle.Catamaran,), {name: lambda self, *given: np.zeros(shape)})
-    system = replace(gym.spec("Catamaran-v0").entry_point.system, vehicle=wrong())
+    system = replace(gym.spec("Route-v0").entry_point.system, vehicle=wrong())
     with pytest.raises(
         ValueError,
         match=rf"^{name} of Wrong must give a row of 5 numbers .* {re.escape(str(shape))}$",
@@ -665,9 +640,9 @@ class Windy(my_vehicle.Catamaran):
         return np.concatenate([moved[..., :1] + self.dt * self.wind, moved[..., 1:]], -1)
 
 
-def test_what_a_function_reads_may_change_in_flight(catamaran: str) -> None:
+def test_what_a_function_reads_may_change_in_flight() -> None:
     vehicle = Windy()
-    core = Core(replace(gym.spec("Catamaran-v0").entry_point.system, vehicle=vehicle), 2, "truth")
+    core = Core(replace(gym.spec("Route-v0").entry_point.system, vehicle=vehicle), 2, "truth")
     core.start(5)
     for vehicle.wind in np.linspace(0.0, 2.0, 12):
         state, before, exogenous = core.state, core.actuators, core.exogenous
@@ -676,12 +651,12 @@ def test_what_a_function_reads_may_change_in_flight(catamaran: str) -> None:
         np.testing.assert_array_equal(core.state, expected)
 
 
-def test_what_a_compiled_method_reads_is_frozen_when_it_is_traced(catamaran: str) -> None:
+def test_what_a_compiled_method_reads_is_frozen_when_it_is_traced() -> None:
     class Frozen(Windy):
         step = compiled(Windy.step)
 
     vehicle = Frozen()
-    core = Core(replace(gym.spec("Catamaran-v0").entry_point.system, vehicle=vehicle), 2, "truth")
+    core = Core(replace(gym.spec("Route-v0").entry_point.system, vehicle=vehicle), 2, "truth")
     core.start(5)
     for vehicle.wind in (0.0, 2.0):
         given = core.state, core.actuators, core.exogenous, core.parameters
@@ -691,7 +666,7 @@ def test_what_a_compiled_method_reads_is_frozen_when_it_is_traced(catamaran: str
         np.testing.assert_allclose(core.state, calm, rtol=1e-12)
 
 
-def test_a_vehicle_may_draw_random_numbers_a_row_each(catamaran: str) -> None:
+def test_a_vehicle_may_draw_random_numbers_a_row_each() -> None:
     rng = np.random.default_rng(0)
 
     class Tossed(my_vehicle.Catamaran):
@@ -699,7 +674,7 @@ def test_a_vehicle_may_draw_random_numbers_a_row_each(catamaran: str) -> None:
             return super().step(state, *others) + 0.01 * rng.standard_normal(state.shape)
 
     core = Core(
-        replace(gym.spec("Catamaran-v0").entry_point.system, vehicle=Tossed()),
+        replace(gym.spec("Route-v0").entry_point.system, vehicle=Tossed()),
         3,
         "truth",
         disturbance="calm",

@@ -75,18 +75,24 @@ def test_a_study_ends_with_its_answer_and_where_the_report_lies_and_is_not_compu
 def test_the_documentation_shows_how_to_bring_an_own_estimator_and_environment(
     tmp_path, monkeypatch
 ):
-    text = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
-    filters, ships = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
-    *_, own = re.findall(r"```toml\n(.*?)```", text, re.DOTALL)
-    (tmp_path / "my_filters.py").write_text(filters)  # in the working directory
+    def found(page: str, pattern: str) -> str:
+        text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+        return re.findall(rf"^```{pattern}", text, re.M | re.S)[-1]
+
+    fading = found("tutorials/own-filter.md", r"\{code-cell\}\n(import gymnasium.*?)^check_filter")
+    (tmp_path / "my_filters.py").write_text(fading)  # in the working directory
     (folder := tmp_path / "studies").mkdir()
-    for name, content in (("my_ships.py", ships), ("own.toml", own)):
-        (folder / name).write_text(content)
+    for name, page, pattern in (
+        ("my_route.py", "own-task.md", "python my_route\n(.*?)```"),
+        ("my_vehicle.py", "own-equations.md", "python my_vehicle\n(.*?)```"),
+        ("own.toml", "studies.md", "toml\n(.*?)```"),
+    ):
+        (folder / name).write_text(found(page, pattern))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [*filter(None, sys.path)])  # the command adds to it
     assert command(ablate.main, ["studies/own.toml", "--out", "out", "--processes", "1"]) == 0
     table = pd.read_parquet(tmp_path / "out" / "results.parquet")
     flown = set(zip(table.environment, table.estimator, strict=True))
-    ship = "my_ships:LightCorvetteVectorEnv"
-    assert flown == {(ship, name) for name in ("truth", "dead-reckoning", "kf-umv-ui", "steady")}
-    assert "steady" in (tmp_path / "out" / "report.html").read_text()
+    route = "my_route:Route-v0"
+    assert flown == {(route, name) for name in ("truth", "dead-reckoning", "ekf", "fading")}
+    assert "fading" in (tmp_path / "out" / "report.html").read_text()
