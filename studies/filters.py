@@ -1,5 +1,6 @@
 """Tables of docs/ on filters alone, without an environment's task, and on grades of sensors."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
@@ -13,49 +14,11 @@ from estimators import LinearModel, input_conditions
 from studies.lorenz import BENCHMARKS, analysis_rmse
 from studies.markdown import NONE, mean_and_half, table
 from studies.papers.robust.experiment import Condition, simulate, squared_errors
-from vessel_gym.core import Core
-from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
-from vessel_gym.sensors.grades import NOMINAL, read_grades
+from vessel_gym.sensors.grades import read_grades
 
-GAP, AFTER, DIVES = 6.0, (0.0, 2.0, 4.0, 6.0), 60
-"""Seconds after the start at which Segorogeni's fix is switched off; seconds after that; dives."""
 RUNS, STEPS, SKIPPED = 1000, 200, 20
 """Runs and steps of the tables of robust filters, and steps that are not scored."""
-
-
-def gap() -> str:
-    """Segorogeni's position without a fix, and the heading of `robust-kf`."""
-    arms: dict[str, tuple[str, dict[str, Any], str]] = {"`ekf`": ("ekf", {}, "nominal")}
-    for radius in (1e-4, 1e-3, 1e-2):
-        arms[f"`robust-kf`, radius {radius:g}"] = "robust-kf", {"radius": radius}, "nominal"
-    sure = {"radius": 1e-2, "assume": {"R": 400.0}}
-    arms["radius 0.01, measurements with a twentieth of their noise"] = "robust-kf", sure, "clean"
-    heads = "after", *(f"{after:g} s [m]" for after in AFTER), "claimed [m]"
-    return table((*heads, "a radian of heading moves it by [m]"),
-                 [(label, *without_a_fix(*arm)) for label, arm in arms.items()])  # fmt: skip
-
-
-def without_a_fix(estimator: str, options: dict[str, Any], sensors: str) -> list[str]:
-    """RMS errors of the position without a fix, what the filter claims, and its heading's gain."""
-    off = [SensorFault("acoustic position", "off", begin=GAP)]
-    system = system_of("SegorogeniAUV-v0")
-    core = Core(system, DIVES, estimator, options, sensor_faults=off, sensors=sensors)
-    core.start(0)
-    x, y, heading = (core.composition.names.index(name) for name in ("x", "y", "psi"))
-    times = [round((GAP + after) / core.vehicle.dt) for after in AFTER]
-    cells, action = [], np.zeros((DIVES, core.action_size))
-    for step in range(1, times[-1] + 1):
-        action[:, 0] = 0.5 * np.sin(step / 20.0)
-        core.step(action)
-        if step in times:
-            error = (core.estimated(core.truth) - core.belief.mean)[:, [x, y]]
-            cells.append(f"{np.sqrt(np.square(error).sum(1).mean()):.2f}")
-    cov, channel = core.belief.cov, core.sensors.gives.index("psi")
-    # K = P+ C' R^-1, and the compass measures the heading itself
-    gain = cov[:, [x, y], heading] / core.filter.model.R[channel, channel]
-    moved = np.median(np.linalg.norm(gain, axis=1))
-    return [*cells, f"{np.sqrt((cov[:, x, x] + cov[:, y, y]).mean()):.2f}", f"{moved:.3g}"]
 
 
 # --- robust filters -------------------------------------------------------------------------------
@@ -181,28 +144,30 @@ GRADED = {
     "SigmaCorvette-v0": "Ships",
     "SegorogeniAUV-v0": "Underwater vehicles",
     "PunaUAV-v0": "Small aircraft",
-    "ThesisCorvette-v0": "The ship of the thesis",
 }
 """Headings of the tables of grades, by environment."""
 
 
 def sensor_grades() -> str:
-    """Tables of the grades of sensors for each kind of vehicle, with their suites and sources."""
+    """Tables of the grades of sensors for each kind of vehicle, with suites and documents.
+
+    What no document states has an asterisk.
+    """
     heads = ("sensor", "grade", "white noise", "slow error; its time; constant error", "every",
-             "source")  # fmt: skip
+             "document")  # fmt: skip
     parts = []
     for env_id, heading in GRADED.items():
         grades, rows = read_grades(system_of(env_id)), []
         for name, grade in ((name, grade) for name, of in grades.sensors.items() for grade in of):
-            suites = [NOMINAL] * (grade == NOMINAL)
-            suites += [suite for suite, of in grades.suites.items() if of.get(name) == grade]
+            suites = [suite for suite, of in grades.suites.items() if of.get(name) == grade]
             label = f"{grade} (`{'`, `'.join(suites)}`)" if suites else grade
             white, slow, often = (
-                [f"{text} (assumed)" if key in grades.assumed[name][grade] else text
+                [f"{text}*" if key in grades.assumed[name][grade] else text
                  for key, text in part]
                 for part in _figures(grades.sensors[name][grade])
             )  # fmt: skip
-            cells = white[0], "; ".join(slow), ", ".join(often), grades.sources[name][grade]
+            document = re.split(r" by| datasheet|,| \(|: ", grades.sources[name][grade])[0]
+            cells = white[0], "; ".join(slow), ", ".join(often), document
             rows.append((name, label, *cells))
         parts.append(f"### {heading}\n\n{table(heads, rows)}")
     return "\n\n".join(parts)

@@ -6,7 +6,7 @@ They are read from ``results/STUDY``, where ``vessel-gym ablate`` leaves them.
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
-from itertools import combinations, product
+from itertools import combinations
 from math import comb
 from textwrap import fill
 from typing import Any, NamedTuple
@@ -33,13 +33,12 @@ from vessel_gym.tasks.circle_track import CircleTrack
 
 HELD, PLAIN, INFORMED = "measurement", "ekf", "ekf-waves"
 SUITE = "nominal", "budget", "denied"
-HEADLINE = ("truth", "kf-umv-ui", INFORMED, "huber-kf-nonlinear", PLAIN, "kf", "fixed-gain", HELD,
-            FLOOR)  # fmt: skip
-"""Estimators of the corvette's study in the README and on her page."""
 PUBLISHED = "ThesisCorvette-v0"
 """A published experiment and no control task."""
 MARGIN = 0.05
 """Difference of scores above which cells are bold."""
+ALIKE = 5
+"""Thousandths of the score by which estimators that share a row differ at most."""
 
 
 @cache
@@ -104,24 +103,28 @@ def columns(study: str) -> Iterator[Column]:
         yield from (Column(environment, at, scores, pairs) for at, scores in each.items())
 
 
-def by_suite(
-    study: str, environment: str, sea: str = "", agent: str = "autopilot", which: str = ""
-) -> str:
-    """Score and steering travel of estimators in each suite; 95 % hold for all scores at once."""
+def by_suite(study: str, environment: str, sea: str = "", agent: str = "autopilot") -> str:
+    """Score and steering travel of estimators in each suite; 95 % hold for all scores at once.
+
+    Estimators whose scores are alike in every suite share a row, with the numbers of the first.
+    """
     score, travel = (
         episodes(study, environment, agent, key) for key in ("score", "steering_travel")
     )
     places = [f"{sea}, {suite}" if sea else suite for suite in SUITE]
-    every = dict.fromkeys(name for place, name in score if place in places)
-    names = HEADLINE if which else [*every]
+    names = dict.fromkeys(name for place, name in score if place in places)
 
-    def cell(*at: str) -> str:
-        if at not in score:
-            return NONE
+    def cell(*at: Any) -> str:
         of = crossed_interval(score[at], len(names) * len(places))
         return f"{interval(of)}; {np.nanmean(travel[at]):.0f}"
 
-    rows = [(f"`{name}`", *(cell(place, name) for place in places)) for name in names]
+    means = {name: np.rint([1e3 * score[place, name].mean() for place in places]) for name in names}
+    labels: dict[str, list[str]] = {}
+    for name, of in means.items():
+        near = (first for first in labels if np.abs(means[first] - of).max() <= ALIKE)
+        labels.setdefault(next(near, name), []).append(f"`{name}`")
+    rows = [(", ".join(label), *(cell(place, first) for place in places))
+            for first, label in labels.items()]  # fmt: skip
     return table(("Score; steering travel [°/min]", *SUITE), rows)
 
 
@@ -225,12 +228,12 @@ def latency(study: str) -> str:
         score, error, nees = (
             episodes(study, world, key=key) for key in ("score", "position_rmse", "position_nees")
         )
-        for name, condition in product(("ekf", "enkf"), ("1 s late", "2 s late")):
-            places = [("in time", name), *((condition, name + way) for way in ways.values())]
-            cells = (f"{mean_and_half(score[at])}; {number(error[at], 2)} m; {number(nees[at], 2)}"
+        for condition in ("1 s late", "2 s late"):
+            places = [("in time", "ekf"), *((condition, "ekf" + way) for way in ways.values())]
+            cells = (f"{mean_and_half(score[at])}; {number(error[at], 2)}; {number(nees[at], 2)}"
                      for at in places)  # fmt: skip
-            rows.append((f"{world.removesuffix('-v0')}, `{name}`", condition, *cells))
-    return table(("score; position error; its NEES/n", "the fix is", "in time", *ways), rows)
+            rows.append((world.removesuffix("-v0"), condition, *cells))
+    return table(("score; position error [m]; its NEES/n", "the fix is", "in time", *ways), rows)
 
 
 def shares(study: str) -> str:

@@ -138,7 +138,7 @@ class WaveBands:
     """A filter's model of a `WaveField`: three bands, each a complex number ``z+ = exp((j w - b) dt) z + n``.
 
     Its variance is 1 whatever the frequency is. The damping b is constant: one that follows the
-    speed of a ship through the groups of waves serves no better (docs/seaway.md).
+    speed of a ship through the groups of waves serves no better.
     """
 
     height: float  # significant, m

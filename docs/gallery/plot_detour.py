@@ -2,7 +2,7 @@
 A detour
 ========
 
-The shortest path that a vehicle of limited turn can follow, and one round what stands in its way.
+The shortest path of a vehicle that cannot turn tighter than 100 m, and a path round three obstacles.
 """
 
 import matplotlib.pyplot as plt
@@ -18,7 +18,7 @@ for x, y, size in obstacles:
     axes.add_patch(plt.Circle((x, y), size, color="0.85"))
 for name, path in (
     ("shortest", shortest(start, goal, radius)),
-    ("round them", plan(start, goal, radius, obstacles)),
+    ("round the obstacles", plan(start, goal, radius, obstacles)),
 ):
     axes.plot(*path.sample(spacing=2.0).T[:2], label=f"{name}: {path.length:.0f} m")
 axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")

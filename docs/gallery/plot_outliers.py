@@ -1,9 +1,9 @@
 """
-Measurements that are wildly wrong
-==================================
+Measurements with outliers
+==========================
 
-One measurement in twelve is far off. The Kalman filter follows it, Huber's loss bounds what it may
-move.
+One measurement in twelve is far off. The Kalman filter follows it. Huber's loss limits how far it
+moves the estimate.
 """
 
 import matplotlib.pyplot as plt

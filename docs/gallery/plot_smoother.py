@@ -1,9 +1,9 @@
 """
-What came later
-===============
+A gap in the measurements
+=========================
 
-A filter knows the measurements up to now. In a gap its band opens; a smoother closes it with what
-came after.
+A filter uses the measurements up to now, so in a gap its uncertainty grows. A smoother reduces it
+with the later measurements.
 """
 
 import matplotlib.pyplot as plt

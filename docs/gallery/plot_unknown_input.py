@@ -1,9 +1,9 @@
 """
-A push that nobody measures
-===========================
+An unknown push
+===============
 
-A filter with an unknown input estimates what pushes a boat beside where she is, and is told nothing
-of the push.
+A filter with an unknown input estimates the force on a boat together with her position and speed.
+It assumes nothing of the force.
 """
 
 import matplotlib.pyplot as plt
@@ -12,8 +12,7 @@ import numpy as np
 from estimators import Gaussian, LinearModel, make, run
 from estimators.consistency import simulate
 
-# position and speed, read; and an acceleration, of which a sensor of its own gives a noisy
-# measurement
+# Position, speed and the acceleration by the push are measured.
 model = LinearModel(
     A=[[1.0, 0.1], [0.0, 0.98]],
     C=[[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]],

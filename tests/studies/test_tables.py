@@ -44,7 +44,7 @@ def test_a_command_writes_the_headings_and_labels_of_its_page(
     name: str, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(comparisons, "EPISODES", 2)
-    for constant, few in {"DIVES": 2, "RUNS": 20, "STEPS": 30}.items():
+    for constant, few in {"RUNS": 20, "STEPS": 30}.items():
         monkeypatch.setattr(filters, constant, few)
     monkeypatch.setattr(
         filters, "analysis_rmse", lambda row, *_: row.published * np.array([0.9, 1.1])
