@@ -18,7 +18,6 @@ from studies.markdown import NONE, ROOT, mean_and_half, number, table
 from vessel_gym.disturbances import Fault
 from vessel_gym.envs.ship import SIGMA_CORVETTE
 from vessel_gym.sensors import SensorSuite
-from vessel_gym.vehicles.corvette import MOTION_UNIT
 
 CORVETTE, EPISODES = "SigmaCorvette-v0", 100
 SETTINGS = tomllib.loads((ROOT / "studies/data/comparisons.toml").read_text(encoding="utf-8"))
@@ -39,7 +38,7 @@ def assuming(disturbance: Any, role: str = "") -> dict[str, Any]:
 def environment_options(environment: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Options of an environment from those of a file.
 
-    Sensors may be a list of names, or a `SensorSuite`; a disturbance may be a table of faulty
+    Sensors may be a `SensorSuite`; a disturbance may be a table of faulty
     actuators, what acts beside them and parameters of a `Fault`. What a filter assumes may be a
     table of such parameters: it is then told of the world's other disturbances.
     """
@@ -57,9 +56,6 @@ def environment_options(environment: str, options: Mapping[str, Any]) -> dict[st
     match made.get("sensors"):
         case {"noise": noise, "dropout": dropout}:
             made["sensors"] = [*SensorSuite(noise, dropout).of(system.vehicle.sensors)]
-        case [str(), *_] as names:
-            known = {each.name: each for each in (*system.vehicle.sensors, MOTION_UNIT)}
-            made["sensors"] = [known[name] for name in names]
     world = made.get("disturbance")
     match made:
         case {"estimator_options": {"assume": {"disturbance": {**walk}, "as": role}}}:
@@ -113,7 +109,6 @@ def cell(
     plain: bool = False,
     below: str = "",
     over: str = "",
-    refused: str = "",
     head: str = "",
     environments: Sequence[str] = (),
     **arm: Any,
@@ -126,7 +121,6 @@ def cell(
         plain: The mean alone; a quotient is then that of two means.
         below: The arm from which this one is subtracted.
         over: The arm by which this one is divided.
-        refused: Shown for every refusal.
         head: Of its row or column, for `comparison`.
         environments: That have its row or column, for `comparison`.
         arm: See `arm_metrics`.
@@ -138,7 +132,7 @@ def cell(
     except ValueError as error:
         for pattern, reason in REFUSALS.items():
             if found := re.search(pattern, str(error)):
-                return refused or reason.format(*found.groups())
+                return reason.format(*found.groups())
         raise
     if isinstance(value, str):
         return value

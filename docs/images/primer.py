@@ -8,7 +8,6 @@ import numpy as np
 
 from estimators import Gaussian, LinearModel, chi_square_band, make, nees, run
 from estimators.consistency import simulate
-from vessel_gym.guidance.dubins import plan, shortest
 
 HERE = Path(__file__).parent
 STEP = 0.1  # s
@@ -72,24 +71,6 @@ def ensemble() -> None:
     figure.savefig(HERE / "primer-ensemble.png", dpi=120)
 
 
-def dubins() -> None:
-    """The shortest Dubins path, and one round obstacles."""
-    start, goal, radius = [0.0, 0.0, 0.0], [600.0, 200.0, np.pi / 2], 100.0
-    obstacles = [(250.0, 20.0, 60.0), (430.0, 60.0, 45.0), (520.0, 150.0, 30.0)]
-    figure, axes = plt.subplots(figsize=(7, 3.2), layout="constrained")
-    for x, y, size in obstacles:
-        axes.add_patch(plt.Circle((x, y), size, color="0.85"))
-    paths = {
-        "shortest": shortest(start, goal, radius),
-        "round obstacles": plan(start, goal, radius, obstacles),
-    }
-    for name, path in paths.items():
-        axes.plot(*path.sample(spacing=2.0).T[:2], label=f"{name}: {path.length:.0f} m")
-    axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
-    axes.legend(loc="upper left")
-    figure.savefig(HERE / "primer-dubins.png", dpi=120)
-
-
 if __name__ == "__main__":
-    for draw in (unknown_input, ensemble, dubins):
+    for draw in (unknown_input, ensemble):
         draw()
