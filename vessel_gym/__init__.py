@@ -1,8 +1,8 @@
 """Gymnasium environments with a state estimator in the loop.
 
-Importing this package registers its environments; ``gymnasium.make("vessel_gym:SigmaCorvette-v0")``
-does so by itself. An agent sees what a filter believes; the truth moves underneath and is kept for
-scoring.
+Importing this package registers the environments; ``gymnasium.make("vessel_gym:SigmaCorvette-v0")``
+imports the package itself. An agent observes a filter's belief. The true state moves underneath and
+is kept for scoring.
 """
 
 from gymnasium.envs.registration import register

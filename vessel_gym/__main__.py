@@ -1,4 +1,4 @@
-"""The console command: ``vessel-gym watch PunaUAV-v0``, or ``python -m vessel_gym watch PunaUAV-v0``."""
+"""Console command: ``vessel-gym watch PunaUAV-v0`` or ``python -m vessel_gym watch PunaUAV-v0``."""
 
 import sys
 from importlib import import_module, metadata
@@ -7,10 +7,10 @@ from vessel_gym.shadowing import FOLDER, shadowing
 
 
 def main() -> int | None:
-    """Run the command that the command line names; returns its exit status, if it has one.
+    """Run the command that the command line names, and return its exit status, if it has one.
 
-    The commands are in ``agents``, a floor above: they are imported by name. The user's own
-    ``agents`` stays behind.
+    The commands are in ``agents``, a package above this one, and are imported by name. The
+    package's ``agents`` takes precedence over a user's folder of that name.
     """
     if shadowing("agents"):
         sys.path.insert(0, FOLDER)

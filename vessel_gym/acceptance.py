@@ -1,7 +1,7 @@
-"""Refusals of filters before anything is flown, by their models along a nominal flight.
+"""Checks of users' vehicles, tasks and filters before an episode, along a nominal trajectory.
 
-That measurements do not tell of an unknown input; that a filter of a user's own cannot take an
-ordinary step.
+A filter is refused if its measurements do not determine the unknown input, or if a user's own
+filter fails in an ordinary step.
 """
 
 from contextlib import suppress
@@ -24,18 +24,17 @@ from vessel_gym.tasks.task import Task
 from vessel_gym.verified import is_verified
 
 VAGUEST = 3.0
-"""Uncertainty of an unknown input after one step's measurements, at most, in units of its size."""
+"""Largest standard deviation of an unknown input after one step, in units of its assumed size."""
 _STEPS, _DEFLECTED = 30, 0.3
 _NEAR = 1e-4
-"""Variance of every state of a start that any model can have, in SI units and radians."""
+"""Variance of each initial state for the check of a filter, in SI units and radians."""
 
 
 def checked_vehicle(vehicle: Vehicle) -> Any:
-    """The vehicle if it is verified, and otherwise with `CheckedMethods`, after one step.
+    """The vehicle if verified; otherwise the vehicle with `CheckedMethods`, after one trial step.
 
     Raises:
-        ValueError: naming the function that does not repeat itself, or gives another number of
-            values.
+        ValueError: for a function that does not repeat itself, or returns a wrong number of values.
     """
     if is_verified(vehicle):
         return vehicle
@@ -64,11 +63,11 @@ def checked_vehicle(vehicle: Vehicle) -> Any:
 
 
 def checked_task(task: Task, vehicle: Vehicle) -> Any:
-    """A verified task as it is; another with `CheckedMethods`, once an episode's start is tried.
+    """The task if verified; otherwise the task with `CheckedMethods`, after a trial start.
 
     Raises:
-        ValueError: naming the function that gives no array, or too few columns.
-        TypeError: for a prior that is no `Prior`.
+        ValueError: for a function that returns no array, or too few columns.
+        TypeError: for a prior that is no `Gaussian`.
     """
     if is_verified(task):
         return task
@@ -93,7 +92,7 @@ def checked_task(task: Task, vehicle: Vehicle) -> Any:
 
 
 def checked_disturbance(disturbance: Disturbance) -> Any:
-    """The disturbance if it is verified, and otherwise with `CheckedMethods`."""
+    """The disturbance if verified; otherwise the disturbance with `CheckedMethods`."""
     return (
         disturbance
         if is_verified(disturbance)
@@ -102,35 +101,35 @@ def checked_disturbance(disturbance: Disturbance) -> Any:
 
 
 def _verified_base(part: Any) -> Any:
-    """The first verified class that a user's part derives from; None: there is none."""
+    """First verified class from which a user's part derives; None: no such class."""
     return next((each for each in type(part).__mro__ if is_verified(each)), None)
 
 
 def _columns_of_base(part: Any, name: str, *arguments: Any) -> int:
-    """Columns of what a method gives in the verified class that a part derives from, which reads them."""
+    """Columns that a method returns in the verified base class, whose other methods read them."""
     with suppress(
         Exception
-    ):  # its own class need not have what the base computes with, and then gives its own
+    ):  # a subclass may lack what the base computes with; then it defines its own columns
         given = getattr(_verified_base(part), name)(part, *map(copied, arguments))
         return int((given[-1] if isinstance(given, tuple) else given).shape[1])
     return 0
 
 
 def _fix_columns(checked: CheckedMethods, what: str, least: int, name: str, *arguments: Any) -> Any:
-    """Result of a method, whose columns stay as many as they are; there are no fewer than ``least``."""
+    """Result of a method; fix its number of columns, at least ``least``."""
     given = getattr(checked, name)(*arguments)
     array = given[-1] if isinstance(given, tuple) else given
     if array is not None:
         checked.columns[what] = max(array.shape[1], least)
-        getattr(checked, name)(*arguments)  # where there are fewer, a refusal
+        getattr(checked, name)(*arguments)  # refuses fewer columns
     return given
 
 
 def check_causal(sensors: Sensors, forces: Forces) -> None:
-    """Refuse a sensor that reads a mean over the coming step, which nobody can know yet.
+    """Refuse a sensor that reads a mean over the coming step, which is not known yet.
 
     Raises:
-        ValueError: naming both.
+        ValueError: naming the sensor and the mean.
     """
     for name in forces.disturbance.averaged:
         feedthrough = seen_anywhere(forces.vehicle, sensors)[
@@ -146,12 +145,13 @@ def check_causal(sensors: Sensors, forces: Forces) -> None:
 def check_input(filter: Filter, composition: Composition) -> None:
     """Refuse a filter of an unknown input d that the measurements do not determine.
 
-    Checked along a nominal flight, with those measurements that arrive in every step (between less
-    frequent ones d keeps its prior). They must determine all of d, each component with a standard
-    deviation of at most `VAGUEST` times its assumed size, and the estimate's error must not grow.
+    The check runs along a nominal trajectory, with the measurements of every step (between less
+    frequent ones d keeps its prior). These measurements must determine each component of d to a
+    standard deviation of at most `VAGUEST` times its assumed size, and the error of the estimate
+    must not grow.
 
     Raises:
-        ValueError: saying what fails, and by how much.
+        ValueError: naming the condition that fails, and by how much.
     """
     model, sensors = composition.model, composition.sensors
     if not composition.inputs:
@@ -205,10 +205,10 @@ def check_input(filter: Filter, composition: Composition) -> None:
 
 
 def _check_timing(filter: Filter, model: LinearModel | NonlinearModel) -> None:
-    """Refuse a filter that takes its input at another time than measurements show it.
+    """Refuse a filter whose unknown input acts in another step than the one that measurements show.
 
     Raises:
-        ValueError: saying of which step measurements contain it.
+        ValueError: naming the step that measurements show.
     """
     fed = callable(model.H) or np.any(model.H)
     if (
@@ -225,10 +225,10 @@ def _check_timing(filter: Filter, model: LinearModel | NonlinearModel) -> None:
 
 
 def check_own(filter: Filter, composition: Composition) -> None:
-    """Refuse a filter of a user's own that does not keep the contract in a few ordinary steps of this very model.
+    """Refuse a user's filter that breaks the contract within a few ordinary steps of its model.
 
     Raises:
-        ValueError: saying what is wrong, see `estimators.check.check_steps`.
+        ValueError: as `estimators.check.check_steps`.
     """
     if type(filter).__module__.startswith(("estimators.", "vessel_gym.")):
         return
@@ -239,7 +239,10 @@ def check_own(filter: Filter, composition: Composition) -> None:
 
 
 def nominal_flight(vehicle: Vehicle, estimated: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Estimated states ``(k, n)`` and known inputs ``(k, m)``: cruising, and a while after small deflections."""
+    """Estimated states ``(k, n)`` and known inputs ``(k, m)`` at cruise and after deflections.
+
+    The deflections are small and constant, for a number of steps.
+    """
     cruising, actions = vehicle.cruise[0], len(vehicle.action_names)
     action = _DEFLECTED * np.vstack(
         [np.zeros(actions), np.random.default_rng(0).uniform(-1.0, 1.0, (2, actions))]
@@ -247,7 +250,7 @@ def nominal_flight(vehicle: Vehicle, estimated: tuple[str, ...]) -> tuple[np.nda
     rows = len(action)
 
     def whole(values: np.ndarray) -> np.ndarray:
-        """A user's numbers in float64, a row each."""
+        """Array in float64 with one row for each trajectory."""
         return np.array(np.broadcast_to(np.asarray(values, float), (rows, values.shape[-1])))
 
     state, after = map(whole, vehicle.start(np.tile(cruising, (rows, 1))))

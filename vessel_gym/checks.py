@@ -1,4 +1,4 @@
-"""Checks of arguments: each says in one sentence what is wrong."""
+"""Checks of arguments, each with an error message of one sentence."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -10,7 +10,7 @@ from estimators.checks import AT_LEAST_0, UP_TO_1, number, numbers, short_repr
 from estimators.factory import unknown
 
 LARGEST = 1e15
-"""Numbers beyond are no quantities of a vehicle, a sea or a time in SI units."""
+"""Bound of numbers in SI units; larger ones are no quantities of a vehicle, a sea or a time."""
 _DEGREES = "in radians (np.deg2rad makes them of degrees)"
 RANGES = {
     "positive": (0.0, LARGEST, "a number above 0"),
@@ -20,20 +20,20 @@ RANGES = {
     "direction": (-6.3, 6.3, f"an angle of at most one turn, {_DEGREES}"),
     "deflection": (-1.6, 1.6, f"an angle of at most a quarter of a turn, {_DEGREES}"),
 }
-"""Kinds of numbers: greater than the first, less than the second, and what such a number is."""
+"""Kinds of numbers: exclusive lower and upper bounds, and words for the error message."""
 
 
 def check_numbers(of: object, values: Mapping[str, object] | None = None, **kinds: str) -> None:
-    """Refuse numbers that are of no use.
+    """Refuse numbers out of range.
 
     Args:
-        of: A record with the numbers; or the name of a function, whose arguments are ``values``.
-        values: Numbers by name.
-        **kinds: Names of numbers by the kind of `RANGES`, separated by spaces; one with a question
-            mark may be None.
+        of: A record with the numbers, or a title for the error message.
+        values: Numbers by name, if ``of`` is a title.
+        **kinds: Names of numbers, separated by spaces, by their kind in `RANGES`; a number whose
+            name has a question mark may be None.
 
     Raises:
-        ValueError: naming the number, and what it must be.
+        ValueError: naming the number and its range.
     """
     title = of if isinstance(of, str) else type(of).__name__
     for kind, names in kinds.items():
@@ -45,7 +45,7 @@ def check_numbers(of: object, values: Mapping[str, object] | None = None, **kind
 
 
 def check_pair(name: str, value: object, low: float = 0.0) -> None:
-    """Refuse anything but two numbers in order, above ``low``.
+    """Refuse anything but two ordered numbers above ``low``.
 
     Raises:
         ValueError: naming the argument.
@@ -61,17 +61,17 @@ def instance(name: str, value: object, kind: type) -> None:
     """Refuse an object of another class.
 
     Raises:
-        TypeError: naming the class.
+        TypeError: naming the argument and the class.
     """
     if not isinstance(value, kind):
         raise TypeError(f"{name} must be of class {kind.__name__}, got {short_repr(value)}")
 
 
 def one_of(kind: str, value: object, known: Collection[str]) -> str:
-    """A value that is one of the known names.
+    """The value, if it is one of the known names.
 
     Raises:
-        ValueError: if it is none, saying which there are.
+        ValueError: for any other value, listing the known names.
     """
     if isinstance(value, str) and value in known:
         return value
@@ -79,7 +79,7 @@ def one_of(kind: str, value: object, known: Collection[str]) -> str:
 
 
 def check_names(name: str, value: object) -> None:
-    """Refuse anything but a tuple or list of texts; the letters of a text would pass for names.
+    """Refuse anything but a tuple or list of strings; one string would pass as its letters.
 
     Raises:
         TypeError: naming the argument.
@@ -89,20 +89,20 @@ def check_names(name: str, value: object) -> None:
 
 
 def function(name: str, value: object, of: str) -> None:
-    """Refuse what cannot be called.
+    """Refuse an object that cannot be called.
 
     Raises:
-        TypeError: for anything but a function, or None.
+        TypeError: for anything but a function or None.
     """
     if value is not None and not callable(value):
         raise TypeError(f"{name} must be a function of {of}, got {short_repr(value)}")
 
 
 def options(name: str, value: object) -> dict[str, Any]:
-    """A copy of options by name; None: none.
+    """Copy of a dictionary of options; empty for None.
 
     Raises:
-        TypeError: if they are not a mapping from strings.
+        TypeError: for anything but a mapping from strings, or None.
     """
     if value is None:
         return {}
@@ -114,20 +114,20 @@ def options(name: str, value: object) -> dict[str, Any]:
 
 
 def is_integer(value: object) -> bool:
-    """Is a value a whole number? NumPy's are, True and 2.0 are not."""
+    """Is a value a whole number? NumPy's integers are; True and 2.0 are not."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
-_FEW = 4  # numbers that take less time in Python than in NumPy
+_FEW = 4  # so many numbers take less time in Python than in NumPy
 
 
 def checked_action(
     action: Any, shape: tuple[int, ...], ended: np.ndarray | None = None
 ) -> np.ndarray:
-    """An action of this shape as floats ``(B, a)`` clipped to [-1, 1], and 0 where an episode has ended.
+    """Action ``(B, a)`` in float64, clipped to [-1, 1], and 0 where an episode has ended.
 
     Raises:
-        ValueError: for another shape, or what is not finite.
+        ValueError: for another shape, or values that are not finite.
     """
     asked = action if type(action) is np.ndarray and action.dtype.kind == "f" else numbers(action)
     if asked is None:
@@ -141,8 +141,8 @@ def checked_action(
         -1.0 <= each <= 1.0 for row in checked.tolist() for each in row
     ):
         return checked
-    # The sum of squares is finite if all are, unless it overflows; it takes a fifth of the time of
-    # looking at each.
+    # The sum of squares is finite if all numbers are, unless it overflows; it takes a fifth of the
+    # time of checking each number.
     if not math.isfinite(np.vdot(checked, checked)) and not np.isfinite(checked).all():
         raise ValueError("action must be finite, got NaN or infinity")
     return checked.clip(-1.0, 1.0)

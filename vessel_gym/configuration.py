@@ -1,4 +1,4 @@
-"""The parts and arguments of an environment, which no episode changes."""
+"""Options of an environment, and the parts that they fix for all episodes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,9 +26,9 @@ from vessel_gym.system import System
 from vessel_gym.world import World
 
 OBSERVE = ("mean", "mean+std", "measurement")
-"""What may be observed: estimates, also with their standard deviations, or raw measurements."""
+"""Contents of an observation: estimates, also with standard deviations, or raw measurements."""
 TERMINATIONS = ("belief", "task")
-"""Who says that a mission is done: what the estimator believes, or the task, which knows the truth."""
+"""Sources of the decision that a mission is complete: the estimate, or the task from the truth."""
 
 
 @shared
@@ -38,7 +38,7 @@ def _world(
     faults: Sequence[SensorFault],
     disturbance: str | Disturbance,
 ) -> World:
-    """Vehicle, sensors and disturbance of an environment."""
+    """World of an environment: vehicle, sensors, disturbance and task."""
     vehicle = checked_vehicle(system.vehicle)
     task = checked_task(system.task, vehicle)
     given, forces = (
@@ -51,26 +51,26 @@ def _world(
 
 @dataclass(frozen=True, eq=False)
 class Options:
-    """The arguments of an environment.
+    """Arguments of an environment.
 
     Args:
-        estimator: Name of the estimator; None is the environment's default. Beside the filters of
+        estimator: Name of the estimator; None for the environment's default. Besides the filters of
             the `estimators` package there are ``truth`` (oracle), ``measurement`` (last
             measurement, zero-order hold) and ``dead-reckoning``. An `estimators.Filter` subclass,
             or a function of the model that returns a filter, also serves.
-        estimator_options: Options of the estimator, over the environment's tuning. ``model``
-            chooses the filter's model where there are several, ``assume`` its assumptions about the
-            world (see `vessel_gym.estimation.Assumptions`). ``late`` is the use of late
-            measurements: ``"fused"`` at their own time (the default), ``"as new"`` or
+        estimator_options: Options of the estimator, which override the environment's tuning.
+            ``model`` chooses one of several models, ``assume`` the assumptions about the world (see
+            `vessel_gym.estimation.Assumptions`). ``late`` is the use of late measurements:
+            ``"fused"`` at the time when they were taken (the default), ``"as new"`` or
             ``"discarded"``.
         sensors: ``"clean"``, ``"nominal"``, ``"degraded"`` (10 % more drop-outs, and 5 % outliers
             of ten times the noise), ``"budget"`` (cheap instruments by their datasheets, with
-            biases that filters estimate) or ``"denied"`` (nominal ones, without the position fix
-            for 120 s), see docs/sensor-suites.md. A list of `vessel_gym.sensors.Sensor` gives your
-            own, among them those of ``system.vehicle.sensors``.
+            biases that filters estimate) or ``"denied"`` (nominal, without the position fix for 120
+            s), see docs/sensor-suites.md. A list of `vessel_gym.sensors.Sensor` also serves; it may
+            include entries of ``system.vehicle.sensors``.
         disturbance: ``"calm"``, ``"moderate"`` or ``"rough"``, or a
-            `vessel_gym.disturbances.Disturbance` of your own.
-        mismatch: Relative spread of the truth's parameters around the filter's, 0 to 0.25.
+            `vessel_gym.disturbances.Disturbance`.
+        mismatch: Relative spread of the true parameters around the filter's, 0 to 0.25.
         observe: Content of an observation. ``"mean"`` is the estimate, ``"mean+std"`` also its
             standard deviations. ``"measurement"`` is raw measurements and their mask.
         termination: Source of the decision that the mission is complete. ``"belief"`` is the
@@ -78,16 +78,15 @@ class Options:
             and the default where measurements are observed. Limits of the task and of time end any
             episode.
         guidance: With True, an observation describes the mission relative to the estimated
-            position, or to the last measured one. With False, it has the estimate or the
-            measurements as they are, and the mission. The default is True where estimates are
-            observed.
-        sensor_faults: Faults of sensors, and their times: a list of
+            position, or to the last measured one. With False, it contains the estimate or the
+            measurements, and the mission. The default is True where estimates are observed.
+        sensor_faults: Faults of sensors with their times: a list of
             `vessel_gym.sensor_faults.SensorFault`.
 
     Raises:
-        ValueError: for a name that does not exist (saying which do) or a number out of range.
-        TypeError: for an argument that there is not, an option that the estimator does not have, or
-            sensors, faults or a disturbance of another class.
+        ValueError: for an unknown name (the message lists the known ones) or a number out of range.
+        TypeError: for an unknown argument, an option that the estimator does not have, or sensors,
+            faults or a disturbance of another class.
     """
 
     estimator: EstimatorChoice | None = None
@@ -128,21 +127,21 @@ _mission = lru_cache(maxsize=32)(Mission)
 
 
 class Configuration:
-    """All that a system and its options fix: no episode changes it, and copies of an environment share it.
+    """Parts that a system and its options fix; episodes and copies of an environment share them.
 
     Args:
         system: The environment as data.
-        options: The environment's arguments.
+        options: Arguments of the environment.
 
     Attributes:
-        world: The true world, with its vehicle, sensors and disturbance.
-        mission: The task.
-        estimation: The estimator and its model.
-        raw: The estimation from raw measurements alone, where these guide; otherwise None.
+        world: True world, with vehicle, sensors and disturbance.
+        mission: Task.
+        estimation: Estimator and its model.
+        raw: Estimation from raw measurements, if they are observed with guidance; otherwise None.
         observe_mode: One of `OBSERVE`.
-        based: Components of the true state that stand where the filter has them.
-        perfect: Sum of rewards of a perfect episode, and of a step more.
-        nominal: The filter's parameters ``(1, k)``.
+        based: Indices of the true state's components that the filter's widest model estimates.
+        perfect: Sum of rewards of a perfect episode, and reward of a further step.
+        nominal: Parameters ``(1, k)`` of the filter's model.
 
     Raises:
         ValueError: as `Options`.
@@ -160,7 +159,7 @@ class Configuration:
         self.estimation: Estimation = build(system, choice, options.estimator_options, *rest)
         self.raw: Estimation | None = None
         if options.guidance and raw:
-            wide = {"model": vehicle.kinds[0]}  # the same whatever estimator is named
+            wide = {"model": vehicle.kinds[0]}  # raw guidance is equal for all estimators
             self.raw = build(system, "measurement", wide, *rest)
         sizes, seen = (
             task.sizes(world.sensors.size, len(self.composition.names)),
@@ -199,38 +198,36 @@ class Configuration:
 
     @property
     def sensors(self) -> Sensors:
-        """The sensors."""
+        """Sensors of the world."""
         return self.world.sensors
 
     @cached_property
     def success(self) -> int:
-        """Number of the end that means success; 0: to go on to the time limit does."""
+        """Number of the end reason that means success; 0: reaching the time limit."""
         return self.system.task.end_reasons.index(self.system.task.success)
 
     @property
     def disturbance_name(self) -> str:
-        """The disturbance's name; "own": it has none."""
+        """Name of the disturbance; ``"own"`` for an object."""
         return self.options.disturbance if isinstance(self.options.disturbance, str) else "own"
 
     @property
     def sensors_name(self) -> str:
-        """The name of the sensors; ``own`` where they were given as objects."""
+        """Name of the sensor suite; ``"own"`` for a list of sensors."""
         return self.options.sensors if isinstance(self.options.sensors, str) else "own"
 
 
 class TrueState(NamedTuple):
-    """The components of `vessel_gym.core.Core.truth`."""
+    """Components of `vessel_gym.core.Core.truth`."""
 
     names: tuple[str, ...]
     drifting: bool  # is the disturbance's state among them?
-    alone: bool  # are they the vehicle's state and nothing else?
-    estimated: list[
-        int
-    ]  # places of those that the filter estimates; -1: it alone thinks that there is one
-    ended: list[int]  # indices of the increments of the step that has ended which are among them
+    alone: bool  # are they the vehicle's state alone?
+    estimated: list[int]  # places of the filter's states; -1: only the filter's model has the state
+    ended: list[int]  # indices of those increments of the ended step that are components
 
     def values(self, now: EnvState, sea: int) -> np.ndarray:
-        """The true states ``(B, n)``; the disturbance's state has ``sea`` components."""
+        """True states ``(B, n)``; the disturbance's state has ``sea`` components."""
         if self.alone:
             return now.state
         drifting = now.drifting if self.drifting else now.drifting[:, sea:]
@@ -238,7 +235,7 @@ class TrueState(NamedTuple):
 
     @classmethod
     def of(cls, world: World, composition: Composition) -> "TrueState":
-        """The true state of a world, compared with what a filter estimates."""
+        """The true state of a world, with the places of a filter's states."""
         disturbance, vehicle = world.forces.disturbance, world.forces.vehicle.state_names
         drifting = disturbance.assumed_as == "states" or len(composition.estimated) > 0
         names = *vehicle, *(disturbance.names if drifting else ()), *world.sensors.bias_names
@@ -248,13 +245,16 @@ class TrueState(NamedTuple):
 
 
 class UnknownInput(NamedTuple):
-    """Places of the true unknown input: increments and changes of the step that has ended, flows and faults of now."""
+    """Places of the true unknown input in the environment's state.
 
-    columns: Any  # of an array, or of all three and a last column of NaN
-    array: str  # "ended_noise", "ended", "exogenous" or, where several hold a part, ""
+    Increments and changes are those of the step that has ended, flows and faults the present ones.
+    """
+
+    columns: Any  # of one array, or of all three side by side and a last column of NaN
+    array: str  # "ended_noise", "ended" or "exogenous"; "" for columns of several arrays
 
     def values(self, now: EnvState) -> np.ndarray:
-        """The true one of every environment ``(B, q)``; NaN what only the filter thinks there is."""
+        """True unknown input ``(B, q)``; NaN in components that only the filter's model has."""
         if self.array:
             chosen: np.ndarray = getattr(now, self.array)[:, self.columns]
             return chosen
@@ -265,7 +265,7 @@ class UnknownInput(NamedTuple):
 
     @classmethod
     def of(cls, world: World, names: tuple[str, ...]) -> "UnknownInput":
-        """The places of the unknown input's components by their names."""
+        """Places of the components of the unknown input, by their names."""
         disturbance = world.forces.disturbance
         new = (*disturbance.names, *world.sensors.bias_names)
         new = (*disturbance.white_increments, *map(change_of, new))  # components of `noise`
@@ -284,7 +284,7 @@ class UnknownInput(NamedTuple):
 
 
 def observed(observe: str, guidance: bool) -> tuple[str, ...]:
-    """The parts of an observation, in the words of `vessel_gym.tasks.task.Task.sizes`."""
+    """Parts of an observation, by the keys of `vessel_gym.tasks.task.Task.sizes`."""
     if observe == "measurement":
         return *(("guided",) if guidance else ()), "measurements", "mission"
     return "guided" if guidance else "unguided", *(("std",) if "std" in observe else ())

@@ -1,4 +1,4 @@
-"""The batched core that both faces of an environment share: one step of many environments at once."""
+"""The batched core of single and vector environments: one step of many environments at once."""
 
 from collections.abc import Sequence
 from operator import attrgetter
@@ -24,7 +24,7 @@ from vessel_gym.tasks.task import Estimate
 
 
 def _of(path: str) -> Any:
-    """A read-only attribute that is one of a part."""
+    """Read-only property that returns an attribute of a part by its dotted path."""
     return property(attrgetter(path))
 
 
@@ -37,9 +37,9 @@ class Core:
                      disturbance --------'  |                                 ^
                                             '-> task.score -> reward      reference
 
-    The reference is where the estimator believes to be. With ``observe="measurement"`` nothing that
-    it believes enters an episode: the reference is where the truth is, and only the score and
-    `info` see it.
+    The reference is evaluated at the estimated state. With ``observe="measurement"`` no estimate
+    enters an episode: the reference is evaluated at the true state, and only the score and `info`
+    use it.
 
     Args:
         system: The environment as data.
@@ -48,12 +48,13 @@ class Core:
         named: Fields of `vessel_gym.configuration.Options`, by name.
 
     Attributes:
-        config: All that no step changes.
-        now: All that a step changes, but for
-        loop: sensors and estimator, and
-        raw: the estimator of raw measurements as they are, where these guide; None: they do not.
-        seeds: A seed for each environment; empty before the first reset.
-        episodes: Number of the episode since it was seeded ``(B,)``.
+        config: System and options, which no step changes.
+        now: Truth and score after the last step.
+        loop: Sensors, estimator and belief.
+        raw: Estimator ``"measurement"`` for guidance from raw measurements; None without such
+            guidance.
+        seeds: One seed for each environment; empty before the first reset.
+        episodes: Number ``(B,)`` of the episode since the environment was seeded.
 
     Raises:
         ValueError: as `vessel_gym.configuration.Options`.
@@ -100,43 +101,43 @@ class Core:
 
     @property
     def belief(self) -> Belief:
-        """The estimator's belief."""
+        """Belief of the estimator, read-only."""
         return self.loop.belief.read_only()
 
     @property
     def unknown_input(self) -> np.ndarray:
-        """The true one of every environment ``(B, q)``; NaN what only the filter thinks there is."""
+        """True unknown input ``(B, q)``; NaN in components that only the filter's model has."""
         return self.config.unknown_input.values(self.now)
 
     @property
     def truth(self) -> np.ndarray:
-        """The true states ``(B, n)``: the vehicle's, the disturbance's if filters assume it, and the biases."""
+        """True states ``(B, n)`` of vehicle, disturbance (if filters assume one) and biases."""
         return self.config.true_state.values(self.now, self.config.world.size)
 
     @property
     def score(self) -> np.ndarray:
-        """Sums of rewards over that of a perfect episode ``(B,)``, in [0, 1], however long episodes are."""
+        """Scores ``(B,)`` in [0, 1]: sums of rewards over that of a perfect episode."""
         perfect, each = self.config.perfect
         return np.clip(self.now.total / np.maximum(perfect, each * self.now.steps), 0.0, 1.0)
 
     def score_of(self, row: int) -> float:
-        """The score of one environment, in a tenth of the time that `score` takes."""
+        """Score of one environment, ten times as fast as `score`."""
         perfect, each = self.config.perfect
         score: float = self.now.total.item(row) / max(perfect, each * self.now.steps.item(row))
         return score if 0.0 <= score <= 1.0 else min(max(score, 0.0), 1.0)
 
     @property
     def sea_state(self) -> np.ndarray:
-        """The disturbance's state ``(B, k)``."""
+        """State of the disturbance ``(B, k)``."""
         return self.now.drifting[:, : self.config.world.size]
 
     @property
     def bias(self) -> np.ndarray:
-        """The states of the sensors' biases ``(B, b)``."""
+        """States of the sensors' biases ``(B, b)``."""
         return self.now.drifting[:, self.config.world.size :]
 
     def estimated(self, truth: np.ndarray) -> np.ndarray:
-        """Components ``(..., n)`` of true states that the filter estimates; NaN where only its model has them."""
+        """True states ``(..., n)`` in the order of the filter's; NaN where the truth has none."""
         estimated = self.config.true_state.estimated
         state = truth[..., estimated]
         state[..., [index < 0 for index in estimated]] = np.nan
@@ -150,10 +151,10 @@ class Core:
         options: dict[str, Any] | None = None,
         rows: np.ndarray | None = None,
     ) -> None:
-        """Start an episode in some environments: `seed`, then `reset`, or neither if either is refused.
+        """Start an episode in some environments: `seed`, then `reset`; neither if one fails.
 
         Raises:
-            gymnasium.error.ResetNeeded: where only some are started and the others never were.
+            gymnasium.error.ResetNeeded: if the first reset leaves out an environment.
         """
         if rows is not None and not self.seeds and len(rows) < self.num_envs:
             raise ResetNeeded("the first reset must be of all environments")
@@ -168,16 +169,15 @@ class Core:
     def seed(
         self, seed: int | Sequence[int] | np.ndarray | None, rows: np.ndarray | None = None
     ) -> None:
-        """Begin the count of episodes again with these seeds.
+        """Set seeds and restart the count of episodes.
 
         Args:
-            seed: A number s (environment i gets s + i), one number for each environment, or None
-                to keep the seeds and go on with the next episode.
-            rows: Indices of the environments that are seeded, None: all; the seeds of the others
-                stay.
+            seed: A number s (environment i gets s + i), one number for each environment, or None to
+                keep the seeds and go on with the next episode.
+            rows: Indices of the environments to seed, None for all; the others keep their seeds.
 
         Raises:
-            ValueError: for a negative seed, one that is not a whole number, or a list of another
+            ValueError: for a seed that is negative or not a whole number, or a list of the wrong
                 length.
         """
         rows = self._rows if rows is None else rows
@@ -195,18 +195,18 @@ class Core:
         options: dict[str, Any] | None = None,
         measurements: Measurements | None = None,
     ) -> None:
-        """Start new episodes in some rows: draw the truth from the task's prior and take the first measurement.
+        """Start new episodes in some rows: draw the true states and take the first measurements.
 
         Args:
-            rows: Indices of the environments; None: all.
-            options: The task's reset options.
-            measurements: Measurements to use instead of the sensors' (for replays), ``(len(rows),
-                p)`` each; where sensors are late, ``loop.delivered`` holds those of a step, by age,
-                ``(len(rows), ages, p)``.
+            rows: Indices of the environments; None for all.
+            options: Reset options of the task.
+            measurements: Measurements and mask ``(len(rows), p)`` to use instead of the sensors'
+                (for replays). With late sensors, measurements by age ``(len(rows), ages, p)``, as
+                ``loop.delivered`` holds them, serve too.
 
         Raises:
-            ValueError: for an option or a value that the task does not have, or measurements of
-                another shape.
+            ValueError: for an option or a value that the task does not accept, or measurements of
+                the wrong shape.
             TypeError: for options that are no dictionary, or measurements that are no pair of
                 arrays.
         """
@@ -220,7 +220,7 @@ class Core:
             self.config.world.task,
             self.config.draws,
         )
-        some = None if len(rows) == self.num_envs else rows  # all rows are faster as such
+        some = None if len(rows) == self.num_envs else rows  # None is faster than an index of all
         at = slice(None) if some is None else rows
         seeds = self.seeds if some is None else [self.seeds[row] for row in rows]
         keys, numbers = draw(
@@ -273,14 +273,15 @@ class Core:
 
         Args:
             action: ``(B, a)`` finite; clipped to [-1, 1].
-            measurements: Measurements to use instead of the sensors' (for replays); no other random
-                number changes.
+            measurements: Measurements to use instead of the sensors' (for replays); all other
+                random numbers stay the same.
             ended: Mask ``(B,)`` of environments whose episode has ended and that are reset next:
-                their actions are not looked at.
-            shape: That the action must have; None: ``(B, a)``.
+                their actions are not checked.
+            shape: Shape that the action must have; None for ``(B, a)``.
 
         Returns:
-            Reward ``(B,)`` and `end` ``(B,)``, which is 0 where an episode goes on.
+            Reward ``(B,)`` and number of the end reason ``(B,)``, which is 0 where an episode goes
+            on.
 
         Raises:
             ValueError: if the action or the measurements have the wrong shape, or the action is not
@@ -310,12 +311,12 @@ class Core:
         return reward, now.end
 
     def _moved(self, now: EnvState) -> Sequence[np.ndarray]:
-        """The world after a step, as `vessel_gym.world.World.step` gives it."""
+        """Result of `vessel_gym.world.World.step`."""
         moved: Sequence[np.ndarray] = self.config.world.step(*self._moving(now))
         return moved
 
     def _scored(self, now: EnvState) -> Sequence[np.ndarray]:
-        """Reference, reward and more, as `vessel_gym.mission.Mission.step` gives them."""
+        """Result of `vessel_gym.mission.Mission.step`."""
         scored: Sequence[np.ndarray] = self.config.mission.step(*self._scoring(now))
         return scored
 
@@ -331,7 +332,7 @@ class Core:
         belief = self.loop.belief
         estimates = map(
             np.ascontiguousarray, (belief.mean, self._d(belief))
-        )  # programs run at once on such arrays
+        )  # compiled code needs contiguous arrays
         exogenous, forces = now.exogenous, self.config.world.forces
         if forces.faulty:
             exogenous = np.ascontiguousarray(exogenous[:, : forces.outside])
@@ -340,12 +341,12 @@ class Core:
         )  # fmt: skip
 
     def _d(self, belief: Belief) -> np.ndarray:
-        """The estimated unknown input ``(B, q)``; q is 0 where there is none."""
+        """Estimated unknown input ``(B, q)``; q is 0 if the filter estimates none."""
         d = belief.input_mean
         return self._no_input[: len(belief.mean)] if d is None else d
 
     def observe(self) -> np.ndarray:
-        """Observations ``(B, k)``, float32 and within bounds, of estimates or measurements, mission and actuators."""
+        """Observations ``(B, k)``: float32, clipped to the task's bound."""
         now, bound = self.now, self.task.BOUND
         observation = now.observation
         if observation is None:
@@ -359,7 +360,7 @@ class Core:
         return observation.astype(np.float32, "C")
 
     def _observed(self) -> list[np.ndarray]:
-        """The parts of the observations, before they are clipped."""
+        """Parts of the observations before clipping."""
         task, scenario, steps, actuators = (
             self.config.world.task,
             self.scenario,
@@ -393,7 +394,7 @@ class Core:
         return parts
 
     def _estimate(self, loop: Loop) -> Estimate:
-        """The task's view of a belief."""
+        """The part of a loop's belief that the task observes."""
         belief, composition = loop.belief, loop.composition
         estimate = estimate_of(composition, belief.mean, belief.input_mean)
         if "std" in self.observe_mode:
@@ -403,7 +404,7 @@ class Core:
         return estimate
 
     def scored_truth(self) -> np.ndarray:
-        """A copy of the true states ``(B, n)``.
+        """Copy of the true states ``(B, n)``.
 
         Raises:
             gymnasium.error.ResetNeeded: before the first reset.
@@ -414,10 +415,10 @@ class Core:
         return truth.copy() if truth is self.now.state else truth
 
     def info(self, rows: np.ndarray | None = None) -> dict[str, np.ndarray]:
-        """Copies of what happened, one row an environment; documented with the environment.
+        """Copies of the last step's record, one row for each environment.
 
         Args:
-            rows: Mask ``(B,)`` of those that are wanted; of the others comes 0 or None. None: all.
+            rows: Mask ``(B,)`` of the rows to copy; other rows hold 0 or None. None for all.
         """
         happened, own = self.happened() | {"healthy": self.loop.belief.healthy}, {
             "score": self.score,
@@ -429,7 +430,7 @@ class Core:
         return {name: _only(rows, values) for name, values in (happened | own).items()}
 
     def happened(self) -> dict[str, np.ndarray]:
-        """Record of the last step, one row an environment, read-only."""
+        """Record of the last step, read-only, one row for each environment."""
         loop, now, unknown_input = self.loop, self.now, self.unknown_input
         belief, (measurement, available) = loop.belief, loop.measurements
         input_mean = belief.input_mean
@@ -450,12 +451,12 @@ class Core:
     # --- inside -----------------------------------------------------------------------------------
 
     def _refuse_at(self, steps: np.ndarray, ended: np.ndarray | None) -> None:
-        """Tell the user's vehicle and task for their refusals at which step they are, and which rows are over."""
+        """Pass step numbers and ended rows to the user's parts, for their error messages."""
         for part in self.config.world.own_parts:
             part.steps, part.ended = steps, ended
 
     def _passed(self, measurements: Measurements, now: EnvState) -> Measurements:
-        """The filter's measurements; the oracle alone, and no other, is given the truth."""
+        """The filter's measurements; for the oracle alone, the truth."""
         if not self.loop.tells_truth:
             return measurements
         config = self.config
@@ -468,7 +469,7 @@ class Core:
 
 
 def _only(rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """A copy of the values of some rows, with 0 or None in the others."""
+    """Copy of the values of some rows, with 0 or None in the others."""
     only = (
         np.full(values.shape, None)
         if values.dtype == object

@@ -1,4 +1,4 @@
-"""Measurements between sensors and their users: faults and delays."""
+"""Faults and delays of measurements between sensors and filters."""
 
 import numpy as np
 
@@ -8,11 +8,11 @@ from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensors, columns
 
 Measurements = tuple[np.ndarray, np.ndarray]
-"""Measurements ``(B, p)`` and the mask ``(B, p)`` of those that arrived; or by age, ``(B, ages, p)`` each."""
+"""Measurements and the mask of those that arrived, ``(B, p)`` each, or ``(B, ages, p)`` by age."""
 
 
 class Faulty:
-    """The faults of the sensors of B rows, in their order: when each acts in this episode, and what stuck ones show."""
+    """Faults of the sensors of B rows: their times in this episode, and values of stuck sensors."""
 
     def __init__(self, sensors: Sensors, rows: int) -> None:
         self.each, self._dt = sensors.faults, sensors.dt
@@ -39,20 +39,20 @@ class Faulty:
                 earliest, latest = times
                 later = (
                     share[:, where] * (latest - earliest) if earliest < latest else 0.0
-                )  # infinity less itself
+                )  # infinity minus infinity is NaN
                 kept[rows, i] = earliest + later
             if fault.duration is not None:
                 self._end[rows, i] = self._begin[rows, i] + fault.duration
 
     def on(self, steps: np.ndarray, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Mask ``(rows, faults)`` of those that act in rows that are ``steps (rows,)`` after their start."""
+        """Mask ``(rows, faults)`` of the active faults, ``steps (rows,)`` after the start."""
         now = (steps * self._dt)[:, None] + _ROUNDING
         return (self._begin[rows] <= now) & (now < self._end[rows])
 
     def faulted(
         self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | slice
     ) -> Measurements:
-        """Measurements with faults of rows that are ``steps (rows,)`` after their start: values and mask."""
+        """Measurements with faults, and their mask, ``steps (rows,)`` after the start."""
         y, available = measurements[0].copy(), measurements[1].copy()
         acting = self.on(steps, rows)
         for i, (fault, own) in enumerate(zip(self.each, self._own, strict=True)):
@@ -84,7 +84,7 @@ class Faulty:
         steps: np.ndarray,
         rows: np.ndarray | slice,
     ) -> np.ndarray:
-        """Measurements ``(rows, k)`` under the fault of this number."""
+        """Measurements ``(rows, k)`` under the fault with the index i."""
         size = np.asarray(fault.size, float)
         if fault.kind == "garbage":
             return size * RandomKeys(self._keys[rows, i], steps).normals(read.shape[1], use=1)
@@ -94,7 +94,7 @@ class Faulty:
 
 
 class Transit:
-    """Measurements of B rows that are under way."""
+    """Measurements of B rows between sampling and delivery."""
 
     def __init__(self, sensors: Sensors, rows: int) -> None:
         delay = sensors.delays[sensors.owner]
@@ -104,11 +104,11 @@ class Transit:
         self._y, self._available = np.zeros(shape), np.zeros(shape, bool)  # by age
 
     def restart(self, rows: np.ndarray | slice) -> None:
-        """Begin an episode of some rows: nothing is under way."""
+        """Begin an episode of some rows, without measurements in transit."""
         self._available[:, rows] = False
 
     def carry(self, sampled: Measurements, rows: np.ndarray | slice) -> Measurements:
-        """Measurements that arrive now, by age ``(rows, ages, p)``, with the mask; of what these rows sample now."""
+        """Take new samples, and return measurements by age ``(rows, ages, p)`` that arrive now."""
         y, available = (
             np.concatenate([now[None], before[:-1, rows]])
             for now, before in zip(sampled, (self._y, self._available), strict=True)
@@ -121,24 +121,24 @@ class Transit:
         return np.where(arrived, y, 0.0).swapaxes(0, 1), arrived.swapaxes(0, 1)
 
     def youngest(self, delivered: Measurements) -> Measurements:
-        """The delivered measurement of each channel, of which there is one at most."""
+        """Delivered measurement of each channel; at most one is delivered in a step."""
         y, arrived = (each[:, *self._ages] for each in delivered)
         return y, arrived
 
 
 def youngest(measurements: Measurements) -> Measurements:
-    """Of measurements by age the youngest of each channel."""
+    """Youngest measurement of each channel, from measurements by age."""
     y, arrived = measurements
     row, age, channel = (
         indices[::-1] for indices in np.nonzero(arrived)
-    )  # of two the younger is written last
+    )  # reversed, so that the youngest value overwrites older ones
     values, available = np.zeros(y[:, 0].shape), np.zeros(y[:, 0].shape, bool)
     values[row, channel], available[row, channel] = y[row, age, channel], True
     return values, available
 
 
 def of_now(measurements: Measurements, horizon: int) -> Measurements:
-    """Measurements ``(rows, p)`` by age: none of them is late."""
+    """Measurements ``(rows, p)`` by age, all of age 0."""
     y, available = (
         np.zeros((len(one), horizon + 1, one.shape[1]), one.dtype) for one in measurements
     )
@@ -147,11 +147,11 @@ def of_now(measurements: Measurements, horizon: int) -> Measurements:
 
 
 _ROUNDING = 1e-6
-"""Seconds: a fault that begins at 0.3 s begins in the third step of 0.1 s."""
+"""Tolerance [s], by which a fault that begins at 0.3 s begins in the third step of 0.1 s."""
 
 
 def injected(measurements: Measurements, rows: int, sensors: Sensors) -> Measurements:
-    """Injected measurements as sensors give them: what is not finite did not arrive, and reads 0."""
+    """Injected measurements and mask, checked; values that are not finite read 0 and are masked."""
     pair = (
         measurements
         if isinstance(measurements, tuple | list) and len(measurements) == 2

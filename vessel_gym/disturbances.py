@@ -1,9 +1,8 @@
-"""Disturbances by sea and air: waves, gusts, turbulence, currents and winds, all made from white noise.
+"""Disturbances: waves, gusts, turbulence, currents and winds, and faults of actuators.
 
-And what a vehicle does to itself: faults of its actuators.
-
-A disturbance has a state of its own, z, and acts on a vehicle through the parts of its exogenous
-input. Yours is a subclass of `Disturbance`: docs/own-disturbance.md.
+All are made from white noise. A disturbance has a state z of its own and acts on a vehicle through
+components of its exogenous input. Your own disturbance is a subclass of `Disturbance`:
+docs/own-disturbance.md.
 """
 
 import math
@@ -22,32 +21,34 @@ from vessel_gym.waves import GRAVITY, WaveBands, WaveField
 
 
 class Disturbance(Verified, verified=True):
-    """Disturbance of a vehicle over a step, which no sensor reads as such.
+    """Base class of disturbances that act on a vehicle over a step.
 
-    Its state moves as ``z+ = transition z + root n``; over a step it gives the vehicle ``effect(z,
-    state)`` and, besides, white increments ``white n'``, with standard normals n and n'.
+    The state moves as ``z+ = transition z + root n``. Over a step the vehicle receives ``effect(z,
+    state)`` and white increments ``white n'``; n and n' are standard normal.
 
     Attributes:
-        names: The components of z.
-        forces: The parts of a vehicle's exogenous input (its increments and flows, see
-            `vessel_gym.system.Vehicle`) that `effect` gives, in order.
-        process: How z moves; its ``start_cov`` is what is known of z at the start.
-        white_increments: The increments that are white noise,
-        white: and a root ``(len(white_increments), m)`` of their covariance.
-        assumed_as: How filters assume it unless ``estimator_options={"assume": ...}`` says
-            otherwise, see `vessel_gym.filter_models.build.ASSUMED`.
-        inputs: What the unknown input d is, where filters assume one: names of what it ``forces``
-            or ``white_increments``, or ``"change of NAME"`` for what a step adds to one of its
-            ``names``; None: its increments.
-        input_sd: Standard deviations that filters take d to have where no measurement shows it;
-            None: what follows from `process` and ``white``.
-        scale: Sizes of z that count as 1 in an observation of standard deviations; None: those at
-            the start.
-        averaged: What of its ``forces`` is a mean over the coming step, which no sensor may read.
-        dt: The step [s] that it was made for; None: any.
-        believed: What filters take it for unless another is named; None: what it is.
-        modelled: What filters that assume it have in its place; None: what it is.
-        uniforms: Uniform random numbers that an episode draws, of which `draw` makes constants.
+        names: Components of z.
+        forces: Components of the vehicle's exogenous input (see `vessel_gym.system.Vehicle`) that
+            `effect` returns, in order.
+        process: Process of z; its ``start_cov`` is the covariance of z at the start.
+        white_increments: Increments of the vehicle that are white noise.
+        white: Root ``(len(white_increments), m)`` of the covariance of ``white_increments``.
+        assumed_as: Default way in which filters model the disturbance, see
+            `vessel_gym.filter_models.build.ASSUMED`.
+        inputs: Components of the unknown input d, where filters assume one: names from ``forces``
+            or ``white_increments``, or ``"change of NAME"`` for the change of a component of
+            ``names`` in a step. None: the increments.
+        input_sd: Standard deviations of d that filters assume where no measurement shows d. None:
+            derived from `process` and ``white``.
+        scale: Sizes of z that count as 1 in an observation of standard deviations. None: the
+            standard deviations at the start.
+        averaged: Names from ``forces`` that are means over the coming step, which no sensor may
+            read.
+        dt: Time step [s] for which the disturbance was made; None: any.
+        believed: Disturbance that filters assume unless the user names another; None: this one.
+        modelled: Disturbance that takes the place of this one in filters that assume it; None: this
+            one.
+        uniforms: Number of uniform random numbers that `draw` receives in an episode.
     """
 
     names: tuple[str, ...] = ()
@@ -66,41 +67,44 @@ class Disturbance(Verified, verified=True):
     uniforms: int = 0
 
     def met(self, z: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        """The state z ``(..., k)`` as a vehicle meets it that has moved from one state ``(..., n)`` to another: z."""
+        """State z ``(..., k)`` after the vehicle moved from ``before`` to ``after``; default: z."""
         return z
 
     def draw(self, uniforms: np.ndarray) -> np.ndarray:
-        """Constants of an episode ``(..., e)``, of ``uniforms (..., u)`` from 0 to 1."""
+        """Constants ``(..., e)`` of an episode, from ``uniforms (..., u)`` in [0, 1]."""
         return uniforms
 
     def effect_at(
         self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """Effect at a ``time (...)`` [s] of an episode that has drawn ``(..., e)``, without which it is `effect`."""
+        """Effect at ``time (...)`` [s] of an episode with constants; default: `effect`.
+
+        The constants are ``drawn (..., e)``.
+        """
         return self.effect(z, state)
 
     @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Effect of z on a vehicle in a state, ``(..., len(forces))``: z itself.
+        """Effect ``(..., len(forces))`` of z on a vehicle in a state; default: z.
 
-        Yours may be any function of both; faster if it is declared to be
-        `vessel_gym.processes.linear` in z, wherever the vehicle is.
+        An override may be any function of both arguments. If it is linear in z at every state, the
+        decorator `vessel_gym.processes.linear` makes it faster.
 
         Args:
-            z: ``(..., k)``.
-            state: ``(..., n)`` of the vehicle: where it is, where it heads and how fast.
+            z: ``(..., k)`` state of the disturbance.
+            state: ``(..., n)`` state of the vehicle.
         """
         return z
 
 
 @dataclass(frozen=True)
 class Sea(Disturbance, verified=True):
-    """Disturbance of a ship's heading and track: wave and gust yaw rate, and a current.
+    """Yaw rates by waves and gusts, and a current, that act on a ship.
 
     The wave yaw rate follows the second-order linear wave model ``s / (s^2 + 2 lambda w0 s +
-    w0^2)`` with the damping that fits a JONSWAP peak (Fossen 2011, sec. 8.2.6); gust and current
-    are first-order Gauss-Markov processes. Their state is (wave yaw angle, wave yaw rate, gust yaw
-    rate, current north, current east), stationary from the first step.
+    w0^2)`` with a damping for a JONSWAP peak (Fossen 2011, sec. 8.2.6). Gust and current are
+    first-order Gauss-Markov processes. The state is (wave yaw angle, wave yaw rate, gust yaw rate,
+    current north, current east), stationary from the first step.
     """
 
     wave: float  # yaw rate RMS, rad/s
@@ -139,25 +143,25 @@ class Sea(Disturbance, verified=True):
 
     @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """The yaw increment d [rad] over the coming step, and the current north and east [m/s]: ``(..., 3)``."""
+        """Yaw increment d [rad] in the coming step, current north and east [m/s]: ``(..., 3)``."""
         increment = self.dt * (z[..., 1] + z[..., 2])
         return np.concatenate([increment[..., None], z[..., 3:]], -1)
 
 
 @dataclass(frozen=True)
 class Water(Disturbance, verified=True):
-    """Disturbance of a submerged vehicle by water: turbulence, and a current that wanders.
+    """Turbulence and a wandering current that act on a submerged vehicle.
 
-    Turbulence is white noise on every acceleration of the vehicle through the water: each step adds
-    an increment to its velocities, with a variance in proportion to the step's length. The current
-    is a first-order Gauss-Markov process. A filter that assumes all of it knows all that there is
-    to know.
+    Turbulence is white noise on the accelerations of the vehicle through the water. Each step adds
+    an increment to the velocities, with a variance in proportion to the step's length. The current
+    is a first-order Gauss-Markov process. A filter that assumes this disturbance has an exact model
+    of it.
     """
 
     turbulence: float  # standard deviation of what a second adds to a velocity, m/s per sqrt(s)
-    spin: float  # of what a second adds to a rate, rad/s per sqrt(s)
+    spin: float  # standard deviation of what a second adds to a rate, rad/s per sqrt(s)
     current: float  # RMS speed, m/s
-    velocities: tuple[str, ...] = ("u", "v", "w")  # that get increments,
+    velocities: tuple[str, ...] = ("u", "v", "w")  # with increments
     rates: tuple[str, ...] = ("p", "q", "r")
     names: tuple[str, ...] = ("current north", "current east")
     current_time: float = 200.0  # s
@@ -174,13 +178,13 @@ class Water(Disturbance, verified=True):
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
-        """The current [m/s], whose components share its power."""
+        """Process of the current [m/s]; its components share the power equally."""
         sd = self.current / np.sqrt(len(self.names))
         return Process.wandering((sd,) * len(self.names), self.current_time, self.dt)
 
     @cached_property
     def white(self) -> np.ndarray:  # type: ignore[override]
-        """Increments of a step [m/s, rad/s]."""
+        """Root of the covariance of the increments in a step [m/s, rad/s]."""
         in_a_second = np.repeat(
             [self.turbulence, self.spin], [len(self.velocities), len(self.rates)]
         )
@@ -189,19 +193,19 @@ class Water(Disturbance, verified=True):
 
 @dataclass(frozen=True)
 class SurfaceWater(Disturbance, verified=True):
-    """Water near the surface: beside what else it does, waves carry a submerged vehicle to and fro.
+    """Water near the surface, with waves that carry a submerged vehicle to and fro.
 
-    The horizontal orbital velocity of a `WaveField` that runs to the north, and that the current
-    carries, dies away with the depth as ``exp(-k z)`` (Airy), and is that of a current; the
-    vertical one is left out.
+    The waves are a `WaveField` that runs to the north and is carried by the current. Their
+    horizontal orbital velocity decays with depth as ``exp(-k z)`` (Airy) and is added to the
+    current. The vertical orbital velocity is left out.
     """
 
-    height: float  # significant, m
-    period: float  # of the spectrum's peak, s
+    height: float  # significant wave height, m
+    period: float  # peak period of the spectrum, s
     beside: Water
-    north: int  # which component of the vehicle's state is its place north,
-    down: int  # and which its depth
-    depth: float = 2.0  # m, of the place 0
+    north: int  # index of the vehicle's north position in its state
+    down: int  # index of its depth
+    depth: float = 2.0  # m, depth of the origin
 
     uniforms = WaveField.uniforms
 
@@ -213,7 +217,7 @@ class SurfaceWater(Disturbance, verified=True):
         self._name(("water north",), (1.0,))
 
     def _name(self, own: tuple[str, ...], scale: tuple[float, ...]) -> None:
-        """Name what is of the other water, and its own components of the state."""
+        """Set names and scales: those of the other water, then ``own``."""
         water = self.beside
         vars(self).update(
             names=(*water.names, *own), forces=water.forces, scale=(*(water.scale or ()), *scale), dt=water.dt,
@@ -222,31 +226,31 @@ class SurfaceWater(Disturbance, verified=True):
 
     @cached_property
     def waves(self) -> WaveField:
-        """The waves alone."""
+        """The wave field alone."""
         return WaveField(self.height, self.period)
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
-        """The current, and how far it has carried the water north."""
+        """Current, and distance [m] by which it has carried the water to the north."""
         return integrated(self.beside.process, (0,), self.beside.dt)
 
     @cached_property
     def modelled(self) -> "BandedSurfaceWater":  # type: ignore[override]
-        """The water in which filters that assume it have bands in place of the field."""
+        """Filters' model of this water, with wave bands in place of the field."""
         return BandedSurfaceWater(*(getattr(self, each.name) for each in fields(SurfaceWater)))
 
     def draw(self, uniforms: np.ndarray) -> np.ndarray:
-        """Frequencies and phases of the waves of an episode."""
+        """Frequencies and phases of an episode's waves."""
         return self.waves.draw(uniforms)
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """The current [m/s], where there are no waves."""
+        """Current [m/s] without waves."""
         return self.beside.effect(z[..., : self.beside.process.size], state)
 
     def effect_at(
         self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """The current with what the waves of an episode add to its first component [m/s]."""
+        """Current [m/s], with the orbital velocity of an episode's waves in its first component."""
         depth = np.maximum(self.depth + state[..., self.down], 0.0)
         place = state[..., self.north] - z[..., self.beside.process.size]
 
@@ -264,7 +268,7 @@ class SurfaceWater(Disturbance, verified=True):
 
 @dataclass(frozen=True)
 class BandedSurfaceWater(SurfaceWater, verified=True):
-    """A filter's model of `SurfaceWater`: its waves are `WaveBands`, at rest over ground."""
+    """A filter's model of `SurfaceWater`, with `WaveBands` that are at rest over ground."""
 
     uniforms = 0
     modelled = None  # type: ignore[assignment]
@@ -274,17 +278,17 @@ class BandedSurfaceWater(SurfaceWater, verified=True):
 
     @cached_property
     def bands(self) -> WaveBands:
-        """The waves alone."""
+        """The wave bands alone."""
         return WaveBands(self.height, self.period)
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
-        """The current, then the waves."""
+        """Current, then wave bands."""
         return Process.joined(self.beside.process, self.bands.process(self.beside.dt))
 
     @cached_property
     def speeds(self) -> np.ndarray:
-        """Standard deviations of the velocity in each band [m/s] at depths of 0, 1, 2 ... metres, ``(101, 3)``."""
+        """Standard deviations ``(101, 3)`` of the bands' speeds [m/s] at 0, 1, 2, ... m depth."""
         depths = np.arange(101.0)
         decay = [np.exp(-np.outer(w**2 / GRAVITY, depths)) * w[:, None] for w in self.bands.within]
         return np.sqrt(
@@ -292,7 +296,7 @@ class BandedSurfaceWater(SurfaceWater, verified=True):
         )
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """The current with what waves add to its first component [m/s]."""
+        """Current [m/s], with the waves' velocity in its first component."""
         k, deepest = self.beside.process.size, len(self.speeds) - 1.0
         depth = np.minimum(np.maximum(self.depth + state[..., self.down], 0.0), deepest)
         parts, ahead = self.bands.at(z[..., k:], state[..., self.north]), np.zeros_like(depth)
@@ -304,26 +308,26 @@ class BandedSurfaceWater(SurfaceWater, verified=True):
 
 @dataclass(frozen=True)
 class Air(Disturbance, verified=True):
-    """Disturbance of an aircraft by air: a wind that wanders, Dryden gusts on top of it, and turbulence that shakes it.
+    """Wandering wind, Dryden gusts and turbulence that act on an aircraft.
 
-    Low-altitude Dryden spectra (MIL-F-8785C) as met at a constant airspeed: the vertical gust has
-    the second-order form; north and east have the first-order, longitudinal one, so that a turn
-    does not change the spectrum. The state is the mean wind north and east and that of the gusts
-    (north, east, two of the vertical) [m/s]. Turbulence that is shorter than a step is white noise:
-    it adds increments to velocities and bank, with variances in proportion to the step's length. A
-    filter that assumes all of it knows all that there is to know.
+    Gusts have the low-altitude Dryden spectra (MIL-F-8785C) at a constant airspeed. The vertical
+    gust has the second-order form. North and east gusts have the first-order, longitudinal form, so
+    that a turn does not change the spectrum. The state is mean wind north and east, then gusts
+    north, east and two of the vertical gust [m/s]. Turbulence shorter than a step is white noise
+    that adds increments to velocities and bank, with variances in proportion to the step's length.
+    A filter that assumes this disturbance has an exact model of it.
     """
 
-    wind: float  # RMS speed of the mean wind, which is level, m/s
-    gust: float  # standard deviation of a level gust component, m/s
-    vertical_gust: float  # of the vertical one, m/s
+    wind: float  # RMS speed of the mean wind, which is horizontal, m/s
+    gust: float  # standard deviation of each horizontal gust component, m/s
+    vertical_gust: float  # standard deviation of the vertical gust, m/s
     # Standard deviations of what a second of turbulence adds to each velocity, m/s per sqrt(s), and
-    # to the bank, rad per sqrt(s): those in 0.1 s are assumed.
+    # to the bank, rad per sqrt(s); the values in 0.1 s are assumed.
     increment: float = 0.05 / math.sqrt(0.1)
     roll: float = 0.005 / math.sqrt(0.1)
-    wind_time: float = 200.0  # s, in which the mean wind changes; assumed
-    length: float = 200.0  # m, of level gusts; Beard & McLain (2012), Table 4.1
-    vertical_length: float = 50.0  # m, of vertical ones; there too
+    wind_time: float = 200.0  # correlation time of the mean wind, s; assumed
+    length: float = 200.0  # length scale of horizontal gusts, m; Beard & McLain (2012), Table 4.1
+    vertical_length: float = 50.0  # length scale of vertical gusts, m; the same table
     airspeed: float = 20.0  # m/s
     dt: float = 0.1  # s
 
@@ -357,41 +361,42 @@ class Air(Disturbance, verified=True):
 
     @cached_property
     def white(self) -> np.ndarray:  # type: ignore[override]
-        """Increments of a step on velocities [m/s] and bank [rad]."""
+        """Root of the covariance of a step's increments of velocities [m/s] and bank [rad]."""
         return np.sqrt(self.dt) * np.diag(
             [self.increment, self.increment, self.increment, self.roll]
         )
 
     @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """The wind north, east and down [m/s]."""
+        """Wind north, east and down [m/s]."""
         mean_north, mean_east, north, east, down, rising = np.moveaxis(z, -1, 0)
         return np.stack([mean_north + north, mean_east + east, rising * np.sqrt(3.0) + down], -1)
 
 
 @dataclass(frozen=True)
 class Fault(Disturbance, verified=True):
-    """A fault of an actuator beside whatever else acts: the actuator is not where it is measured to be.
+    """Fault of an actuator, whose true position differs from the measured one.
 
-    Over a step it is off by ``bias - loss * angle + amplitude sin(2 pi t / period + phase)`` and by
-    a random walk: the angle is that at the step's beginning, the phase is random. Filters know
-    where the fault is, and not how large: it is their unknown input d. What else acts is the same
-    to the last bit as without the fault.
+    A fault comes with another disturbance, ``beside``. Over a step the difference is ``bias - loss
+    * angle + amplitude sin(2 pi t / period + phase)`` plus a random walk, with the angle at the
+    step's beginning and a random phase. Filters know which actuator has the fault and estimate its
+    size as their unknown input d. The other disturbance is bit for bit the one of an episode
+    without the fault.
 
     Raises:
         ValueError: for a number out of range.
     """
 
-    actuator: str  # as the vehicle calls it
+    actuator: str  # name in the vehicle's ``faults``, without "fault"
     bias: float = 0.0  # rad, or N of a thrust
-    loss: float = 0.0  # share of its effect that is lost
+    loss: float = 0.0  # share of the actuator's effect that is lost
     amplitude: float = 0.0  # of an oscillation, rad or N
-    period: float = 2.0  # s
-    start: float = 0.0  # standard deviation of the walk at first, rad or N
-    walk: float = 0.0  # of what a second adds to it
+    period: float = 2.0  # of the oscillation, s
+    start: float = 0.0  # standard deviation of the random walk at the start, rad or N
+    walk: float = 0.0  # standard deviation of what a second adds to the walk
     size: float = float(
         np.deg2rad(5.0)
-    )  # rad or N, that filters take it to have where no measurement shows it
+    )  # rad or N, standard deviation that filters assume where no measurement shows the fault
     beside: Disturbance = field(default_factory=Disturbance)
     dt: float = 0.1  # s
 
@@ -421,7 +426,7 @@ class Fault(Disturbance, verified=True):
 
     @property
     def _own(self) -> list[tuple[Process, tuple[str, ...], tuple[float, ...]]]:
-        """Parts of its state behind that of what else acts, a walk and a swing: process, names and sizes of each."""
+        """Process, names and sizes of the fault's own states: the walk and the oscillation."""
         turn = 2.0 * np.pi * self.dt / self.period
         rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
         own: list[tuple[Process, tuple[str, ...], tuple[float, ...]]] = []
@@ -441,28 +446,28 @@ class Fault(Disturbance, verified=True):
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
-        """Of what else acts, then its own."""
+        """Process of the other disturbance, then of the fault."""
         parts = self.beside.process, *(process for process, _, _ in self._own)
         process = Process.joined(*parts)
         vars(process)["start_root"] = block_diag(
             *(part.start_root for part in parts)
-        )  # each begins as it does alone
+        )  # each part begins as it does alone
         return process
 
     @property
     def modelled(self) -> "Fault | None":  # type: ignore[override]
-        """The fault beside what filters have in place of the other disturbance."""
+        """The fault, beside the other disturbance's model in filters."""
         other = self.beside.modelled
         return None if other is None else replace(self, beside=other)
 
     @property
     def scale(self) -> tuple[float, ...]:  # type: ignore[override]
-        """Of what else acts; that of the fault; 1 of what swings."""
+        """Scales of the other disturbance, then of the fault; 1 for the oscillation."""
         there = self.beside.scale or tuple(np.sqrt(np.diag(self.beside.process.start_cov)))
         return *there, *(size for _, _, sizes in self._own for size in sizes)
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Effect of the other disturbance, the fault without its loss, and the share that is lost."""
+        """Effect of the other disturbance, then the fault without its loss, then the lost share."""
         return self._with_fault(self.beside.effect(z[..., : self.beside.process.size], state), z)
 
     def draw(self, uniforms: np.ndarray) -> np.ndarray:

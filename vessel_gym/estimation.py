@@ -22,14 +22,14 @@ from vessel_gym.sharing import shared
 from vessel_gym.system import System
 
 LATE = ("fused", "as new", "discarded")
-"""What is done with measurements that come late: fused where they belong, taken for new ones, or thrown away."""
+"""Uses of late measurements: fused at their own time, taken for new ones, or discarded."""
 ENVIRONMENT_ONLY = ("truth", "measurement", "dead-reckoning")
 WITHOUT_COVARIANCE = ("truth", "measurement")
-"""Estimators that claim no uncertainty of their own: their NEES means nothing."""
+"""Estimators without a covariance of their own, so that their NEES means nothing."""
 
 
 def estimator_names() -> tuple[str, ...]:
-    """Every name that an environment's ``estimator`` accepts."""
+    """All names that an environment's ``estimator`` accepts."""
     return factory.names() + ENVIRONMENT_ONLY
 
 
@@ -39,24 +39,24 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "waves": {"assume": {"disturbance": "moderate", "as": "states"}},
     "white": {"assume": {"as": "white-input"}},
 }
-"""Options of an estimator by the last word of its name, as in ``"huber-kf-nonlinear"``.
+"""Options of an estimator by the ending of its name, as in ``"huber-kf-nonlinear"``.
 
-A filter of ``-waves`` estimates moderate waves as states; one of ``-white`` takes what acts for white
-noise of known variance.
+A filter with ``-waves`` estimates moderate waves as states. A filter with ``-white`` assumes that
+the disturbance is white noise of known variance.
 """
 
 
 def variant(name: str) -> tuple[str, dict[str, Any]]:
-    """The estimator that a name stands for, and its options: those of `VARIANTS`, or none."""
+    """Estimator and options that a name stands for: those of `VARIANTS`, or none."""
     base, _, last = name.rpartition("-")
     known = name not in factory.names() and base in factory.names() and last in VARIANTS
     return (base, VARIANTS[last]) if known else (name, {})
 
 
 EstimatorChoice = str | Callable[..., Filter]
-"""A name of `estimator_names`, perhaps with one of `VARIANTS`, or your own.
+"""A name of `estimator_names`, with or without an ending of `VARIANTS`, or a user's estimator.
 
-Your own is a `Filter` subclass, or any function of a model that returns a filter.
+A user's estimator is a `Filter` subclass, or a function of the model that returns a filter.
 """
 
 
@@ -65,12 +65,12 @@ class Assumptions:
     """Assumptions of a filter that differ from the world: ``estimator_options={"assume": {...}}``.
 
     Attributes:
-        disturbance: What acts, by name or as an object; None: what does.
-        how: One of `vessel_gym.filter_models.build.ASSUMED` (``"as"`` in the options); None: as
-            that disturbance has it.
-        Q: Factor on the covariance of what enters in a step, a white input's too,
-        R: of the measurements,
-        prior: and of what is known at the start.
+        disturbance: Assumed disturbance, by name or as an object; None: the true one.
+        how: One of `vessel_gym.filter_models.build.ASSUMED` (``"as"`` in the options); None: the
+            disturbance's default.
+        Q: Factor on the covariances of process noise and of a white input.
+        R: Factor on the covariance of measurement noise.
+        prior: Factor on the covariance of the prior.
     """
 
     disturbance: str | Disturbance | None = None
@@ -81,10 +81,10 @@ class Assumptions:
 
     @classmethod
     def of(cls, options: object) -> "Assumptions":
-        """From the options of an estimator.
+        """Assumptions from the value of the option ``assume``.
 
         Raises:
-            TypeError: for what is no dictionary, or has keys that there are not.
+            TypeError: for anything but a dictionary, or an unknown key.
             ValueError: for a factor that is not positive, or an unknown way to assume a
                 disturbance.
         """
@@ -109,12 +109,12 @@ class Estimation:
 
     Attributes:
         filter: The filter.
-        composition: What its model is composed of.
-        prior: Factor on the covariance of what is known at the start.
-        inputs: What is kept of the unknown input for scoring: the filter's d; if it has none, see
+        composition: Parts of the filter's model.
+        prior: Factor on the covariance of the prior.
+        inputs: Names of the unknown inputs kept for scoring: the filter's d or, if it has none,
             `unknown_inputs`.
-        late: What is done with measurements that come late: one of `LATE`.
-        horizon: Steps by which measurements may be late.
+        late: Use of late measurements, one of `LATE`.
+        horizon: Largest delay of measurements in steps.
     """
 
     filter: Filter
@@ -126,27 +126,27 @@ class Estimation:
 
     @cached_property
     def input_delay(self) -> int:
-        """Steps by which an estimate of the unknown input is later than the true one that `Core.unknown_input` has."""
+        """Steps by which the estimate of the unknown input lags behind `Core.unknown_input`."""
         vehicle = self.composition.vehicle
         levels = set(input_channels(vehicle)) - set(
             vehicle.increments
-        )  # of these it has what is now
+        )  # `Core.unknown_input` has their present values
         as_it_acts = self.composition.late or levels.isdisjoint(self.inputs)
         return 0 if as_it_acts else self.filter.input_delay or 0
 
     @cached_property
     def tells_truth(self) -> bool:
-        """Is it the declared exception, whose measurement is the truth?"""
+        """Is the filter the oracle, whose measurement is the truth?"""
         return isinstance(self.filter, Oracle)
 
     @cached_property
     def fuses(self) -> bool:
-        """Are late measurements fused where they belong?"""
+        """Are late measurements fused at the time when they were taken?"""
         return self.late == "fused" and self.horizon > 0 and not self.tells_truth
 
     @cached_property
     def delayed(self) -> Any:
-        """The filter, or one that fuses late measurements."""
+        """The filter, wrapped in `Delayed` if it fuses late measurements."""
         return Delayed(self.filter, self.horizon) if self.fuses else self.filter
 
 
@@ -158,25 +158,25 @@ def build(
     sensors: Sensors,
     disturbance: Disturbance,
 ) -> Estimation:
-    """The estimator of an environment.
+    """Build the estimator of an environment.
 
     Args:
         system: The environment's system.
         estimator: One of `estimator_names`, or a function of the model (and options) that returns a
             filter.
-        options: The filter's own options, over the system's tuning; ``model`` chooses the kind of
+        options: Options of the filter, which override the system's tuning. ``model`` is the kind of
             the filter's model, ``assume`` its assumptions (`Assumptions`), ``late`` one of `LATE`.
-        sensors: The sensors, which the filter knows.
-        disturbance: What acts.
+        sensors: Sensors, which the filter knows.
+        disturbance: True disturbance.
 
     Raises:
-        ValueError: for an unknown name or way with late measurements, or a filter that cannot work
-            with the model.
+        ValueError: for an unknown estimator or value of ``late``, or a filter that cannot work with
+            the model.
         TypeError: for an unknown option, options that are no dictionary, or a function that returns
             no filter.
 
     Warns:
-        UserWarning: for a radius of ``robust-kf`` that is too large beside the sensors' biases.
+        UserWarning: for a radius of ``robust-kf`` that is too large for the sensors' biases.
     """
     options = checks.options("estimator_options", options)
     own = is_own(estimator)
@@ -210,7 +210,7 @@ def build(
     inputs = composition.inputs or unknown_inputs(nature, sensors)
     if (
         assumptions.how is None and estimator not in ENVIRONMENT_ONLY
-    ):  # these do without a model of measurements
+    ):  # reference filters have no model of measurements
         composition.check_ambient_flows()
     if composition.assumed_as == "white-input" and estimator not in ("kf", *ENVIRONMENT_ONLY):
         name = estimator if isinstance(estimator, str) else "an estimator of one's own"
@@ -226,7 +226,11 @@ def build(
 
 
 def is_own(estimator: object) -> bool:
-    """Is an estimator a function that returns one? A filter that is built already is refused."""
+    """Is an estimator a user's class or function?
+
+    Raises:
+        TypeError: for a filter that is built already, or a class that is no filter.
+    """
     if isinstance(estimator, Filter) or (
         isinstance(estimator, type) and not issubclass(estimator, Filter)
     ):
@@ -250,7 +254,7 @@ def _filter(
     inputs: tuple[str, ...],
     factor: float,
 ) -> Filter:
-    """The package's filter of a name, or one's own; where it needs a linear model, the error names the option."""
+    """A filter of the package or of the user; an error about linear models names the option."""
     try:
         if callable(estimator):
             made = own_filter(estimator, options, composition.model)
@@ -265,7 +269,7 @@ def _filter(
 
 
 def own_filter(estimator: Any, options: dict[str, Any], model: Model) -> Filter:
-    """A filter of one's own."""
+    """Filter that a user's class or function builds."""
     made: Filter = estimator(model, **options)
     if not isinstance(made, Filter):
         raise TypeError(f"estimator must return an estimators.Filter, got {type(made).__name__}")
@@ -280,7 +284,7 @@ def _made(
     inputs: tuple[str, ...],
     factor: float,
 ) -> Filter:
-    """One of the package's filters, tuned for its assumptions; ``inputs`` are those of the oracle and others."""
+    """A filter of the package, tuned; ``inputs`` are those of oracle and zero-order hold."""
     makers: dict[str, Callable[[], Filter]] = {
         "truth": lambda: Oracle(composition.model.n, len(inputs)),
         "measurement": lambda: ZeroOrderHold(composition, inputs),
@@ -309,12 +313,12 @@ def _made(
 
 
 def _warn_of_biases(filter: RobustKalmanFilter, sensors: Sensors, horizon: int) -> None:
-    """Warn where a ball enlarges variances by far more a step than the slowest bias returns towards zero.
+    """Warn if a ball enlarges variances much faster than the slowest bias returns to zero.
 
     A ball of radius c multiplies the largest eigenvalue of a covariance by about ``1 + sqrt(2 c)``
-    at every step. The difference of a state and its sensor's bias, which no measurement shows, is
-    brought back by the bias alone, by dt / tau a step. A bias that lasts for the whole episode
-    counts as one that returns over its ``horizon`` [steps].
+    at every step. No measurement shows the difference between a state and its sensor's bias. Only
+    the bias brings this difference back, by dt / tau a step. A constant bias counts as one that
+    returns over the episode's ``horizon`` [steps].
     """
     if not sensors.bias.size or filter.radius == 0.0:
         return
@@ -336,7 +340,7 @@ def accepted(
     disturbance: Disturbance,
     among: tuple[str, ...] | None = None,
 ) -> tuple[str, ...]:
-    """Names of estimators that a system's models can carry, of all `estimator_names` or of some."""
+    """Names of estimators that work with a system's models, from ``among`` or `estimator_names`."""
     names = []
     for name in among or estimator_names():
         try:
@@ -354,7 +358,7 @@ def _composed(
     sensors: Sensors,
     disturbance: Disturbance,
 ) -> Composition:
-    """Compose a filter's model of a kind under its assumptions."""
+    """Model of a kind under a filter's assumptions, with its composition."""
     if not isinstance(kind, str):
         raise TypeError(
             f"model must be the name of a filter model, such as {system.filter_model!r}, got"
@@ -379,11 +383,11 @@ def _composed(
 
 
 def chosen_disturbance(system: System, choice: object) -> Disturbance:
-    """A disturbance of a system by its name, or somebody's own.
+    """Disturbance of a system by its name, or a user's own.
 
     Raises:
-        ValueError: for a name that there is not.
-        TypeError: for what is neither a name nor a `Disturbance`.
+        ValueError: for an unknown name.
+        TypeError: for anything but a name or a `Disturbance`.
     """
     if isinstance(choice, Disturbance):
         return choice

@@ -1,4 +1,4 @@
-"""Modules that are installed on request only, and the line that installs each."""
+"""Optional modules, and the command that installs each."""
 
 from importlib.util import find_spec
 
@@ -8,14 +8,14 @@ EXTRAS = {
     "render": ("pygame", "imageio", "imageio_ffmpeg", "PIL"),
     "cluster": ("dask", "distributed"),
 }
-"""Modules by the extra that brings them, as in pyproject.toml; some come with others, too."""
+"""Modules by the extra that brings them, as in pyproject.toml; extras may share modules."""
 
 
 def require(*modules: str) -> None:
-    """Ask for modules of an extra before they are imported.
+    """Check that optional modules are installed, before their import.
 
     Raises:
-        ModuleNotFoundError: if one is not installed, with the line that installs it.
+        ModuleNotFoundError: for a module that is not installed, with the command that installs it.
     """
     for module in modules:
         if not _installed(module):
@@ -23,7 +23,7 @@ def require(*modules: str) -> None:
 
 
 def missing(module: str | None) -> str | None:
-    """Sentence about a module that is not installed; None if no extra brings it."""
+    """Sentence about a module that is not installed; None if it belongs to no extra."""
     name = (module or "").partition(".")[0]
     for extra, modules in EXTRAS.items():
         if name in modules:
@@ -34,5 +34,5 @@ def missing(module: str | None) -> str | None:
 def _installed(module: str) -> bool:
     try:
         return find_spec(module) is not None
-    except (ImportError, ValueError):  # somebody forbids it, or has made one up
+    except (ImportError, ValueError):  # an import hook forbids the module, or it has no spec
         return False

@@ -1,6 +1,6 @@
-"""Functions that users write: they get copies, must repeat themselves, and may give nothing that is not finite.
+"""Checks of users' functions: they get copies, repeat themselves and return finite values.
 
-A function that writes where it reads changes neither the truth, nor a belief, nor another row.
+A function that writes into its arguments changes neither the truth, nor a belief, nor another row.
 """
 
 from collections.abc import Callable, Mapping
@@ -15,21 +15,21 @@ from estimators.checks import numbers, short_repr
 from vessel_gym.verified import is_verified
 
 _ORDINARY = 1e9
-"""Beyond this, in SI units, a vehicle or a belief has run away, and what is computed of it may overflow."""
+"""Largest ordinary number in SI units; functions of larger ones may overflow."""
 
 
 class Copying:
-    """A function on copies of its arrays.
+    """A function that is called with copies of its arguments.
 
     Args:
-        function: The user's.
+        function: Function of the user.
     """
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self.function = function
 
     def __call__(self, *arguments: Any) -> Any:
-        """Results of the function."""
+        """Result of the function."""
         return self.function(*map(copied, arguments))
 
 
@@ -44,25 +44,25 @@ RETURNED: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Methods of vehicles, tasks and disturbances by name, and what each returns."""
 _SCALAR, _CONSTANT = ("reward", "end", "over"), ("parameters", "scenario", "commanded", "exogenous")
-"""Numbers of a row, or one for all; and arrays that may have a single row for all."""
+"""Results with one number a row or one for all, and arrays that may have one row for all."""
 
 
 class CheckedMethods:
-    """An object whose methods are `copying`, and return arrays of float64, a row for each vehicle.
+    """A user's object whose methods get copies and return checked arrays, one row per vehicle.
 
     Args:
         own: The user's vehicle, task or disturbance.
+        **columns: Fixed numbers of columns of results, by the names in `RETURNED`.
 
     Attributes:
-        title: Its class's name.
-        columns: Of arrays, by what they are (see `RETURNED`); others may have any number.
-        steps: ``(B,)`` since the start,
-        ended: and a mask ``(B,)`` of rows whose episode is over, None: none; for the sentences of
-            refusals.
+        title: Name of the object's class.
+        columns: Numbers of columns by result; results that are not listed may have any number.
+        steps: ``(B,)`` steps since the start, for error messages.
+        ended: Mask ``(B,)`` of rows whose episode is over, None for no rows; these are not checked.
     """
 
     commanding = None
-    """A verified task's columns of a reference that say what is commanded; of any other its method is asked."""
+    """None: commands come from the user's method, not from columns of the reference."""
 
     def __init__(self, own: Any, **columns: int) -> None:
         self._own, self.title, self.columns = own, type(own).__name__, columns
@@ -80,7 +80,7 @@ class CheckedMethods:
         return method
 
     def _checked(self, name: str, method: Callable[..., Any], *arguments: Any) -> Any:
-        """Result of a method, or a refusal that names it."""
+        """Checked result of a method; an error names the method."""
         title = f"{name} of {self.title}"
         try:
             returned = method(*arguments)
@@ -139,7 +139,7 @@ class CheckedMethods:
     def _refuse(
         self, title: str, what: str, values: np.ndarray, arguments: list[np.ndarray]
     ) -> None:
-        """Refuse what is not finite; a score state may be infinite, and observations are clipped."""
+        """Refuse values that are not finite, except infinite score states and observations."""
         if what not in ("end", "over", *_OBSERVED):
             ordinary = [each for each in arguments if each.ndim == 2]
             kind = (
@@ -160,18 +160,19 @@ def rows_of(
     scalar: bool = False,
     constant: bool = False,
 ) -> np.ndarray:
-    """An array of a user's as compiled functions take it: a copy in float64, ``(rows, columns)``.
+    """Copy of a user's array in float64 and of shape ``(rows, columns)``, for compiled functions.
 
     Args:
-        title: The function that gave it.
-        values: The array.
+        title: Name of the user's function.
+        values: Array that the function returned.
         rows: B.
-        columns: None: any number.
-        scalar: Whether it has no columns; one number then stands for all rows.
-        constant: Whether one row may stand for all.
+        columns: Number of columns; None for any number.
+        scalar: Does the array have one number for each row? A single number then stands for all
+            rows.
+        constant: May one row stand for all?
 
     Raises:
-        ValueError: for anything else.
+        ValueError: for any other array.
     """
     array = numbers(values)
     if array is None:
@@ -195,12 +196,12 @@ def rows_of(
 
 
 def copying(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function itself if it is verified, and otherwise on copies."""
+    """The function itself if it is verified, otherwise `Copying` of the function."""
     return function if is_verified(function) else Copying(function)
 
 
 def copied(value: Any) -> Any:
-    """A copy of an array, laid out alike in memory, or of a mapping or a record of arrays; anything else as it is."""
+    """Copy of an array (in its memory order), or of a mapping or dataclass of arrays."""
     if isinstance(value, np.ndarray):
         return value.copy("K")
     if isinstance(value, Mapping):
@@ -213,12 +214,12 @@ def copied(value: Any) -> Any:
 
 
 def repeated(name: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """The value of a function that is called twice, on copies.
+    """Value of a function that is called twice, on copies.
 
-    Filters call functions more than once a step, and copies of an environment call them anew.
+    Filters call functions more than once a step, and copies of an environment call them again.
 
     Raises:
-        ValueError: if the second value is another one.
+        ValueError: if the two values differ.
     """
     with np.errstate(all="ignore"):
         first, second = (Copying(function)(*arguments) for _ in range(2))
@@ -235,7 +236,7 @@ def _alike(one: Any, other: Any) -> bool:
         return isinstance(other, tuple) and all(map(_alike, one, other))
     try:
         return np.array_equal(one, other, equal_nan=True)
-    except TypeError:  # objects, of which nobody knows when they are alike
+    except TypeError:  # objects that cannot be compared
         return True
 
 
@@ -243,18 +244,18 @@ def refuse_not_finite(
     name: str, values: np.ndarray, steps: np.ndarray, ended: np.ndarray | None, *arguments: np.ndarray,
     sound: Callable[[np.ndarray], np.ndarray] = np.isfinite, wanted: str = "finite numbers everywhere",
 ) -> None:  # fmt: skip
-    """Refuse values ``(B, ...)`` that are not finite though the arguments ``(B, k)`` are ordinary numbers.
+    """Refuse values ``(B, ...)`` that are not finite while the arguments ``(B, k)`` are ordinary.
 
-    Numerical trouble of a vehicle or a belief that has run away is no mistake of a function.
+    A diverged vehicle or belief is not an error of the function.
 
     Args:
-        name: The function's.
-        values: What it gave.
-        steps: ``(B,)`` since the start.
-        ended: Mask ``(B,)`` of rows whose episode is over; None: none.
-        arguments: What it was given.
-        sound: Which values are accepted,
-        wanted: and what they are called.
+        name: Name of the function.
+        values: Values that the function returned.
+        steps: ``(B,)`` steps since the start.
+        ended: Mask ``(B,)`` of rows whose episode is over; None for no rows.
+        arguments: Arguments of the function.
+        sound: Test of accepted values.
+        wanted: Words for accepted values.
 
     Raises:
         ValueError: naming the function, the step and the row.

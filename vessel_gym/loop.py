@@ -1,4 +1,4 @@
-"""Sensing and estimation of many rows: the half of an environment that knows no truth and no task."""
+"""Sensing and estimation of many rows, the part of an environment without truth and task."""
 
 from operator import attrgetter
 from typing import Any, cast
@@ -11,22 +11,22 @@ from vessel_gym.estimation import Estimation
 
 
 class Loop:
-    """Sensors, their randomness, and the filter and belief of B rows.
+    """Sensors, their random numbers, and filter and belief of B rows.
 
-    `sense` reads what is true; `receive` says what of that arrives when, `begin` and `estimate`
-    take what has, and nothing else.
+    `receive` decides which measurements are delivered, and when. `begin` and `estimate` use the
+    delivered ones alone.
 
     Args:
-        owner: Has the ``sensors``, and an `Estimation` by
-        name: this name. Copies of the owner and of its loop belong together.
+        owner: Object with ``sensors`` and an `Estimation`.
         rows: B.
+        name: Name of the owner's attribute with the `Estimation`.
 
     Attributes:
-        delivered: Measurements delivered last, ``(B, p)``, or by age ``(B, ages, p)`` where sensors
-            are late,
-        measurements: and of that the youngest measurement of each channel.
-        belief: What the filter believes.
-        sensing: Keys ``(B, sensors, 2)`` of the random numbers of the sensors.
+        delivered: Measurements delivered last, ``(B, p)``; with late sensors by age, ``(B, ages,
+            p)``.
+        measurements: Youngest delivered measurement of each channel.
+        belief: Belief of the filter.
+        sensing: Keys ``(B, sensors, 2)`` of the sensors' random numbers.
     """
 
     sensors = property(attrgetter("owner.sensors"))
@@ -51,12 +51,15 @@ class Loop:
 
     @property
     def estimation(self) -> Estimation:
-        """The filter and its model."""
+        """Filter and model."""
         estimation: Estimation = getattr(self.owner, self.name)
         return estimation
 
     def restart(self, rows: np.ndarray | slice, sensing: np.ndarray, filtering: np.ndarray) -> None:
-        """Begin an episode of some rows, with keys ``(rows, sensors, 2)`` and ``(rows, 2)`` of the filter's numbers."""
+        """Begin an episode of some rows, with the keys of sensors ``(rows, sensors, 2)``.
+
+        The keys of the filter are ``filtering (rows, 2)``.
+        """
         self.sensing[rows], self._filtering.keys[rows] = sensing, filtering
         if self._faults is not None:
             self._faults.restart(rows, sensing)
@@ -70,14 +73,13 @@ class Loop:
         rows: np.ndarray | None,
         injected: bool = False,
     ) -> Measurements:
-        """Measurements delivered to rows (None: all) that are ``steps`` after their start and have just sampled these.
+        """Deliver measurements to some rows, and return them.
 
         Args:
-            measurements: What `sense` gave.
-            steps: ``(rows,)``.
-            rows: Which.
-            injected: Whether these are what comes, ``(rows, p)`` or by age; nothing has been read
-                then.
+            measurements: Samples of this step.
+            steps: ``(rows,)`` steps since the start.
+            rows: Indices of the rows; None for all.
+            injected: Are the measurements delivered as they are, ``(rows, p)`` or by age?
         """
         delivered = measurements
         if self._faults is not None or self._transit is not None:
@@ -95,9 +97,9 @@ class Loop:
     def begin(
         self, rows: np.ndarray | None, prior: Gaussian, measurements: Measurements, u: np.ndarray
     ) -> Belief:
-        """The belief of rows (None: all) after their first measurements; those of the others stay.
+        """Belief of some rows (None: all) after the first measurements; other rows keep theirs.
 
-        The prior is what is known at the start, of what the filter estimates.
+        The prior is that of the filter's state.
         """
         rng, estimation = None, self.estimation
         filter = estimation.filter
@@ -117,15 +119,16 @@ class Loop:
         return belief
 
     def estimate(self, measurements: Measurements, u: np.ndarray, steps: np.ndarray) -> None:
-        """One step of all rows, after which they are ``steps (B,)`` on: the known input, then what was read."""
+        """Advance the belief of all rows by a step, to ``steps (B,)``: predict, then update."""
         estimation = self.estimation
         filter = estimation.filter
-        rng = self._filtering.at(steps.copy()) if filter.random else None  # some count on in place
+        # A copy, because some callers count steps in place.
+        rng = self._filtering.at(steps.copy()) if filter.random else None
         y, available = self._for_filter(measurements)
         self.belief = estimation.delayed.step(self.belief, y, u, rng=rng, available=available)
 
     def extra_info(self, steps: np.ndarray) -> dict[str, np.ndarray]:
-        """Entry of ``info`` where sensors may fail: the mask of active faults."""
+        """Entry of ``info`` for sensors with faults: the mask of active faults."""
         return {} if self._faults is None else {"sensor_faults": self._faults.on(steps)}
 
     def _delivered(
@@ -135,7 +138,7 @@ class Loop:
         rows: np.ndarray | slice,
         injected: bool,
     ) -> Measurements:
-        """Measurements delivered of those that are sampled or injected."""
+        """Delivered measurements, from sampled or injected ones."""
         sampled = measurements
         if self._faults is not None and not injected:
             sampled = self._faults.faulted(sampled, steps, rows)
@@ -156,7 +159,7 @@ class Loop:
         return delivered
 
     def _for_filter(self, measurements: Measurements) -> tuple[np.ndarray, np.ndarray | None]:
-        """Measurements and mask, as filters take them."""
+        """Measurements and mask in the form for the filter."""
         estimation = self.estimation
         if estimation.tells_truth:
             return measurements[0], None
@@ -170,7 +173,7 @@ class Loop:
 
 
 def _merged(whole: Measurements, rows: np.ndarray | None, some: Measurements) -> Measurements:
-    """Measurements with those of some rows in their place; None: of all."""
+    """Measurements with new values in some rows; None: in all."""
     if rows is None:
         return some
     y, available = whole[0].copy(), whole[1].copy()

@@ -1,4 +1,4 @@
-"""The task of an environment over a step, as one function of a row: reference, score and observation."""
+"""A task over a step, as one function of a row: reference, score and observation."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -13,17 +13,18 @@ from vessel_gym.verified import is_verified
 
 
 class Mission:
-    """A task's reference, score and observation, from an estimate and the truth.
+    """Reference, score and observation of a task, from an estimate and the truth.
 
-    Its methods are compiled if they call no user's function; NumPy computes them otherwise.
+    Methods are compiled unless they call a user's function.
 
     Args:
-        task: With its methods checked where it is a user's.
-        composition: What the filter estimates.
-        termination: What completes a mission: one of `vessel_gym.configuration.TERMINATIONS`.
-        based: Which components of the true state stand where the filter has them.
-        guided: Are estimates alone observed, with guidance? Then the step observes, too.
-        measured: Are raw measurements observed? Then the reference is where the truth is.
+        task: Task; a user's has `CheckedMethods`.
+        composition: Filter's model and its parts.
+        termination: One of `vessel_gym.configuration.TERMINATIONS`.
+        based: Indices of the true state's components that the prior describes.
+        guided: Are estimates with guidance, and nothing else, observed? Then each step returns the
+            observation.
+        measured: Are raw measurements observed? Then the reference is evaluated at the true state.
     """
 
     def __init__(
@@ -50,13 +51,13 @@ class Mission:
         self, scenario: np.ndarray, steps: np.ndarray, mean: np.ndarray, input_mean: np.ndarray, state: np.ndarray,
         exogenous: np.ndarray, actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
-        """Reference ``(..., k)``, reward and end ``(...)``, score state; the observation if it is ``guided``.
+        """Reference ``(..., k)``, reward, end, score state and, if ``guided``, the observation.
 
         Args:
-            scenario: What the task drew ``(..., c)``.
+            scenario: Scenario ``(..., c)`` of the task.
             steps: ``(...)`` since the episode's start.
-            mean: Estimated state ``(..., n)``,
-            input_mean: and unknown input ``(..., q)``; q may be 0.
+            mean: Estimated state ``(..., n)``.
+            input_mean: Estimated unknown input ``(..., q)``; q may be 0.
             state: True state.
             exogenous: True exogenous input ``(..., f)``.
             actuators: ``(..., a)``.
@@ -81,7 +82,7 @@ class Mission:
         self, scenario: np.ndarray, steps: np.ndarray, mean: np.ndarray, input_mean: np.ndarray, state: np.ndarray,
         actuators: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
-        """Reference ``(..., k)`` at an episode's start; the observation if it is ``guided``."""
+        """Reference ``(..., k)`` at an episode's start and, if ``guided``, the observation."""
         reference = self.task.reference(
             scenario, steps, state[..., self.based] if self.measured else mean
         )
@@ -91,7 +92,7 @@ class Mission:
         self, steps: np.ndarray, mean: np.ndarray, input_mean: np.ndarray, state: np.ndarray, reference: np.ndarray,
         actuators: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
-        """The observation of mode ``"mean"``, within bounds, if it is ``guided``."""
+        """Observation of mode ``"mean"``, clipped, if ``guided``."""
         if not self.guided:
             return ()
         with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
@@ -109,12 +110,12 @@ class Mission:
 def estimate_of(
     composition: Composition, mean: np.ndarray, input_mean: np.ndarray | None
 ) -> Estimate:
-    """The task's view of means ``(..., n)`` of the state and ``(..., q)`` of the unknown input; q may be 0."""
+    """Estimate for the task, from means ``(..., n)`` of the state and ``(..., q)`` of d."""
     known = input_mean if input_mean is not None and input_mean.shape[-1] else None
     return Estimate(mean[..., : composition.base], composition.flow(mean, known), known)
 
 
 def standard_deviations(cov: np.ndarray) -> np.ndarray:
-    """Standard deviations of covariances ``(B, n, n)``; 0 for a variance below 0 by rounding."""
+    """Standard deviations of covariances ``(B, n, n)``; 0 for variances rounded below 0."""
     sd: np.ndarray = np.sqrt(np.maximum(cov.diagonal(0, -2, -1), 0.0))
     return sd

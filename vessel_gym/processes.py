@@ -1,4 +1,4 @@
-"""Gauss-Markov processes: what currents, gusts, waves and the biases of sensors are made of."""
+"""Gauss-Markov processes of currents, gusts, waves and sensors' biases."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,9 +19,9 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def linear(function: _Function) -> _Function:
-    """Declare that what a disturbance does, or a sensor reads, is a matrix times its arguments.
+    """Declare that a disturbance's effect or a sensor's reading is a matrix times its arguments.
 
-    The matrix is taken from the function, which is then no longer called at every step.
+    The matrix is computed once from the function, which is not called in later steps.
     """
     vars(function)["linear"] = True
     return function
@@ -29,15 +29,15 @@ def linear(function: _Function) -> _Function:
 
 @dataclass(frozen=True, eq=False)
 class Process:
-    """``z+ = transition z + root n`` over a step, with standard normals n.
+    """Gauss-Markov process ``z+ = transition z + root n`` over a step, with standard normal n.
 
     Attributes:
         transition: ``(k, k)``.
-        root: ``(k, m)`` a root of the covariance of what enters in a step.
+        root: ``(k, m)`` root of the process noise's covariance.
         start_cov: ``(k, k)`` covariance of z at the start.
 
     Raises:
-        ValueError: for arrays that do not fit together.
+        ValueError: for arrays of inconsistent shapes.
     """
 
     transition: np.ndarray
@@ -49,7 +49,7 @@ class Process:
             "transition",
             "root",
             "start_cov",
-        ):  # laid out alike in every copy: the last bit depends on it
+        ):  # the memory order is fixed, because the last bit depends on it
             shape = ("k", "m") if name == "root" else ("...",)
             values = finite_array(f"{name} of a process", getattr(self, name), *shape)
             object.__setattr__(self, name, frozen(np.array(values, order="C")))
@@ -67,12 +67,12 @@ class Process:
 
     @property
     def size(self) -> int:
-        """k, components of the state."""
+        """Number k of components of the state."""
         return self.root.shape[0]
 
     @property
     def normals(self) -> int:
-        """m, normal numbers a step."""
+        """Number m of normal random numbers in a step."""
         return self.root.shape[1]
 
     def advance(self, z: np.ndarray) -> np.ndarray:
@@ -81,12 +81,12 @@ class Process:
 
     @cached_property
     def start_root(self) -> np.ndarray:
-        """A root of ``start_cov``."""
+        """Root of ``start_cov``."""
         return root_of(self.start_cov)
 
     @classmethod
     def stationary(cls, A: np.ndarray, W: np.ndarray, dt: float) -> "Process":
-        """``z' = A z + w``, white w of intensity ``W (k, k)``, as it is long after its beginning.
+        """Stationary process ``z' = A z + w``, with white noise w of intensity ``W (k, k)``.
 
         Args:
             A: ``(k, k)``, stable.
@@ -94,7 +94,7 @@ class Process:
             dt: Time step [s].
 
         Raises:
-            ValueError: if A is not stable: then the process has no size to begin with.
+            ValueError: if A is not stable, so that no stationary covariance exists.
         """
         A, W = finite_array("A", A, "k", "k"), finite_array("W", W, "k", "k")
         check_numbers("Process.stationary", {"dt": dt}, positive="dt")
@@ -112,7 +112,10 @@ class Process:
 
     @classmethod
     def wandering(cls, sd: tuple[float, ...] | np.ndarray, time: float, dt: float) -> "Process":
-        """Independent first-order processes of standard deviations ``sd (k,)`` that change in ``time`` [s]."""
+        """Independent first-order processes of standard deviations ``sd (k,)``.
+
+        The correlation time is ``time`` [s].
+        """
         sd = _sizes("sd", sd)
         check_numbers("Process.wandering", {"time": time, "dt": dt}, positive="time dt")
         fresh = np.sqrt(-np.expm1(-2.0 * dt / time))
@@ -122,9 +125,10 @@ class Process:
     def walk(
         cls, start: tuple[float, ...] | np.ndarray, pace: tuple[float, ...] | np.ndarray, dt: float
     ) -> "Process":
-        """Independent random walks: ``start (k,)`` standard deviations at first, ``pace (k,)`` of what a second adds.
+        """Independent random walks.
 
-        With a pace of zero they are constants that nobody knows.
+        ``start (k,)`` is the standard deviation at the start, ``pace (k,)`` that of what a second
+        adds. A pace of zero gives unknown constants.
         """
         start, pace = _sizes("start", start), _sizes("pace", pace)
         check_numbers("Process.walk", {"dt": dt}, positive="dt")
@@ -149,7 +153,7 @@ class Process:
 
 
 def integrated(process: Process, which: Sequence[int], dt: float) -> Process:
-    """A process with the integrals over time of some of its components, which begin at 0, behind them."""
+    """Process followed by the time integrals of some of its components, which begin at 0."""
     k, m = process.size, len(which)
     added = np.zeros((m, k))
     added[range(m), which] = dt
@@ -158,12 +162,12 @@ def integrated(process: Process, which: Sequence[int], dt: float) -> Process:
     whole = Process(transition, root, block_diag(process.start_cov, np.zeros((m, m))))
     vars(whole)["start_root"] = np.vstack(
         [process.start_root, np.zeros((m, k))]
-    )  # the process begins as it does alone
+    )  # the process begins as without the integrals
     return whole
 
 
 def _sizes(name: str, value: object) -> np.ndarray:
-    """Standard deviations ``(k,)``."""
+    """Standard deviations ``(k,)``, checked."""
     sizes = finite_array(name, value, "k")
     if (sizes < 0.0).any():
         raise ValueError(
@@ -173,16 +177,16 @@ def _sizes(name: str, value: object) -> np.ndarray:
 
 
 def root_of(cov: np.ndarray) -> np.ndarray:
-    """A square root of a covariance that may be singular."""
+    """Square root of a covariance that may be singular."""
     values, vectors = np.linalg.eigh(cov)
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
 def product(matrix: np.ndarray, x: np.ndarray, onto: np.ndarray) -> np.ndarray:
-    """``onto + matrix x`` of vectors ``(..., k)`` and a constant matrix ``(r, k)``.
+    """``onto + matrix x`` for vectors ``(..., k)`` and a constant matrix ``(r, k)``.
 
-    Zeros of the matrix are left out. The sum is in the order of its columns: the same to the last
-    bit in any batch.
+    Zeros of the matrix are left out. The sum follows the order of columns, so that its bits are
+    equal in any batch.
     """
     rows = list(np.moveaxis(onto, -1, 0))
     for i, j in np.argwhere(matrix):
@@ -191,7 +195,7 @@ def product(matrix: np.ndarray, x: np.ndarray, onto: np.ndarray) -> np.ndarray:
 
 
 def interpolated(table: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Linear interpolation of the rows of a table ``(k, ...)`` at the indices ``at (...)``, from 0 to k - 1."""
+    """Linear interpolation between the rows of a table ``(k, ...)`` at indices ``at (...)``."""
     i = np.minimum(np.floor(at), len(table) - 2.0)
     low, high = lookup(table, i), lookup(table, i + 1.0)
     return low + (at - i if table.ndim == 1 else (at - i)[..., None]) * (high - low)
@@ -201,21 +205,20 @@ def advance(
     keys: np.ndarray, step: np.ndarray, z: np.ndarray, noise: np.ndarray, counts: np.ndarray, root: np.ndarray,
     transition: np.ndarray, gains: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Processes a step later, the noise of the coming step and the exogenous input that follows from both.
+    """Processes a step later, noise of the coming step, and exogenous input from both.
 
     Args:
         keys: ``(..., parts, 2)`` of the random numbers of each part.
-        step: ``(...)``, the number of the coming step.
-        z: ``(..., k)`` state of the processes.
-        noise: ``(..., s + k)`` of the step that is over: white increments, then those of the
-            processes.
+        step: ``(...)`` number of the coming step.
+        z: ``(..., k)`` states of the processes.
+        noise: ``(..., s + k)`` of the ended step: white increments, then noise of the processes.
         counts: Normal numbers of each part.
-        root: ``(s + k, m)`` of the covariance of the noise.
+        root: ``(s + k, m)`` root of the noise's covariance.
         transition: ``(k, k)`` of the processes.
         gains: ``(f, s + k)`` of white increments and processes.
 
     Returns:
-        The new ``z (..., k)``, ``noise (..., s + k)`` and exogenous input ``(..., f)``.
+        New ``z (..., k)``, ``noise (..., s + k)`` and exogenous input ``(..., f)``.
     """
     white, word = len(root) - len(transition), as_word(step)
     drawn = [

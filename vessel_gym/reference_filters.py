@@ -1,4 +1,4 @@
-"""The estimators that only an environment can have: truth, dead reckoning, and the last measurements held."""
+"""Reference estimators of an environment: truth, dead reckoning, and zero-order hold."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +14,7 @@ from vessel_gym.filter_models.build import Composition
 
 @compiled
 class Oracle(Filter[InputBelief]):
-    """The declared exception: it is handed the true state and unknown input as its measurement."""
+    """The oracle, whose measurement is the true state and unknown input."""
 
     name = "truth"
     record = InputBelief
@@ -38,7 +38,7 @@ class Oracle(Filter[InputBelief]):
 
 @compiled
 class DeadReckoning(ExtendedKalmanFilter):
-    """The model alone: measurements are not used."""
+    """The filter's model alone, without measurements."""
 
     name = "dead-reckoning"
 
@@ -51,21 +51,21 @@ class DeadReckoning(ExtendedKalmanFilter):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class HeldBelief(InputBelief):
-    """A belief that also holds the last two measurements of every channel, ``(..., p)`` each."""
+    """Belief with the last two measurements of every channel, ``(..., p)`` each."""
 
     held: np.ndarray
-    previous: np.ndarray  # the measurement before
-    interval: np.ndarray  # seconds between the two
-    seen: np.ndarray  # whether the channel has ever been read
+    previous: np.ndarray  # the measurement before the held one
+    interval: np.ndarray  # time between the two, s
+    seen: np.ndarray  # has the channel been measured yet?
     age: np.ndarray  # steps since the last measurement
 
 
 class ZeroOrderHold(Filter[HeldBelief]):
-    """The last measurement of every channel, held until the next; no model at all.
+    """The last measurement of every channel, held until the next, without a model.
 
-    States follow from what the sensors give (`vessel_gym.sensors.Sensor`); rates that none gives
-    are differenced from the last two measurements of what they are the rate of. What no sensor
-    gives is 0.
+    States follow from what sensors give (`vessel_gym.sensors.Sensor`). Rates that no sensor
+    measures are differences of the last two measurements of the state. States that cannot be
+    derived are 0.
     """
 
     name = "measurement"
@@ -89,7 +89,7 @@ class ZeroOrderHold(Filter[HeldBelief]):
         self._variance, self._input_variance = self._claimed()
 
     def _claimed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Variances ``(n,)`` and ``(q,)`` that the sensor noise alone gives what is derived from two measurements."""
+        """Variances ``(n,)`` and ``(q,)`` of the derived state and d, from sensor noise alone."""
         eye, zero = np.eye(self.model.p), np.zeros((self.model.p, self.model.p))
         interval, noise = (
             np.full_like(zero, self._dt),
@@ -102,7 +102,7 @@ class ZeroOrderHold(Filter[HeldBelief]):
     def _derived(
         self, measurements: np.ndarray, previous: np.ndarray, interval: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(..., n)`` and unknown input ``(..., q)`` from the last two measurements ``(..., p)`` alone."""
+        """State ``(..., n)`` and unknown input ``(..., q)`` from two measurements ``(..., p)``."""
         known = self._sensors.states_from(measurements)
         for rate, _, channel, angle in self._differenced:
             change = measurements[..., channel] - previous[..., channel]
@@ -129,11 +129,11 @@ class ZeroOrderHold(Filter[HeldBelief]):
         }
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
-        """Nothing: a prediction asks the model nothing."""
+        """Nothing, because the prediction uses no model."""
         return ()
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
-        """Expected measurement, no C, and R."""
+        """Expected measurement, zero C, and R."""
         C = np.zeros((self.model.p, self.model.n))
         return self.model.measurement(belief.mean, u), C, self._noise(belief, u, R)
 

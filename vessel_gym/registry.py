@@ -1,4 +1,4 @@
-"""Registry by kind of task, of metrics, controllers and surroundings; a user's own are registered as ours are."""
+"""Registry of metrics, controllers and surroundings by kind of task, the package's and users'."""
 
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
@@ -7,12 +7,13 @@ T = TypeVar("T")
 
 
 class Registry(Generic[T]):
-    """Entries by kind of task and name. What a class is given holds for its subclasses; the nearest class counts.
+    """Entries by kind of task and name.
+
+    Subclasses of a task inherit its entries; the entry of the nearest class counts.
 
     Args:
-        what: What an entry is, in a word.
-        ours: Imports the modules that register the package's own, when something is first looked
-            for.
+        what: Kind of the entries, for error messages.
+        ours: Function that imports the modules with the package's own entries, called at first use.
     """
 
     def __init__(self, what: str, ours: Callable[[], object]) -> None:
@@ -20,17 +21,17 @@ class Registry(Generic[T]):
         self._entries: dict[type, dict[str, tuple[str, T]]] = {}
 
     def register(self, kind: type, entry: T, module: str, name: str = "") -> None:
-        """Give a kind of task an entry. A module may do so again, as in a notebook; another one may not.
+        """Register an entry for a kind of task; only its own module may replace it.
 
         Args:
             kind: Class of the tasks.
-            entry: What they get.
-            module: Name of the module that it is from.
-            name: Of the entry, where a task may have several.
+            entry: Entry.
+            module: Name of the entry's module.
+            name: Name of the entry, if a task may have several.
 
         Raises:
             TypeError: if ``kind`` is no class.
-            ValueError: if another module has given it one of this name.
+            ValueError: if another module registered an entry of this name.
         """
         if not isinstance(kind, type):
             raise TypeError(f"{self._what} can be registered for a class of tasks, got {kind!r}")
@@ -45,7 +46,7 @@ class Registry(Generic[T]):
         entries[name] = module, entry
 
     def of(self, task: Any) -> dict[str, T]:
-        """Entries of a task by name: its class's own, and those that it inherits."""
+        """Entries of a task by name, its class's own and inherited ones."""
         return self.of_class(type(task))
 
     def of_class(self, kind: type) -> dict[str, T]:
@@ -53,11 +54,11 @@ class Registry(Generic[T]):
         return {name: entry for name, (_, entry) in self._found(kind).items()}
 
     def modules(self, task: Any) -> dict[str, str]:
-        """The modules that they are from, by name."""
+        """Modules of a task's entries, by name of the entry."""
         return {name: module for name, (module, _) in self._found(type(task)).items()}
 
     def _load(self) -> None:
-        """Have the package's own registered first: its modules register while they are imported here."""
+        """Import the modules of the package's own entries, once; they register meanwhile."""
         if not self._loaded:
             self._loaded = True
             self._ours()

@@ -1,4 +1,4 @@
-"""A sea that knows the ship: long waves at the frequency and angle at which she meets them, wind, drift, a current."""
+"""A sea for turning ships: waves by frequency and angle of encounter, wind, drift and a current."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -18,38 +18,37 @@ from vessel_gym.waves import BANDS, GRAVITY, WaveBands, WaveField, encounter_fre
 
 _AIR_DENSITY = 1.224  # kg/m3
 _REFLECTED = 0.25  # share of the waves' energy that a ship abeam reflects; assumed
-# rad, least yaw increment that filters assume: half a compass' noise, below which nothing shows it
+# rad, least yaw increment that filters assume: half a compass' noise, the least that is observable
 _LEAST = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Seaway(Disturbance, verified=True):
-    """Disturbance of a ship that turns in a sea: first-order motion in waves, and slow loads.
+    """Disturbance of a ship that turns in a sea: first-order wave motion, wind, drift and current.
 
-    The waves are a `WaveField`: the ship meets them at the frequency ``w - k U cos(beta)``, zero
-    and negative in following seas, and they give her the yaw rate and the sway velocity of
-    `wave_response`. Superposed on manoeuvring (Fossen 2021, ch. 10), the first turns the heading,
-    the second carries the track; the roll moment acts on the ship. Wind (Blendermann 1994, a
-    destroyer) and the drift of the waves that she reflects (Faltinsen 1990) push her to leeward,
-    which nobody can tell from a current by her position.
+    The waves are a `WaveField`. The ship meets them at the frequency ``w - k U cos(beta)``, which
+    is zero or negative in following seas, and responds by the yaw rate and the sway velocity of
+    `wave_response`. These motions are superposed on manoeuvring (Fossen 2021, ch. 10): the yaw rate
+    turns the heading, and the sway velocity shifts the track. The roll moment acts on the ship.
+    Wind (Blendermann 1994, a destroyer) and the drift of reflected waves (Faltinsen 1990) push her
+    to leeward, which positions cannot distinguish from a current.
 
-    There is one frame. The current carries the ship and the waves, whose field rests in the water.
-    The wind blows over ground, and the ship and the water feel what is left of it when they move.
-
-    Waves and wind run to the north, unless ``direction`` says otherwise.
+    The current carries the ship and the waves, whose field is at rest in the water. The wind blows
+    over ground; ship and moving water meet the relative wind. Waves and wind run to the north,
+    unless ``direction`` is set.
 
     Raises:
-        ValueError: for a number that no sea has.
+        ValueError: for a number out of range.
         TypeError: for a ship that is no `CorvetteParameters`.
     """
 
     ship: CorvetteParameters
-    height: float  # significant, m
-    period: float  # of the spectrum's peak, s
-    wind: float  # over ground, m/s
+    height: float  # significant wave height, m
+    period: float  # peak period of the spectrum, s
+    wind: float  # speed over ground, m/s
     current: float  # RMS speed, m/s
     dt: float
-    direction: float = 0.0  # to which waves and wind run, rad
+    direction: float = 0.0  # direction to which waves and wind run, rad
     current_time: float = 1000.0  # s
 
     names = ("current north", "current east", "water north", "water east")
@@ -70,12 +69,12 @@ class Seaway(Disturbance, verified=True):
 
     @cached_property
     def waves(self) -> WaveField:
-        """The waves alone."""
+        """The wave field alone."""
         return WaveField(self.height, self.period)
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
-        """The current, and how far it has carried the water."""
+        """Current, and distances [m] by which it has carried the water north and east."""
         return integrated(self._current, (0, 1), self.dt)
 
     @cached_property
@@ -87,13 +86,13 @@ class Seaway(Disturbance, verified=True):
         """RMS of the yaw rate in waves ``(...)`` [rad/s].
 
         Args:
-            beta: Where the waves run to, from the heading on [rad].
-            speed: [m/s].
+            beta: Direction of the waves relative to the heading [rad].
+            speed: Speed of the ship [m/s].
         """
         return self._rms(np.asarray(beta), speed, 0.0)
 
     def _rms(self, beta: np.ndarray, speed: float, dt: float) -> np.ndarray:
-        """RMS of means of the yaw rate over ``dt`` [s]; arguments as `yaw_rate`."""
+        """RMS of the yaw rate averaged over ``dt`` [s]; other arguments as `yaw_rate`."""
         w, spectrum = (each.reshape((-1,) + beta.ndim * (1,)) for each in self.waves.spectrum)
         half = 0.5 * dt * encounter_frequency(w, beta, np.asarray(speed))
         yaw = np.sinc(half / np.pi) * np.abs(wave_response(self.ship, w, beta, speed)[..., 1])
@@ -101,7 +100,7 @@ class Seaway(Disturbance, verified=True):
 
     @cached_property
     def believed(self) -> Sea:  # type: ignore[override]
-        """Disturbance that filters assume by default: yaw of no direction, and a current that leeway moves."""
+        """Default assumption of filters: a yaw rate without direction, a current with leeway."""
         beta = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
         yaw = self._rms(beta, 0.8 * self.ship.speed, self.dt)
         wave = max(np.sqrt((yaw**2).mean()), _LEAST / self.dt)
@@ -112,23 +111,23 @@ class Seaway(Disturbance, verified=True):
 
     @cached_property
     def modelled(self) -> "BandedSeaway":  # type: ignore[override]
-        """The sea in which filters that assume it have bands in place of the field."""
+        """Filters' model of this sea, with wave bands in place of the field."""
         return BandedSeaway(*(getattr(self, each.name) for each in fields(Seaway)))
 
     @cached_property
     def input_sd(self) -> tuple[float, ...]:  # type: ignore[override]
-        """Of the yaw increment, over all headings."""
+        """Standard deviation of the yaw increment over all headings."""
         return (self.dt * self.believed.wave,)
 
     @cached_property
     def leeway(self) -> float:
-        """Sway [m/s] of the ship that her rudder holds across wind and drift, at the speed that she keeps there."""
+        """Sway [m/s] across wind and drift, with a steady heading and the speed that remains."""
         state, c = np.zeros(len(STATE)), self.ship.vector()
         state[STATE.index("psi")] = self.direction + 0.5 * np.pi
         moving = [STATE.index("u"), STATE.index("v")]
 
         def accelerations(balance: np.ndarray) -> np.ndarray:
-            """In surge, sway and yaw, at a rudder angle [rad] and surge and sway in units of the service speed."""
+            """Surge, sway and yaw; ``balance``: rudder [rad], relative surge and sway."""
             state[moving] = balance[1:] * self.ship.speed
             around = self.effect(np.zeros(len(self.names)), state)[1:]
             return corvette_rates(state, balance[:1], around, c)[3:6] * [1.0, 1.0, self.ship.length]
@@ -136,14 +135,18 @@ class Seaway(Disturbance, verified=True):
         return float(abs(root(accelerations, [0.0, 1.0, 0.0]).x[2]) * self.ship.speed)
 
     def draw(self, uniforms: np.ndarray) -> np.ndarray:
-        """Frequencies [rad/s] and phases [rad] of an episode's waves, velocities [m/s] at half the ship's draught."""
+        """Constants of an episode's waves: frequencies, phases, and velocities.
+
+        Frequencies are in rad/s, phases in rad, and orbital velocities [m/s] are at half the ship's
+        draught.
+        """
         drawn = self.waves.draw(uniforms)
         w = drawn[..., : WaveField.components]
         velocity = self.waves.amplitude * w * np.exp((-0.5 * self.ship.draught / GRAVITY) * w * w)
         return np.concatenate([drawn, velocity], -1)
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """The yaw increment [rad], and what is `AROUND` the ship, ``(..., 8)``, where there are no waves."""
+        """Yaw increment [rad], and flow and loads `AROUND` the ship ``(..., 8)``, without waves."""
         none = np.zeros_like(state[..., 0])
         return self._acting((none, none, none), z[..., :2], state)
 
@@ -151,14 +154,13 @@ class Seaway(Disturbance, verified=True):
     def effect_at(
         self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """The yaw increment and what is `AROUND` the ship, ``(..., 8)``, in the waves of an episode.
+        """Yaw increment, and flow and loads `AROUND` the ship ``(..., 8)``, in an episode's waves.
 
-        Of the motion that waves give her they are means over the coming step.
-
-        Over steps that are long for the waves these are smaller, and the heading swings as far as
-        in continuous time. The roll moment acts unchanged over a step, which takes ``sinc(w_e dt /
-        2)`` of a wave away: so it is that of the step's middle, larger by as much, and she rolls as
-        far, too.
+        Yaw increment and sway velocity of the waves are means over the coming step. In steps that
+        are long for the waves the means are smaller than momentary values, so that the heading
+        swings as far as in continuous time. The roll moment is constant over a step, which reduces
+        a wave's effect by the factor ``sinc(w_e dt / 2)``. So it is the moment in the middle of the
+        step, divided by that factor, and the roll is as large as in continuous time.
         """
         x, y, psi, u = np.moveaxis(state[..., :4], -1, 0)
         sin_mu, cos_mu = sincos(self.direction)
@@ -169,7 +171,7 @@ class Seaway(Disturbance, verified=True):
         def moved(w: np.ndarray, phase: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
             k_cos = w * w * cos_beta * (1.0 / GRAVITY)
             met = w - k_cos * u
-            half = 0.5 * self.dt * met  # of the phase of a step
+            half = 0.5 * self.dt * met  # half of the phase in a step
             mean = _mean(half)
             sin, cos = sincos(phase + half)
             side = (
@@ -186,7 +188,10 @@ class Seaway(Disturbance, verified=True):
     def _acting(
         self, motion: Sequence[np.ndarray], current: np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """The yaw increment, and what is `AROUND` the ship, given sway, yaw rate and roll moment of the waves."""
+        """Yaw increment, and flow and loads `AROUND` the ship.
+
+        The motion is the waves' sway velocity, yaw rate and roll moment.
+        """
         psi, u, v = np.moveaxis(state[..., 2:5], -1, 0)
         sin_beta, _ = sincos(self.direction - psi)
         sin_mu, cos_mu = sincos(self.direction)
@@ -204,14 +209,14 @@ class Seaway(Disturbance, verified=True):
     def _wind(
         self, along: np.ndarray, across: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Surge and sway force [N] and yaw moment [N m] of the air's velocity as the ship feels it [m/s] ``(...)``.
+        """Surge and sway force [N] and yaw moment [N m] ``(...)`` of the relative wind [m/s].
 
-        Blendermann (1994).
+        Coefficients by Blendermann (1994).
         """
         ship = self.ship
         frontal = 0.82 * ship.beam**2 if ship.frontal_area is None else ship.frontal_area
         lateral = 0.083 * ship.length**2 if ship.lateral_area is None else ship.lateral_area
-        angle = np.abs(np.arctan2(-across, -along))  # from the bow, from which it comes
+        angle = np.abs(np.arctan2(-across, -along))  # between the bow and the wind's origin
         front = np.where(angle < 0.5 * np.pi, 0.60, 0.65)
         sin_angle, cos_angle = sincos(angle)
         sin_twice = 2.0 * sin_angle * cos_angle
@@ -240,12 +245,12 @@ class Seaway(Disturbance, verified=True):
 
 @dataclass(frozen=True, eq=False)
 class BandedSeaway(Seaway, verified=True):
-    """A filter's model of a `Seaway`: its waves are `WaveBands` as the ship meets them.
+    """A filter's model of a `Seaway`, with `WaveBands` as the ship meets them.
 
-    She answers each as strongly as all waves of the band together, in the phase of those at its
-    frequency. The phases are those at the ship, and turn as she moves: how she moves tells how
-    often she meets waves, and no wave tells where she is. In phases at a place the filter would
-    take its position from a sea that it knows for half a minute.
+    The response to a band has the amplitude of all its waves together, and the phase at the band's
+    frequency. The phases are those at the ship and turn as she moves: motion changes the frequency
+    of encounter, but waves give no position. With phases at a fixed place, the filter would infer
+    positions from a sea that it can predict for half a minute.
     """
 
     names = (*WaveBands.names, "current north", "current east")  # type: ignore[assignment]
@@ -254,20 +259,22 @@ class BandedSeaway(Seaway, verified=True):
 
     @cached_property
     def bands(self) -> WaveBands:
-        """The waves alone."""
+        """The wave bands alone."""
         return WaveBands(self.height, self.period)
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
-        """The bands, rotating, and the current."""
+        """Rotating wave bands, then the current."""
         return Process.joined(self.bands.process(self.dt), self._current)
 
     def response(self, beta: np.ndarray, speed: float) -> np.ndarray:
-        """Sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] of a unit of each band ``(3, ..., 3)``, complex.
+        """Complex response ``(3, ..., 3)`` to a unit of each band.
+
+        The last axis is sway velocity [m/s], yaw rate [rad/s] and roll moment [N m].
 
         Args:
-            beta: Where the waves run to, from the heading on [rad].
-            speed: [m/s].
+            beta: Direction of the waves relative to the heading [rad].
+            speed: Speed of the ship [m/s].
         """
         bands, each = self.bands, []
         for band, frequencies in enumerate(bands.within):
@@ -289,7 +296,7 @@ class BandedSeaway(Seaway, verified=True):
         return (np.sinc(half / np.pi) * np.exp(1j * half))[..., None] * self.response(beta, speed)
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """The yaw increment [rad], and what is `AROUND` the ship, ``(..., 8)``."""
+        """Yaw increment [rad], and flow and loads `AROUND` the ship ``(..., 8)``."""
         psi, u = state[..., 2], state[..., 3]
         total, response = [np.zeros_like(u)] * 3, self._interpolated(self.direction - psi, u)
         for band in range(BANDS):
@@ -299,7 +306,7 @@ class BandedSeaway(Seaway, verified=True):
         return self._acting(total, z[..., -2:], state)
 
     def met(self, z: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        """The state with the phases of the waves where the ship is after a step, through the water."""
+        """State with the waves' phases at the place of the ship after a step through the water."""
         sin_mu, cos_mu = sincos(self.direction)
         north, east = ((after - before)[..., i] - self.dt * z[..., i - 2] for i in range(2))
         parts = self.bands.at(z, north * cos_mu + east * sin_mu)
@@ -324,7 +331,10 @@ class BandedSeaway(Seaway, verified=True):
 
     @cached_property
     def _table(self) -> np.ndarray:
-        """Real and imaginary parts of `mean_response`, by speed and beta ``(speeds * betas, bands * 6)``."""
+        """Real and imaginary parts of `mean_response` on a grid.
+
+        The shape is ``(speeds * betas, bands * 6)``.
+        """
         beta = np.linspace(0.0, 2.0 * np.pi, _BETAS + 1)
         response = np.stack(
             [self.mean_response(beta, speed) for speed in _TABLED * self.ship.speed]
@@ -334,10 +344,10 @@ class BandedSeaway(Seaway, verified=True):
 
 
 def _held(mean: np.ndarray) -> np.ndarray:
-    """Factor on a roll moment that is held over a step, given `_mean`: ``1 / mean`` up to half a wave a step.
+    """Factor on a roll moment that is constant over a step, from `_mean`.
 
-    Of waves that are met faster, steps would make slow ones: up to two thirds of a wave a step they
-    fade away.
+    The factor is ``1 / mean`` up to half a wave a step. Steps would alias faster waves into slow
+    ones; so the factor falls to 0 at two thirds of a wave a step.
     """
     half_a_wave, last = 2.0 / np.pi, np.sin(2.0 * np.pi / 3.0) / (2.0 * np.pi / 3.0)
     share = np.minimum(np.maximum((mean - last) / (half_a_wave - last), 0.0), 1.0)
@@ -345,7 +355,7 @@ def _held(mean: np.ndarray) -> np.ndarray:
 
 
 def _mean(half: np.ndarray) -> np.ndarray:
-    """Size of a wave's mean over twice a phase ``half`` [rad] ``(...)``: ``sin(half) / half``, and 0 from pi on."""
+    """Mean of a wave over +-``half`` [rad] of phase: ``sin(half) / half``, and 0 from pi on."""
     square = np.minimum(half * half, np.pi**2)
     total = np.zeros_like(square)
     for i in range(9, -1, -1):  # Taylor's series, to 2e-10
@@ -354,4 +364,4 @@ def _mean(half: np.ndarray) -> np.ndarray:
 
 
 _TABLED, _BETAS = np.linspace(0.25, 1.25, 21), 120
-"""Speeds, in units of the service speed, and number of directions at which responses are tabled."""
+"""Tabled speeds in units of the service speed, and number of tabled directions."""

@@ -1,8 +1,7 @@
-"""Faults of sensors, scheduled: what goes wrong between a sensor and whoever reads it.
+"""Scheduled faults of sensors, which change measurements before delivery.
 
-The kinds are those of PX4's failure injection, its "wrong" in three: a bias, a drift (of several
-channels of a fix: spoofing) and a scale. Faults of actuators are another matter:
-`vessel_gym.disturbances.Fault`.
+The kinds are those of PX4's failure injection; its "wrong" is divided into bias, drift (of several
+channels of a fix: spoofing) and scale. For faults of actuators see `vessel_gym.disturbances.Fault`.
 """
 
 from collections.abc import Iterable
@@ -21,7 +20,7 @@ KINDS = {
     "scale": "the factor",
     "garbage": "the standard deviation of the noise that is read instead",
 }
-"""What may be wrong with a sensor, and what the size of that is."""
+"""Kinds of sensor faults, and the meaning of their sizes."""
 
 
 @dataclass(frozen=True)
@@ -29,22 +28,23 @@ class SensorFault:
     """A fault of a sensor, for a time.
 
     Attributes:
-        sensor: Its name.
-        kind: ``"off"``, nothing arrives; ``"stuck"``, always the last measurement from before, or
-            the first where there was none; ``"bias"``, ``"drift"``, ``"scale"`` or ``"garbage"``.
-        size: Of these four, in the units of the channels: what is added, what a second adds, the
-            factor, the standard deviation of the noise that is read instead. One for all channels,
-            or one for each.
-        begin: Seconds after an episode's start; a pair: drawn in each episode, uniformly between
-            the two.
-        end: Seconds after an episode's start at which it is over, or a pair as for ``begin``;
+        sensor: Name of the sensor.
+        kind: ``"off"``: nothing arrives. ``"stuck"``: the last measurement before the fault
+            repeats, or else the first one during the fault. ``"bias"``, ``"drift"``, ``"scale"``
+            and ``"garbage"`` have a ``size``.
+        size: For ``"bias"`` the addition, for ``"drift"`` the addition of each second, for
+            ``"scale"`` the factor, for ``"garbage"`` the standard deviation of noise that replaces
+            the measurement. One number in the units of the channels, or one for each channel.
+        begin: Time after an episode's start [s]; a pair: drawn uniformly between both in each
+            episode.
+        end: Time after an episode's start [s] at which the fault ends, or a pair as for ``begin``;
             infinity: never.
-        duration: Seconds from the drawn beginning to the end, in place of ``end``; None: as ``end``
-            says.
+        duration: Time [s] from the drawn beginning to the end, instead of ``end``; None: use
+            ``end``.
 
     Raises:
-        ValueError: for a kind that there is not, a size that it does not have, times that make no
-            sense, or a duration beside an end.
+        ValueError: for an unknown kind, an invalid size for the kind, invalid times, or a duration
+            together with an end.
     """
 
     sensor: str
@@ -79,10 +79,10 @@ class SensorFault:
         return f"the fault {self.kind!r} of {self.sensor}"
 
     def times(self, name: str) -> tuple[float, float]:
-        """Between which seconds it begins, or ends.
+        """Earliest and latest time [s] at which the fault begins or ends.
 
         Raises:
-            ValueError: if it is no number of at least 0, nor a pair of them in order.
+            ValueError: for anything but a number of at least 0 or an ordered pair of such numbers.
         """
         time = getattr(self, name)
         given = None if isinstance(time, bool) else numbers(time)
@@ -101,18 +101,18 @@ class SensorFault:
 
 
 LOSS = 120.0
-"""Seconds for which ``sensors="denied"`` takes away the fix."""
+"""Time [s] for which ``sensors="denied"`` loses the fix."""
 
 
 def lost_fix(sensors: Iterable[str], seconds: float) -> tuple[SensorFault, ...]:
-    """Loss of the fix for `LOSS` seconds, within an episode that lasts longer than that.
+    """Loss of the fix for `LOSS` seconds in each episode.
 
-    The loss begins at a time drawn uniformly: in an episode of up to ``seconds`` > `LOSS`, such
-    that it is over by then; in a shorter one, whose mission takes about half of its time limit, in
-    the first half, and it lasts to the end.
+    The loss begins at a time that is drawn uniformly. If an episode may last longer than `LOSS`,
+    the loss is over by ``seconds``. In a shorter episode, whose mission takes about half of the
+    time limit, the loss begins in the first half and lasts to the end.
 
     Args:
-        sensors: Names of the sensors that are the fix.
+        sensors: Names of the sensors that give the fix.
         seconds: Longest duration of an episode.
     """
     latest = seconds - LOSS if seconds > LOSS else 0.5 * seconds

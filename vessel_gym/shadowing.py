@@ -1,14 +1,14 @@
-"""Packages of the user that have the name of one of ours and are found first."""
+"""Check for modules of the user that shadow packages of this project."""
 
 import os
 from importlib.util import find_spec
 
 FOLDER = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
-"""Folder of our packages."""
+"""Folder of this project's packages."""
 
 
 def shadowing(package: str) -> str | None:
-    """The file that is imported in place of our package of this name; None if it is ours."""
+    """File that is imported instead of this project's package; None for the package itself."""
     spec = find_spec(package)
     place = (
         None

@@ -1,4 +1,4 @@
-"""Objects that are built of equal values are one and the same, if nobody can change these values."""
+"""Sharing of objects that are built from equal, constant values."""
 
 import pickle
 from collections.abc import Callable
@@ -14,16 +14,16 @@ from estimators.engine import Compiled
 from vessel_gym.verified import declared
 
 _Builder = TypeVar("_Builder", bound=Callable[..., Any])
-_KEPT = 32  # objects of a builder
+_KEPT = 32  # objects kept for a builder
 _IMMUTABLE, _HEAP = 1 << 8, 1 << 9
 """Flags of classes, ``Py_TPFLAGS_IMMUTABLETYPE`` and ``Py_TPFLAGS_HEAPTYPE``."""
 
 
 def shared(build: _Builder) -> _Builder:
-    """Return the same object whenever a function is called with the same constants.
+    """Return one object for all calls of a function with equal constants.
 
-    Functions and parts that are not verified, and arrays that can be written to, may change: with
-    such arguments the function is called anew.
+    Functions and parts that are not verified, and writable arrays, may change; with such arguments
+    the function is called each time.
     """
 
     @lru_cache(maxsize=_KEPT)
@@ -37,7 +37,7 @@ def shared(build: _Builder) -> _Builder:
         try:
             for each in arguments:
                 pickler.dump(each)
-                # whether two arguments have an object in common does not matter
+                # objects that arguments have in common do not matter
                 pickler.clear_memo()
         except (pickle.PicklingError, TypeError, AttributeError):
             return build(*arguments)
@@ -48,17 +48,17 @@ def shared(build: _Builder) -> _Builder:
 
 @dataclass(frozen=True)
 class _Arguments:
-    """Arguments, which are equal where their values are."""
+    """Arguments, which are equal if their values are."""
 
     values: bytes
     arguments: tuple[Any, ...] = field(compare=False)
 
 
 class _Values(pickle.Pickler):
-    """The values of constants; others are refused."""
+    """Pickler of the values of constants, which refuses all else."""
 
     def reducer_override(self, value: Any) -> Any:
-        """Parts of one value: a record's fields, without what it has cached; of classes and functions the identity."""
+        """Fields of a dataclass without its caches; identities of classes and functions."""
         if not (_constant(value) if (verified := declared(value)) is None else verified):
             raise pickle.PicklingError("it may change")
         if is_dataclass(value) and not isinstance(value, type):
@@ -66,12 +66,12 @@ class _Values(pickle.Pickler):
         if isinstance(value, FunctionType | Compiled) or (
             isinstance(value, type) and not _built_in(value)
         ):
-            return int, (id(value),)  # the arguments keep it
+            return int, (id(value),)  # the cached arguments keep it alive
         return NotImplemented
 
 
 def _constant(value: Any) -> bool:
-    """Is a value that does not say whether it is verified a constant, as far as it is more than its parts?"""
+    """Is a value without a declaration constant, apart from its parts?"""
     if isinstance(value, type):
         return _built_in(value) or getattr(vars(value).get("__dataclass_params__"), "frozen", False)
     return not (
@@ -80,5 +80,5 @@ def _constant(value: Any) -> bool:
 
 
 def _built_in(kind: type) -> bool:
-    """Is a class one that Python code cannot change?"""
+    """Is a class immutable for Python code?"""
     return not kind.__flags__ & _HEAP or bool(kind.__flags__ & _IMMUTABLE)

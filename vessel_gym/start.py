@@ -1,4 +1,4 @@
-"""The start of episodes: seeds, random numbers, and what is known of the state."""
+"""The start of episodes: seeds, random numbers and priors."""
 
 import math
 from functools import lru_cache
@@ -19,17 +19,17 @@ from vessel_gym.sensors import Sensors
 from vessel_gym.world import World
 
 DRAWN = ("task", "vehicle", "parameters", "filter", "field")
-"""What is drawn by itself at the start of an episode; then come the parts of the world and the sensors."""
+"""Streams of random numbers at an episode's start, before those of the world and the sensors."""
 
 
 def seeds_of(seed: Any, num_envs: int, rows: list[int]) -> list[int]:
-    """A seed for each environment; a number s gives them s, s + 1, ..., None a number by chance.
+    """Seeds of the environments: s, s + 1, ... for a number s; a random s for None.
 
     Raises:
-        ValueError: for anything but one or as many as there are environments, whole and not
-            negative in ``rows``.
+        ValueError: for a seed that is not a whole number, a wrong number of seeds, or a negative
+            seed in ``rows``.
     """
-    if type(seed) is int and seed >= 0:  # as nearly all are
+    if type(seed) is int and seed >= 0:  # the usual case, without checks
         return list(range(seed, seed + num_envs))
     if seed is None:
         seed = int(np.random.SeedSequence().generate_state(1)[0])
@@ -48,16 +48,16 @@ def seeds_of(seed: Any, num_envs: int, rows: list[int]) -> list[int]:
 class Draws(NamedTuple):
     """Random numbers of an episode's start."""
 
-    words: tuple[int, ...]  # of the keys of its parts
+    words: tuple[int, ...]  # for the keys of the parts
     counts: tuple[
         tuple[int, int, int], ...
-    ]  # uniform and normal numbers of each, and the use of these
-    world: int  # keys before those of the sensors
+    ]  # of uniform and normal numbers of each part, and use of the normal ones
+    world: int  # number of keys before those of the sensors
     parameters: slice  # normals of the vehicle's parameters
 
     @classmethod
     def of(cls, world: World, based: int, mismatch: float) -> "Draws":
-        """The draws of a world whose prior is about ``based`` components of the vehicle's state."""
+        """Draws of a world with a prior of ``based`` components of the vehicle's state."""
         biased = [sensor for sensor in world.sensors.each if sensor.bias is not None]
         parts = "disturbance", *(f"bias of {sensor.name}" for sensor in biased)
         sensed = (f"sensor {sensor.name}" for sensor in world.sensors.each)
@@ -88,16 +88,16 @@ def draw(
     names: tuple[int, ...],
     drawn: tuple[tuple[int, int, int], ...],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Keys of the parts of episodes, and the random numbers of their starts.
+    """Keys of the parts of episodes, and the random numbers at their starts.
 
-    They are those of `estimators.RandomKeys`, at step 0.
+    The numbers are those of `estimators.RandomKeys` at step 0.
 
     Args:
         seeds: ``(..., 2)`` keys.
-        episodes: ``(...)``.
+        episodes: ``(...)`` numbers of the episodes.
         names: A word for each part.
-        drawn: For each part how many uniform numbers and normal ones it draws, and the use of
-            these.
+        drawn: Numbers of uniform and normal random numbers of each part, and the use of the normal
+            ones.
 
     Returns:
         Keys ``(..., parts, 2)``, and numbers ``(..., k)`` part by part.
@@ -115,9 +115,9 @@ def draw(
 
 
 def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray:
-    """Joint prior covariance of vehicle, disturbance and biases, given that ``(n, n)`` of the vehicle.
+    """Joint prior covariance of vehicle, disturbance and biases, from the vehicle's ``(n, n)``.
 
-    A vehicle whose velocity is over ground is carried along by the flow from the first moment.
+    The flow carries a vehicle with velocities over ground from the first moment.
     """
     process = forces.disturbance.process
     whole = block_diag(cov, process.start_cov, sensors.bias.start_cov)
@@ -132,7 +132,7 @@ def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray
 
 
 def known(prior: Gaussian, composition: Composition) -> Gaussian:
-    """Prior of the components that a filter estimates."""
+    """Prior of the states that a filter estimates."""
     start = _start(prior.cov.tobytes(), composition)
     mean = np.zeros((len(prior.mean), len(start.cov)))
     mean[:, : composition.base] = prior.mean[:, : composition.base]
@@ -141,7 +141,7 @@ def known(prior: Gaussian, composition: Composition) -> Gaussian:
 
 @lru_cache(maxsize=16)
 def _start(cov: bytes, composition: Composition) -> Gaussian:
-    """Prior of a filter about a mean of 0, given a covariance ``(n, n)`` of the vehicle."""
+    """Prior of a filter about 0, given the covariance ``(n, n)`` of the vehicle."""
     whole = joint_prior(_square(cov), composition.forces, composition.sensors)
     n, bias = len(_square(cov)), np.arange(len(whole) - composition.sensors.bias.size, len(whole))
     kept = np.concatenate([np.arange(composition.base), n + composition.estimated, bias])
@@ -150,7 +150,7 @@ def _start(cov: bytes, composition: Composition) -> Gaussian:
         known = block_diag(known, composition.forces.input_cov)
     if (
         composition.ended
-    ):  # nothing has acted before the start: a variance that is as good as none, and not singular
+    ):  # nothing acted before the start: a negligible variance that is not singular
         known = block_diag(
             known, 1e-6 * composition.forces.cov[np.ix_(composition.ended, composition.ended)]
         )

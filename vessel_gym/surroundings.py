@@ -1,7 +1,7 @@
-"""Surroundings of an episode: the vehicle's place, what is around it, and the names of its state.
+"""Surroundings of a vehicle in an episode, and words for the components of its state.
 
-Pictures (`vessel_gym.rendering`) and pages (`agents.episode`) show every task alike. A task says
-what is around its vehicle by `register_surroundings`; without that, the vehicle is seen alone.
+Images (`vessel_gym.rendering`) and pages (`agents.episode`) show all tasks in one way. A task
+describes the surroundings by `register_surroundings`; otherwise images show the vehicle alone.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,9 +23,9 @@ from vessel_gym.tasks.flight import OBSTACLES, SEGMENTS, Flight
 from vessel_gym.tasks.turning_circle import TurningCircle
 
 HULLS = ("ship", "torpedo", "aircraft", "dot")
-"""Outlines that can be drawn at a vehicle's place."""
+"""Outlines of vehicles for images."""
 _SPAN = 2.1
-"""Wing span [m] of the Skywalker X8, Gryte (2018); the point mass has none."""
+"""Wing span [m] of the Skywalker X8, Gryte (2018), because a point mass has none."""
 _WORDS = {
     "x": ("north position", "m"), "y": ("east position", "m"), "z": ("depth", "m"), "h": ("altitude", "m"),
     "phi": ("roll", "°"), "theta": ("pitch", "°"), "psi": ("heading", "°"),
@@ -41,18 +41,17 @@ class Surroundings:
     """Surroundings of the vehicle in one episode, in metres north, east and down.
 
     Attributes:
-        hull: What is drawn at the vehicle's place, one of `HULLS`.
-        size: Its length; an aircraft's span.
-        space: Whether it moves in three dimensions.
-        path: ``(k, 3)`` what it is asked to follow.
-        fairway: ``(k, 3)`` outline of the water within which it is to keep.
-        goal: Where it is to arrive, and within what distance; None: nowhere.
+        hull: Outline of the vehicle, one of `HULLS`.
+        size: Length of the vehicle; span of an aircraft.
+        space: Does the vehicle move in three dimensions?
+        path: ``(k, 3)`` path to follow.
+        fairway: ``(k, 3)`` outline of the permitted water.
+        goal: Position of the goal, and the distance that counts as arrival; None: no goal.
         obstacles: ``(m, 3)`` north, east and radius of upright cylinders.
-        surface: Whether there is water above, and its surface is at this depth; None: there is
-            none.
+        surface: Depth of the water surface; None: no surface in the image.
 
     Raises:
-        ValueError: for another hull.
+        ValueError: for an unknown hull.
     """
 
     hull: str = "dot"
@@ -75,30 +74,30 @@ class Surroundings:
 
     @property
     def landmarks(self) -> np.ndarray:
-        """Path and goal ``(n, 3)``, which every map shows."""
+        """Points of path and goal ``(n, 3)``, which every map shows."""
         return np.concatenate(
             [self.path, np.zeros((0, 3)) if self.goal is None else [self.goal[:3]]]
         )
 
 
 MakeSurroundings = Callable[[Any, np.ndarray], Surroundings]
-"""Makes the surroundings of a task and the scenario that it has drawn ``(k,)``."""
+"""Function of a task and its scenario ``(k,)`` that returns the surroundings."""
 M = TypeVar("M", bound=MakeSurroundings)
 
 SURROUNDINGS: Registry[MakeSurroundings] = Registry("surroundings", lambda: None)
 
 
 def register_surroundings(task_type: type) -> Callable[[M], M]:
-    """A decorator that makes a function of a task and its scenario ``(k,)`` tell the `Surroundings` of its episodes.
+    """Decorator that registers a function of task and scenario ``(k,)`` for its `Surroundings`.
 
-    Subclasses of the task inherit it.
+    Subclasses of the task inherit the function.
 
     Args:
-        task_type: The class of the task.
+        task_type: Class of the task.
 
     Raises:
         TypeError: for a task type that is no class.
-        ValueError: if the task has surroundings from another module.
+        ValueError: if another module registered surroundings for the task.
     """
 
     def register(surroundings: M) -> M:
@@ -109,7 +108,7 @@ def register_surroundings(task_type: type) -> Callable[[M], M]:
 
 
 def surroundings_of(core: Core, scenario: np.ndarray) -> Surroundings:
-    """Surroundings in the episode of a scenario ``(k,)``; the vehicle alone, if the task has none."""
+    """Surroundings of an episode with a scenario ``(k,)``; by default the vehicle alone."""
     known = SURROUNDINGS.of(core.task).get("")
     if known is not None:
         return known(core.task, scenario)
@@ -117,13 +116,13 @@ def surroundings_of(core: Core, scenario: np.ndarray) -> Surroundings:
 
 
 def pose(states: np.ndarray, names: Sequence[str]) -> np.ndarray:
-    """Place and attitude of a vehicle ``(T, 6)``: north, east, down [m], roll, pitch, yaw [rad], continuous.
+    """Positions and attitudes ``(T, 6)``: north, east, down [m], unwrapped roll, pitch, yaw [rad].
 
-    What its state does not name is 0; one without heading points where it goes.
+    Components that the state lacks are 0; without a heading, the yaw is the course.
 
     Args:
-        states: ``(T, n)``.
-        names: Of their components.
+        states: ``(T, n)`` states.
+        names: Names of the components of a state.
     """
 
     def of(name: str) -> np.ndarray:
@@ -137,11 +136,11 @@ def pose(states: np.ndarray, names: Sequence[str]) -> np.ndarray:
 
 
 def in_words(name: str, angles: Sequence[str]) -> tuple[str, str, float]:
-    """A component of a state in words, the unit in which it is shown, and how many of that are one in SI.
+    """Words, displayed unit, and factor from SI to that unit, of a component of a state.
 
     Args:
-        name: The component's.
-        angles: The names of those that are angles.
+        name: Name of the component.
+        angles: Names of the components that are angles.
     """
     words, unit = _WORDS.get(name, (name, "°" if name in angles else ""))
     return (

@@ -22,18 +22,18 @@ __all__ = ["Estimate", "System", "Task", "Trims", "Vehicle"]
 
 
 def registered(name: str) -> Any:
-    """The system of an environment that is registered with Gymnasium by this name; None: there is none."""
+    """System of the environment that is registered under this name; None: no such environment."""
     spec = gym.registry.get(name)
     made: Any = None if spec is None else spec.entry_point
     return getattr(load_env_creator(made) if isinstance(made, str) else made, "system", None)
 
 
 def check_task(task: Task) -> None:
-    """Refuse a task whose figures make no sense.
+    """Refuse a task with missing or invalid attributes.
 
     Raises:
-        TypeError: for what is no task.
-        ValueError: naming the figure.
+        TypeError: for an object that is no task.
+        ValueError: for an invalid value, naming the attribute.
     """
     if isinstance(task, type):
         raise TypeError(
@@ -88,14 +88,14 @@ class System:
 
     Attributes:
         name: The environment's id.
-        vehicle: What moves.
-        task: What is asked of it.
-        disturbances: By name: ``"calm"``, ``"moderate"``, ``"rough"``.
+        vehicle: The vehicle.
+        task: The mission.
+        disturbances: Disturbances by name: ``"calm"``, ``"moderate"``, ``"rough"``.
         estimator: The default estimator.
-        filter_model: The kind of model that filters use, unless ``filter_models`` says otherwise.
-        tuning: Options of a filter by name, given its composition.
-        filter_models: Kinds of particular filters.
-        sensors: In their nominal quality; None: the vehicle's own.
+        filter_model: Kind of the filters' model.
+        tuning: Function of a filter's name and composition that returns options of the filter.
+        filter_models: Kinds of the models of particular filters, by name of the filter.
+        sensors: Sensors in nominal quality; None for the vehicle's own.
     """
 
     name: str
@@ -109,7 +109,7 @@ class System:
     sensors: tuple[Sensor, ...] | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A registered system is pickled by its name, under which it must be known where it is loaded."""
+        """Pickle a registered system by its name, which must be registered where it is loaded."""
         if registered(self.name) is self:
             return registered, (self.name,)
         return System, tuple(getattr(self, each.name) for each in fields(self))
@@ -150,17 +150,17 @@ class System:
 
     @property
     def verified(self) -> bool:
-        """Are vehicle, task and tuning?"""
+        """Are vehicle, task and tuning verified?"""
         return is_verified(self.vehicle) and is_verified(self.task) and is_verified(self.tuning)
 
     @property
     def nominal_sensors(self) -> tuple[Sensor, ...]:
-        """Its sensors in their nominal quality."""
+        """Sensors in nominal quality."""
         return self.vehicle.sensors if self.sensors is None else self.sensors
 
     @property
     def _outage(self) -> tuple[SensorFault, ...]:
-        """Loss of the fix: of the sensors that measure x or, where none does, the heading psi."""
+        """Loss of the position fix: of all sensors of x or, if none measures x, of psi."""
         nominal = self.sensors_of("nominal")
         fixes = nominal.measuring("x") or nominal.measuring("psi")
         if not fixes:
@@ -173,12 +173,12 @@ class System:
     def sensors_of(
         self, choice: "str | Sequence[Sensor]", faults: Sequence[SensorFault] = ()
     ) -> Sensors:
-        """Its sensors in the quality of a suite by name, or somebody's own, with their faults.
+        """Sensors of a suite by name, or the user's own, with their faults.
 
         Raises:
-            ValueError: for a name that there is not, a suite that the vehicle does not have, or
-                sensors that do not fit the vehicle, see `Sensors`.
-            TypeError: for what is no sensor, or no fault of one.
+            ValueError: for an unknown name, a suite that the vehicle does not have, or sensors that
+                do not fit the vehicle, see `Sensors`.
+            TypeError: for objects that are no sensors, or no faults of sensors.
         """
         vehicle = self.vehicle
         if isinstance(choice, str):

@@ -1,4 +1,4 @@
-"""TOML files whose mistakes are refused in one sentence with the line."""
+"""TOML files, with errors of one sentence and the line."""
 
 import re
 import tomllib
@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 class TomlError(ValueError):
-    """A mistake in a TOML file: one sentence, and its line."""
+    """An error in a TOML file: one sentence, and its line."""
 
     def __init__(self, path: Path, line: int, sentence: str) -> None:
         self.line, self.sentence = line, sentence
@@ -20,13 +20,13 @@ class TomlFile:
         path: The file.
 
     Attributes:
-        text: Its text.
-        data: Its tables.
-        otherwise: Key whose line an error names if the file lacks the key that the error is about.
+        text: Text of the file.
+        data: Tables of the file.
+        otherwise: Key whose line is reported for a missing key.
 
     Raises:
         TomlError: for a file that is not TOML in UTF-8.
-        OSError: if it cannot be read.
+        OSError: if the file cannot be read.
     """
 
     otherwise: tuple[str, ...] = ()
@@ -44,25 +44,28 @@ class TomlFile:
         except (
             ValueError,
             RecursionError,
-        ) as error:  # not TOML; a number of 5,000 digits, a thousand brackets
+        ) as error:  # not TOML, or a number of 5,000 digits, or a thousand brackets
             found = re.search(r"line (\d+)", str(error))
             line = int(found[1]) if found else self.text.count("\n") + 1
             sentence = re.sub(r" \(at .*?\)$", "", str(error)).replace("\n", " ")
             raise TomlError(path, line, f"not TOML: {sentence}") from None
 
     def line(self, keys: tuple[str, ...]) -> int | None:
-        """Line of a key, or of the nearest table around it where it is missing; None: there is none."""
+        """Line of a key or, if missing, of the nearest table around it; None: no line."""
         return next(
             filter(None, (line_of(self.text, keys[:n]) for n in range(len(keys), 0, -1))), None
         )
 
     def fault(self, keys: tuple[str, ...], sentence: str) -> TomlError:
-        """The error of a sentence on a key, or its table where it is missing, or `otherwise` where that is."""
+        """Error with the line of a key, of its table, or of `otherwise`."""
         return TomlError(self.path, self.line(keys) or self.line(self.otherwise) or 1, sentence)
 
 
 def line_of(text: str, keys: tuple[str, ...]) -> int | None:
-    """Line of a key or table, right after the lines that make a file without it; None: there is none."""
+    """Line of a key or table; None: no such key.
+
+    The search reads growing parts of the file until one has the key.
+    """
     if not keys:
         return None
     lines = text.split("\n")
@@ -70,7 +73,7 @@ def line_of(text: str, keys: tuple[str, ...]) -> int | None:
     for count in range(1, len(lines) + 1):
         try:
             found = tomllib.loads("\n".join(lines[:count]))
-        except ValueError:  # amid a value of several lines
+        except ValueError:  # the part ends within a value of several lines
             continue
         for key in keys:
             if not isinstance(found, dict) or key not in found:

@@ -1,4 +1,4 @@
-"""Parts that need no checks: vehicles, tasks, disturbances and functions which say that their tests verify them."""
+"""Declaration of parts and functions that need no run-time checks, because tests verify them."""
 
 from collections.abc import Callable
 from functools import partial
@@ -13,13 +13,13 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 class Verified:
     """Base of parts whose classes can be verified: ``class Ferry(Ship, verified=True)``.
 
-    A verified part is a constant, and its methods are NumPy that can be traced (docs/engine.md):
-    pure, a row in a batch as alone, finite for ordinary numbers. They are compiled, and called
-    without copies and checks.
+    A verified part is constant. Its methods are traceable NumPy (docs/engine.md) without side
+    effects, give a row alone the same values as in a batch, and are finite for ordinary numbers.
+    They are compiled, and called without copies and checks.
     """
 
     verified: ClassVar[bool] = False
-    """Do tests hold that this very class is as promised? A class argument, which subclasses do not inherit."""
+    """Do tests verify this class itself? A class argument, which subclasses do not inherit."""
 
     def __init_subclass__(cls, verified: bool = False, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
@@ -27,15 +27,15 @@ class Verified:
 
 
 def verified(function: _Function) -> _Function:
-    """Declare that a function of a sensor, or a system's tuning, is as a `Verified` part's methods are."""
+    """Declare that a sensor's function or a system's tuning fulfils the promises of `Verified`."""
     vars(function)["verified"] = True
     return function
 
 
 def is_verified(part: Any) -> bool:
-    """Is a part verified, with all that it stands beside? A partial function is if the function is.
+    """Is a part verified, with the disturbance ``beside`` it? A partial is if its function is.
 
-    A function that is `estimators.engine.compiled` declares itself pure, and counts as verified.
+    A function that is `estimators.engine.compiled` counts as verified.
     """
     part = part.func if isinstance(part, partial) else part
     beside = getattr(part, "beside", None)
@@ -45,9 +45,9 @@ def is_verified(part: Any) -> bool:
 
 
 def declared(part: Any) -> Any:
-    """Declaration of a function or a class, or of an object's class; None: there is none.
+    """Declaration of a function, of a class, or of an object's class; None: no declaration.
 
-    An attribute that an object passes on from another one does not count.
+    Attributes that an object forwards from another one do not count.
     """
     if isinstance(part, Compiled):
         return True

@@ -1,4 +1,4 @@
-"""Long-crested waves: a field of place and time, which is the truth, and its bands, which filters assume."""
+"""Long-crested waves: a field in place and time for the truth, and wave bands for filters."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,23 +15,23 @@ from vessel_gym.processes import Process, interpolated
 
 GRAVITY = 9.81  # m/s2
 _RANGE = 0.4, 4.0
-"""Lowest and highest frequency of waves, in units of the spectrum's peak."""
+"""Lowest and highest frequency of waves, in units of the spectrum's peak frequency."""
 BANDS = 3
 _PEAKS = np.array([0.8, 1.0, 1.35])
-"""The frequencies of the bands, in units of the spectrum's peak,"""
+"""Frequencies of the bands, in units of the spectrum's peak frequency."""
 _EDGES = np.array([0.4, 0.894, 1.162, 4.0])
-"""and where they end."""
+"""Edges of the bands, in units of the spectrum's peak frequency."""
 _DAMPING = 0.05
 """Half the width of a band, in units of its frequency."""
 
 
 def encounter_frequency(frequency: np.ndarray, beta: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    """At which a ship meets waves [rad/s]: 0 where it runs with them, negative where it overtakes them.
+    """Frequency of encounter [rad/s]; negative if the ship overtakes the waves.
 
     Args:
-        frequency: Of the waves [rad/s].
-        beta: Where they run to, from the heading on [rad].
-        speed: [m/s].
+        frequency: Frequency of the waves [rad/s].
+        beta: Direction of the waves relative to the heading [rad].
+        speed: Speed of the ship [m/s].
     """
     given = {"frequency": frequency, "beta": beta, "speed": speed}
     frequency, beta, speed = (finite_array(name, value, "...") for name, value in given.items())
@@ -41,13 +41,13 @@ def encounter_frequency(frequency: np.ndarray, beta: np.ndarray, speed: np.ndarr
 def jonswap(
     frequency: np.ndarray, height: float, period: float, peakedness: float = 3.3
 ) -> np.ndarray:
-    """Spectrum of a sea [m2 s], scaled on the frequencies given [rad/s] to its significant ``height`` [m].
+    """JONSWAP spectrum [m2 s] at frequencies [rad/s], scaled to a significant ``height`` [m].
 
-    Hasselmann et al. (1973); a peakedness of 1 is Pierson and Moskowitz's. The ``period`` is the
-    peak's [s].
+    Hasselmann et al. (1973); a peakedness of 1 gives Pierson and Moskowitz's spectrum. The
+    ``period`` [s] is that of the peak.
 
     Raises:
-        ValueError: for a height, period or peakedness that no sea has, or frequencies that do not
+        ValueError: for a height, period or peakedness out of range, or frequencies that do not
             increase above 0.
     """
     check_numbers("jonswap", {"height": height}, not_negative="height")
@@ -68,16 +68,16 @@ def jonswap(
 
 @dataclass(frozen=True)
 class WaveField:
-    """A JONSWAP sea as a field of place and time: ``sum a cos(w t - k s + p)``, s along the waves.
+    """A JONSWAP sea as a field in place and time: ``sum a cos(w t - k s + p)``, s along the waves.
 
-    The components have equal energy. Once an episode the frequency w of each is drawn within its
-    bin of equal energy, and its phase p: so the mean over episodes of the autocorrelation of
-    anything linear in the waves is the integral of the spectrum, and none repeats itself. In deep
-    water k is ``w^2 / g``.
+    All components have equal energy. In each episode the frequency w of a component is drawn within
+    its bin of equal energy, and its phase p from a full turn. So the mean autocorrelation over
+    episodes, of anything linear in the waves, is the integral of the spectrum, and no episode is
+    periodic. In deep water k is ``w^2 / g``.
     """
 
-    height: float  # significant, m
-    period: float  # of the spectrum's peak, s
+    height: float  # significant wave height, m
+    period: float  # peak period of the spectrum, s
 
     components: ClassVar[int] = 24
     uniforms: ClassVar[int] = 2 * components
@@ -87,7 +87,7 @@ class WaveField:
 
     @property
     def amplitude(self) -> float:
-        """Of each component [m]."""
+        """Amplitude of each component [m]."""
         return self.height / np.sqrt(8.0 * self.components)
 
     @cached_property
@@ -98,16 +98,16 @@ class WaveField:
 
     @cached_property
     def _quantiles(self) -> np.ndarray:
-        """Frequency [rad/s] below which 0, 1/2048, 2/2048 ... 1 of the energy is ``(2049,)``."""
+        """Frequencies [rad/s] of the energy quantiles 0, 1/2048, 2/2048 ... 1 ``(2049,)``."""
         w, spectrum = self.spectrum
         energy = cumulative_trapezoid(spectrum, w, initial=0.0)
         return np.interp(np.linspace(0.0, energy[-1], 2049), energy, w)
 
     def draw(self, uniforms: np.ndarray) -> np.ndarray:
-        """Frequencies [rad/s], then phases [rad], of an episode ``(..., 2 n)``.
+        """Frequencies [rad/s], then phases [rad] ``(..., 2 n)`` of an episode.
 
         Args:
-            uniforms: Numbers from 0 to 1 ``(..., 2 n)``.
+            uniforms: Random numbers in [0, 1] ``(..., 2 n)``.
         """
         n, cells = self.components, len(self._quantiles) - 1
         at = cells / n * (np.arange(n) + uniforms[..., :n])
@@ -120,29 +120,29 @@ class WaveField:
         """Frequencies [rad/s] and phases [rad] of the components ``(..., n)``.
 
         Args:
-            drawn: As `draw` gives it ``(..., 2 n)``.
-            time: [s] ``(...)``.
-            place: In the water, along the waves [m] ``(...)``.
+            drawn: Result of `draw` ``(..., 2 n)``.
+            time: Time [s] ``(...)``.
+            place: Position in the water along the waves [m] ``(...)``.
         """
         w, phase = drawn[..., : self.components], drawn[..., self.components : 2 * self.components]
         return w, phase + w * (time[..., None] - w * (place * (1.0 / GRAVITY))[..., None])
 
     def elevation(self, drawn: np.ndarray, time: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """Of the surface [m] ``(...)``; arguments as `phases`."""
+        """Surface elevation [m] ``(...)``; arguments as `phases`."""
         _, phases = self.phases(drawn, time, place)
         return self.amplitude * np.cos(phases).sum(-1)
 
 
 @dataclass(frozen=True)
 class WaveBands:
-    """A filter's model of a `WaveField`: three bands, each a complex number ``z+ = exp((j w - b) dt) z + n``.
+    """A filter's model of a `WaveField`: three bands ``z+ = exp((j w - b) dt) z + n``, complex.
 
-    Its variance is 1 whatever the frequency is. The damping b is constant: one that follows the
-    speed of a ship through the groups of waves serves no better.
+    The variance of a band is 1 at any frequency. The damping b is constant, because a damping by
+    the ship's speed through wave groups serves no better.
     """
 
-    height: float  # significant, m
-    period: float  # of the spectrum's peak, s
+    height: float  # significant wave height, m
+    period: float  # peak period of the spectrum, s
 
     names = tuple(
         f"wave {band} {part}" for band in range(1, BANDS + 1) for part in ("real", "imaginary")
@@ -169,7 +169,10 @@ class WaveBands:
         ]
 
     def power(self, band: int, response: np.ndarray) -> np.ndarray:
-        """Variance of what waves `within` a band do that gives ``response (30, ...)`` per metre of amplitude."""
+        """Variance of a response to the waves `within` a band.
+
+        ``response (30, ...)`` is per metre of amplitude.
+        """
         inside = self.within[band]
         whole = np.linspace(self.within[0][0], self.within[-1][-1], 400)
         spectrum = np.interp(inside, whole, jonswap(whole, self.height, self.period))
@@ -192,12 +195,7 @@ class WaveBands:
         return Process.joined(*bands)
 
     def at(self, z: np.ndarray, along: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Real and imaginary part ``(...)`` of each band, ``exp(-j k s) z``, at a place s along the waves [m].
-
-        Args:
-            z: ``(..., 6)``.
-            along: ``(...)``.
-        """
+        """Real and imaginary part ``(...)`` of each band, ``exp(-j k s) z``, at a position s."""
         parts = []
         for band, number in enumerate(self.numbers):
             sin, cos = sincos(number * along)

@@ -1,4 +1,4 @@
-"""The true world of an environment over a step: vehicle, disturbance and sensors as one function of a row."""
+"""The true world over a step: vehicle, disturbance and sensors as one function of a row."""
 
 from typing import Any
 
@@ -13,22 +13,22 @@ from vessel_gym.sensors import Sensors
 
 
 class World:
-    """A step of the truth, whatever the filter and the task are.
+    """The true world: vehicle, disturbance, sensors and the task's inputs.
 
-    Methods that call no user's function are compiled; NumPy computes the others.
+    Methods are compiled unless they call a user's function.
 
     Args:
-        vehicle: The forces' vehicle, with its methods checked where it is a user's.
-        forces: What acts on the vehicle.
-        disturbance: The forces' disturbance, with its methods checked where it is a user's.
-        sensors: What measures the vehicle.
-        task: What is asked of the vehicle, with its methods checked where it is a user's.
+        vehicle: Vehicle of the forces; a user's has `CheckedMethods`.
+        forces: Effect of the disturbance on the vehicle.
+        disturbance: Disturbance of the forces; a user's has `CheckedMethods`.
+        sensors: Sensors.
+        task: Task; a user's has `CheckedMethods`.
 
     Attributes:
-        own_parts: Vehicle, task and disturbance, as far as they are a user's.
-        parts: Normal numbers a step of the disturbance, then of each bias.
-        start_roots: Roots of their covariances at the start.
-        size: Components of the disturbance's state.
+        own_parts: The user's own among vehicle, task and disturbance.
+        parts: Normal numbers in a step, for the disturbance and each bias.
+        start_roots: Roots of the initial covariances of the disturbance and each bias.
+        size: Number of components of the disturbance's state.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class World:
         self.carried = forces.vehicle.carried
         if (
             self.carried is not None
-        ):  # the prior's state moves with the flow, which is of the disturbance's state
+        ):  # the prior's state moves with the flow, a function of the disturbance's state
             self.carried = (
                 self.carried @ forces.linear[len(forces.vehicle.increments) : forces.outside]
             )
@@ -76,7 +76,7 @@ class World:
         exogenous: np.ndarray, parameters: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray,
         noise: np.ndarray, drawn: np.ndarray, sensing: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
-        """Actuators and known input after an action, then what `move` gives, then what `sense` does."""
+        """Actuators and known input after an action, then the results of `move` and `sense`."""
         after = self.vehicle.actuate(actuators, action)
         commanding = self.task.commanding
         commanded = (
@@ -100,18 +100,18 @@ class World:
         self, state: np.ndarray, before: np.ndarray, after: np.ndarray, exogenous: np.ndarray, parameters: np.ndarray,
         keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray, noise: np.ndarray, drawn: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """The vehicle's state, the states of disturbance and biases, noise and exogenous input a step later.
+        """States of vehicle, disturbance and biases, noise and exogenous input a step later.
 
         Args:
             state: ``(..., n)`` of the vehicle.
-            before: Actuators ``(..., a)`` as measured at the beginning of the step,
-            after: and at its end.
+            before: Measured actuators ``(..., a)`` at the beginning of the step.
+            after: Measured actuators ``(..., a)`` at the end of the step.
             exogenous: Exogenous input ``(..., f)`` over the step.
             parameters: ``(..., k)`` of the vehicle.
             keys: ``(..., parts, 2)`` of the random numbers of disturbance and biases.
-            steps: ``(...)`` since the episode's start, with this one.
+            steps: ``(...)`` since the episode's start, including this step.
             drifting: States of disturbance and biases ``(..., s)``.
-            noise: ``(..., w + s)`` of the step.
+            noise: Noise ``(..., w + s)`` of the step.
             drawn: Constants of the disturbance for the episode ``(..., e)``.
         """
         measured = after
@@ -134,14 +134,14 @@ class World:
         self, scenario: np.ndarray, mean: np.ndarray, root: np.ndarray, numbers: np.ndarray, keys: np.ndarray,
         steps: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
-        """Actuators, known input, what `move` gives, the disturbance's constants, what `sense` gives, score state.
+        """Initial actuators, known input, results of `move`, constants, measurements, score state.
 
         Args:
-            scenario: What the task drew ``(..., c)``.
-            mean: Of the prior ``(..., n)``,
-            root: and of its covariance ``(..., n, n)``.
-            numbers: ``(..., k)`` as `vessel_gym.start.draw` gives them,
-            keys: and ``(..., parts, 2)`` of disturbance, biases and sensors.
+            scenario: Scenario ``(..., c)`` of the task.
+            mean: Mean of the prior ``(..., n)``.
+            root: Root of the prior's covariance ``(..., n, n)``.
+            numbers: Random numbers ``(..., k)`` from `vessel_gym.start.draw`.
+            keys: Keys ``(..., parts, 2)`` of disturbance, biases and sensors.
             steps: Zeros ``(...)``.
         """
         start_root, first, count = (
@@ -183,20 +183,20 @@ class World:
         steps: np.ndarray,
         sensing: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Measurements ``(..., p)`` and the mask of those available, by keys ``(..., sensors, 2)``."""
+        """Measurements ``(..., p)`` and the mask of those available."""
         return self.sensors.read(state, exogenous, bias, steps, sensing)
 
     def _measured(
         self, state: np.ndarray, ended: np.ndarray, coming: np.ndarray, drifting: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """State, exogenous input and biases that sensors read: no sensor sees what has not happened.
+        """State, exogenous input and biases that sensors read, without anything in the future.
 
         Args:
-            state: ``(..., n)`` of the vehicle, now.
-            ended: Increments ``(..., increments)`` of the step that has ended, which are in that
-                state.
-            coming: Exogenous input ``(..., f)`` of the coming step, of which flows are those of
-                now; of means over that step sensors get zeros.
+            state: Present state ``(..., n)`` of the vehicle.
+            ended: Increments ``(..., increments)`` of the step that has ended, which the state
+                includes.
+            coming: Exogenous input ``(..., f)`` of the coming step; sensors read its flows, and
+                zeros for means over the step.
             drifting: States of disturbance and biases ``(..., s)``.
         """
         flows = coming[..., ended.shape[-1] : self.forces.outside]
@@ -214,7 +214,7 @@ class World:
         *,
         first: bool = False,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """States of disturbance and biases, noise, and what of the exogenous input is linear in both."""
+        """States of disturbance and biases, noise, and the linear part of the exogenous input."""
         transition = np.eye(len(self.transition)) if first else self.transition
         return advance(
             keys, steps, drifting, noise, self.parts, self.root, transition, self.forces.gains
@@ -223,7 +223,7 @@ class World:
     def _with_task(
         self, exogenous: np.ndarray, scenario: np.ndarray, steps: np.ndarray
     ) -> np.ndarray:
-        """The exogenous input with what the task prescribes."""
+        """Exogenous input plus the task's own."""
         if not hasattr(self.task, "exogenous"):
             return exogenous
         added, outside = self.task.exogenous(scenario, steps), self.forces.outside
@@ -241,7 +241,7 @@ class World:
 
     @compiled
     def draw(self, uniforms: np.ndarray) -> np.ndarray:
-        """The disturbance's constants of an episode ``(..., e)``."""
+        """Constants ``(..., e)`` of the disturbance in an episode."""
         drawn: np.ndarray = self.disturbance.draw(uniforms)
         return drawn
 
@@ -249,7 +249,7 @@ class World:
     def effect(
         self, drawn: np.ndarray, steps: np.ndarray, z: np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """The disturbance's effect ``(..., forces)`` after so many ``steps (...)`` of an episode."""
+        """Effect ``(..., forces)`` of the disturbance after ``steps (...)`` of an episode."""
         own = self.disturbance
         given: np.ndarray = (
             own.effect_at(drawn, self.sensors.dt * steps, z, state)

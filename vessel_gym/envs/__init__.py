@@ -1,6 +1,6 @@
-"""The environments: two thin faces on the batched core, and one module of data a family of vehicles.
+"""The environments: single and vector classes on the batched core, and one module for each family.
 
-They may import all other folders of `vessel_gym`; users import them by `gymnasium.make`.
+They may import all other folders of `vessel_gym`; users create them by `gymnasium.make`.
 """
 
 from vessel_gym.envs.auv import (

@@ -1,4 +1,4 @@
-"""AUV-v0, SegorogeniAUV-v0, ItsunusaAUV-v0: a torpedo-shaped vehicle dives along a curve with a filter in the loop."""
+"""AUV-v0, SegorogeniAUV-v0, ItsunusaAUV-v0: torpedo-shaped vehicles that dive along a curve."""
 
 import math
 from pathlib import Path
@@ -21,9 +21,9 @@ from vessel_gym.verified import verified
 
 
 def _waters(spin: float, state: tuple[str, ...], **of_vehicle: Any) -> dict[str, Disturbance]:
-    """Waters by name, the last under waves; ``spin`` is what turbulence does to rates beside velocities.
+    """Waters by name, the last with waves; ``spin`` is the ratio of increments of rates and speeds.
 
-    The increments [m/s] are those of 0.1 s.
+    Turbulence is given by the increments [m/s] of 0.1 s.
     """
     figures = {"calm": (0.002, 0.05), "moderate": (0.005, 0.10), "rough": (0.010, 0.20)}
     waters = {}
@@ -40,7 +40,7 @@ PLANE_WATERS = _waters(0.5, PLANE, velocities=("u", "w"), rates=("q",), names=("
 
 @verified
 def tuning(name: str, composition: Composition) -> dict[str, Any]:
-    """Options of filters: the variance of the unknown input, and a ball that leaves biases as slow as they are."""
+    """Options of filters: the variance of the unknown input, and the radius of `robust-kf`."""
     if name == "robust-kf":
         return {"radius": BESIDE_BIASES}
     if name in OF_UNKNOWN_INPUTS and composition.inputs:
@@ -49,17 +49,17 @@ def tuning(name: str, composition: Composition) -> dict[str, Any]:
 
 
 def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
-    """A torpedo-shaped vehicle that dives, as an environment: in space, or in the vertical plane if its file says so.
+    """Environment in which a torpedo-shaped vehicle dives, in space or in the vertical plane.
 
-    Its dive is Segorogeni's, or ITSUNUSA's in the plane, times as long as it is fast.
+    The vehicle file selects space or plane. The dive is that of Segorogeni or, in the plane, that
+    of ITSUNUSA, with lengths in proportion to the cruise speed.
 
     Args:
-        vessel: A vehicle file of an underwater vehicle, or the name of one that comes with the
-            package.
-        name: The environment's id.
+        vessel: Vehicle file of an underwater vehicle, or the name of a vehicle of the package.
+        name: Id of the environment.
 
     Raises:
-        ValueError: for anything wrong in the file, in one sentence with its line.
+        ValueError: for an error in the file, in one sentence with its line.
         OSError: if the file cannot be read.
     """
     body: Any = load(vessel, AUVParameters)
@@ -79,19 +79,19 @@ def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
 
 
 class AUVEnv(VesselEnv):
-    """Dive along a curve with an underwater vehicle of one's own, with an estimator in the loop.
+    """Dive along a curve with an underwater vehicle of your own, with an estimator in the loop.
 
-    `SegorogeniAUVEnv`, or `ItsunusaAUVEnv` for a vehicle in the vertical plane, documents spaces,
-    rewards and arguments; the path is as many times as long as the vehicle is fast, and their files
-    give their environments. Truncation is after 500 steps; ``gym.make(..., max_episode_steps=600)``
-    leaves one in the plane ITSUNUSA's time.
+    `SegorogeniAUVEnv` documents spaces, rewards and arguments; for a vehicle in the vertical plane,
+    `ItsunusaAUVEnv` does. The length of the path is in proportion to the vehicle's cruise speed.
+    Truncation is after 500 steps; for a vehicle in the plane, ``gym.make(...,
+    max_episode_steps=600)`` allows the time of `ItsunusaAUVEnv`.
 
     Args:
-        vessel: A vehicle file (docs/vehicles.md), or the name of one that comes with the package.
-        options: As `VesselEnv`.
+        vessel: Vehicle file (docs/vehicles.md), or the name of a vehicle of the package.
+        options: Arguments of `VesselEnv`.
 
     Raises:
-        ValueError: for anything wrong in the file, in one sentence with its line; otherwise as
+        ValueError: for an error in the file, in one sentence with its line; otherwise as
             `VesselEnv`.
     """
 
@@ -103,7 +103,7 @@ class AUVEnv(VesselEnv):
 
 
 class AUVVectorEnv(VesselVectorEnv):
-    """The native batch of `AUVEnv`, which documents the arguments."""
+    """Vector environment of `AUVEnv`, which documents the arguments."""
 
     system = AUVEnv.system
 
@@ -124,7 +124,7 @@ class SegorogeniAUVEnv(VesselEnv):
 
 
 class SegorogeniAUVVectorEnv(VesselVectorEnv):
-    """The native batch of `SegorogeniAUVEnv`, which documents spaces, rewards and arguments."""
+    """Vector environment of `SegorogeniAUVEnv`, which documents spaces, rewards and arguments."""
 
     system = SEGOROGENI_AUV
 
@@ -137,6 +137,6 @@ class ItsunusaAUVEnv(VesselEnv):
 
 
 class ItsunusaAUVVectorEnv(VesselVectorEnv):
-    """The native batch of `ItsunusaAUVEnv`, which documents spaces, rewards and arguments."""
+    """Vector environment of `ItsunusaAUVEnv`, which documents spaces, rewards and arguments."""
 
     system = ITSUNUSA_AUV

@@ -1,4 +1,4 @@
-"""FixedWing-v0: any small aircraft of a vehicle file flies a Dubins path round obstacles with a filter in the loop."""
+"""FixedWing-v0 and PunaUAV-v0: a small aircraft flies a Dubins path round obstacles."""
 
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from vessel_gym.vehicles.puna import Puna, PunaParameters
 
 
 def airs(dt: float, airspeed: float) -> dict[str, Air]:
-    """Calm, moderate and rough air at steps of ``dt`` [s], met at an airspeed [m/s]."""
+    """Calm, moderate and rough air for steps of ``dt`` [s] and an airspeed [m/s]."""
     return {
         "calm": Air(wind=1.0, gust=0.35, vertical_gust=0.25, dt=dt, airspeed=airspeed),
         "moderate": Air(wind=3.0, gust=1.06, vertical_gust=0.7, dt=dt, airspeed=airspeed),
@@ -24,14 +24,16 @@ def airs(dt: float, airspeed: float) -> dict[str, Air]:
 
 
 def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0") -> System:
-    """A small aircraft that flies a path, as an environment: the PUNA's, wider as the square of its cruising speed.
+    """Environment in which a small aircraft flies a Dubins path.
+
+    The task is that of the PUNA, with lengths in proportion to the square of the cruise speed.
 
     Args:
-        vessel: A vehicle file of an aircraft, or the name of one that comes with the package.
-        name: The environment's id.
+        vessel: Vehicle file of an aircraft, or the name of an aircraft of the package.
+        name: Id of the environment.
 
     Raises:
-        ValueError: for anything wrong in the file, in one sentence with its line.
+        ValueError: for an error in the file, in one sentence with its line.
         OSError: if the file cannot be read.
     """
     body = load(vessel, PunaParameters)
@@ -49,20 +51,19 @@ def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0")
 
 
 class FixedWingEnv(VesselEnv):
-    """Fly a path round obstacles with an aircraft of one's own, with an estimator in the loop.
+    """Fly a path round obstacles with an aircraft of your own, with an estimator in the loop.
 
-    `PunaUAVEnv` documents spaces, rewards and arguments; paths are wider as the square of the
-    cruising speed, and the PUNA's file gives the PUNA's environment. Truncation is after its 900
-    steps: give a much faster aircraft, whose paths take longer, more by ``gym.make(...,
-    max_episode_steps=...)``; ``system.task.horizon`` says how many.
+    `PunaUAVEnv` documents spaces, rewards and arguments. The lengths of paths are in proportion to
+    the square of the cruise speed. Truncation is after 900 steps; a much faster aircraft needs
+    more: ``gym.make(..., max_episode_steps=...)`` with the number in ``system.task.horizon``.
 
     Args:
-        vessel: A vehicle file of an aircraft (docs/vehicles.md), or the name of one that comes with
-            the package.
-        options: As `VesselEnv`.
+        vessel: Vehicle file of an aircraft (docs/vehicles.md), or the name of an aircraft of the
+            package.
+        options: Arguments of `VesselEnv`.
 
     Raises:
-        ValueError: for anything wrong in the file, in one sentence with its line; otherwise as
+        ValueError: for an error in the file, in one sentence with its line; otherwise as
             `VesselEnv`.
     """
 
@@ -74,7 +75,7 @@ class FixedWingEnv(VesselEnv):
 
 
 class FixedWingVectorEnv(VesselVectorEnv):
-    """The native batch of `FixedWingEnv`, which documents the arguments."""
+    """Vector environment of `FixedWingEnv`, which documents the arguments."""
 
     system = FixedWingEnv.system
 
@@ -94,6 +95,6 @@ class PunaUAVEnv(VesselEnv):
 
 
 class PunaUAVVectorEnv(VesselVectorEnv):
-    """The native batch of `PunaUAVEnv`, which documents spaces, rewards and arguments."""
+    """Vector environment of `PunaUAVEnv`, which documents spaces, rewards and arguments."""
 
     system = PUNA_UAV

@@ -1,4 +1,4 @@
-"""Environments of one's own, from a system."""
+"""Registration of a user's own environments."""
 
 from typing import Any
 
@@ -12,20 +12,20 @@ from vessel_gym.system import System
 
 
 def register_environment(system: System, max_episode_steps: int | None = None) -> str:
-    """Register a system with Gymnasium, both faces of it, under its name.
+    """Register a system with Gymnasium under its name, as single and vector environment.
 
     Args:
-        system: What moves, what acts, what is asked; `dataclasses.replace` changes a part of one of
-            ours.
-        max_episode_steps: Steps of a full episode; None: the task's horizon.
+        system: The environment as data; `dataclasses.replace` changes a field of a system of the
+            package.
+        max_episode_steps: Steps of a full episode; None for the task's horizon.
 
     Returns:
         The id, which is the system's name.
 
     Raises:
-        ValueError: for a name that Gymnasium does not take, or that of an environment that was not
-            registered here.
-        TypeError: for what is no system.
+        ValueError: for a name that Gymnasium does not accept, or that belongs to an environment
+            registered elsewhere.
+        TypeError: for an object that is no system.
     """
     instance("system", system, System)
     if max_episode_steps is not None:
@@ -52,10 +52,10 @@ def register_environment(system: System, max_episode_steps: int | None = None) -
 
 
 def _reduced(self: VesselEnv | VesselVectorEnv) -> tuple[Any, ...]:
-    """State for a pickle: the name under which the class is registered where it is loaded, too, and the state."""
+    """Pickle an environment by its state and the name under which its class is registered."""
     state = {
         name: value for name, value in self.__dict__.items() if name != "spec"
-    }  # which holds the class
+    }  # a spec holds the class
     return _blank, (self.system.name, isinstance(self, VesselVectorEnv)), state
 
 

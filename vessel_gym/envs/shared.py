@@ -1,4 +1,4 @@
-"""Parts of single and vector environments: spaces, and what Gymnasium asks of either."""
+"""Common parts of single and vector environments: manuals, spaces and checks of arguments."""
 
 import re
 from collections.abc import Mapping
@@ -33,11 +33,12 @@ _WRAPPING: Any = {
 
 
 def documented(environment: E) -> E:
-    """Add its manual to an environment's docstring: manuals/common.md, filled in from the file of its system's name.
+    """Append the manual to an environment's docstring.
 
-    A section of that file fills the placeholder of its heading, an item of ``Information`` that of
-    its key. Arguments are documented by `Options`, and an item of ``Arguments`` adds what is
-    particular to the environment. The files in manuals/shared are passages of several manuals.
+    The template manuals/common.md is filled in from the file named after the system. A section of
+    that file fills the placeholder of its heading, and an item of ``Information`` the placeholder
+    of its key. `Options` documents arguments, and an item of ``Arguments`` adds details of the
+    environment. The files in manuals/shared are passages of several manuals.
     """
     system: System = environment.system  # type: ignore[attr-defined]
     passages = {
@@ -69,26 +70,26 @@ def documented(environment: E) -> E:
 
 
 def _filled(file: str, values: Mapping[str, str]) -> str:
-    """The text of a manual's file with ``$placeholders`` filled in."""
+    """Text of a manual's file with ``$placeholders`` filled in."""
     return Template((_MANUALS / file).read_text(encoding="utf-8")).substitute(values)
 
 
 def observation_space(core: Core) -> Box:
-    """Finite float32 bounds: observations are scaled to be of order 1 and clipped."""
+    """Finite float32 bounds of scaled, clipped observations."""
     return Box(-core.task.BOUND, core.task.BOUND, (core.observation_size,), np.float32)
 
 
 def action_space(core: Core) -> Box:
-    """float32 in [-1, 1]: shares of what the actuators can do."""
+    """float32 in [-1, 1]: shares of the actuators' ranges."""
     return Box(-1.0, 1.0, (core.action_size,), np.float32)
 
 
 def check_arguments(env: Any, options: Mapping[str, Any], render_mode: str | None) -> None:
-    """Refuse arguments that an environment does not have.
+    """Refuse unknown arguments of an environment.
 
     Raises:
-        TypeError: naming the first option that there is not, and those that there are.
-        ValueError: for a mode of rendering that there is not.
+        TypeError: naming the first unknown option and the known ones.
+        ValueError: for an unknown render mode.
     """
     known = [field.name for field in fields(Options)]
     for option in options:
@@ -98,7 +99,7 @@ def check_arguments(env: Any, options: Mapping[str, Any], render_mode: str | Non
             named = dict.fromkeys(
                 each.name for each in own if each.kind is each.POSITIONAL_OR_KEYWORD
             )
-            # whose words other libraries look for
+            # Python's words, which other libraries look for
             python = f"{type(env).__name__}.__init__() got an unexpected"
             raise TypeError(unknown("keyword argument", option, [*list(named)[1:], *known], python))
     if render_mode is not None:
@@ -106,7 +107,7 @@ def check_arguments(env: Any, options: Mapping[str, Any], render_mode: str | Non
 
 
 def first_seed(env: gym.Env | gym.vector.VectorEnv, core: Core) -> int | None:
-    """Seed of a first episode that is reset without one, that of ``np_random_seed``; None for later episodes."""
+    """Seed of ``np_random_seed`` for a first episode without a seed; None for later episodes."""
     if core.seeds:
         return None
     seed = env.np_random_seed

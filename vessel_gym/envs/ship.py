@@ -1,4 +1,4 @@
-"""Ship-v0: any ship of a vehicle file holds a turning circle with a filter in the loop."""
+"""Ship-v0, SigmaCorvette-v0, SigmaChannel-v0: ships hold a turning circle or keep to a channel."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -26,7 +26,7 @@ _LINEAR = ("kf", "kf-umv-ui-wdf", "ulise", "huber-kf", "robust-kf")
 
 
 def seas(ship: CorvetteParameters, dt: float) -> dict[str, Seaway]:
-    """Sea states 2, 4 and 5 (Bales et al. 1981, as NATO has them) at steps of ``dt`` [s]; the currents are assumed."""
+    """NATO sea states 2, 4, 5 (Bales et al. 1981) at steps of ``dt`` [s]; currents are assumed."""
     return {
         "calm": Seaway(ship, height=0.3, period=6.9, wind=8.5 * _KNOT, current=0.1, dt=dt),
         "moderate": Seaway(ship, height=1.88, period=8.8, wind=19.0 * _KNOT, current=0.3, dt=dt),
@@ -36,7 +36,7 @@ def seas(ship: CorvetteParameters, dt: float) -> dict[str, Seaway]:
 
 @verified
 def input_tuning(name: str, composition: Composition) -> dict[str, Any]:
-    """The variance of the yaw increment, and a ball that leaves biases as slow as they are."""
+    """Options of filters: the variance of the yaw increment, and the radius of `robust-kf`."""
     if name == "robust-kf":
         return {"radius": BESIDE_BIASES}
     if name in OF_UNKNOWN_INPUTS and composition.inputs:
@@ -47,18 +47,17 @@ def input_tuning(name: str, composition: Composition) -> dict[str, Any]:
 def ship_system(
     vessel: str | Path | CorvetteParameters, name: str = "vessel_gym/Ship-v0"
 ) -> System:
-    """A ship that turns, as an environment.
+    """Environment in which a ship holds a turning circle.
 
-    All times are those of the corvette, times as long as the ship takes to sail its own length: a
-    slow ship gets longer steps, not more of them.
+    All times are those of the corvette, in proportion to the time in which the ship sails its own
+    length. A slow ship gets longer steps, not more of them.
 
     Args:
-        vessel: A vehicle file of a ship, the name of one that comes with the package, or its
-            parameters.
-        name: The environment's id.
+        vessel: Vehicle file of a ship, the name of a ship of the package, or parameters of a ship.
+        name: Id of the environment.
 
     Raises:
-        ValueError: for anything wrong in the file, in one sentence with its line.
+        ValueError: for an error in the file, in one sentence with its line.
         OSError: if the file cannot be read.
     """
     instance("name", name, str)
@@ -77,19 +76,18 @@ def ship_system(
 
 
 class ShipEnv(VesselEnv):
-    """Hold a turning circle with a ship of one's own, with an estimator in the loop.
+    """Hold a turning circle with a ship of your own, with an estimator in the loop.
 
-    `SigmaCorvetteEnv` documents spaces, rewards and arguments; times, yaw rates and the steps'
-    length are in proportion to the time in which the ship sails its own length, and the corvette's
-    file gives the corvette's environment.
+    `SigmaCorvetteEnv` documents spaces, rewards and arguments. Times and the length of a step are
+    in proportion to the time in which the ship sails its own length, and yaw rates in inverse
+    proportion.
 
     Args:
-        vessel: A vehicle file of a ship (docs/vehicles.md), or the name of one that comes with the
-            package.
-        options: As `VesselEnv`.
+        vessel: Vehicle file of a ship (docs/vehicles.md), or the name of a ship of the package.
+        options: Arguments of `VesselEnv`.
 
     Raises:
-        ValueError: for anything wrong in the file, in one sentence with its line; otherwise as
+        ValueError: for an error in the file, in one sentence with its line; otherwise as
             `VesselEnv`.
     """
 
@@ -101,7 +99,7 @@ class ShipEnv(VesselEnv):
 
 
 class ShipVectorEnv(VesselVectorEnv):
-    """The native batch of `ShipEnv`, which documents the arguments."""
+    """Vector environment of `ShipEnv`, which documents the arguments."""
 
     system = ShipEnv.system
 
@@ -125,13 +123,13 @@ SIGMA_CHANNEL = replace(
 
 @documented
 class SigmaCorvetteEnv(VesselEnv):
-    """Hold a turning circle, as a place on the map, with an estimator in the loop."""
+    """Hold a turning circle over ground with an estimator in the loop."""
 
     system = SIGMA_CORVETTE
 
 
 class SigmaCorvetteVectorEnv(VesselVectorEnv):
-    """The native batch of `SigmaCorvetteEnv`, which documents spaces, rewards and arguments."""
+    """Vector environment of `SigmaCorvetteEnv`, which documents spaces, rewards and arguments."""
 
     system = SIGMA_CORVETTE
 
@@ -144,6 +142,6 @@ class SigmaChannelEnv(VesselEnv):
 
 
 class SigmaChannelVectorEnv(VesselVectorEnv):
-    """The native batch of `SigmaChannelEnv`, which documents spaces, rewards and arguments."""
+    """Vector environment of `SigmaChannelEnv`, which documents spaces, rewards and arguments."""
 
     system = SIGMA_CHANNEL

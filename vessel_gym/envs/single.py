@@ -1,4 +1,4 @@
-"""The single face: a `gymnasium.Env` on a batch of one."""
+"""Single environments: a `gymnasium.Env` on a batch of one."""
 
 from typing import Any, ClassVar
 
@@ -14,24 +14,23 @@ from vessel_gym.system import System
 
 
 class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
-    """An environment with an estimator in the loop: its agent observes estimates.
+    """An environment with an estimator in the loop, whose agent observes estimates.
+
+    With sensor faults, ``info["sensor_faults"]`` is the mask of the active ones.
 
     Args:
         render_mode: ``None``, ``"human"`` or ``"rgb_array"``.
-        options: The fields of `vessel_gym.configuration.Options`, by name.
-
-    Some keys of ``info`` depend on the arguments. With sensor faults, ``sensor_faults`` is
-    the mask of the active ones.
+        options: Fields of `vessel_gym.configuration.Options`, by name.
 
     Raises:
-        ValueError: for a name that does not exist, or a filter that the model cannot carry.
-        TypeError: for an argument that there is not, an option that the estimator does not have, or
-            sensors or faults of another class.
+        ValueError: for an unknown name, or a filter that cannot work with the model.
+        TypeError: for an unknown argument, an option that the estimator does not have, or sensors
+            or faults of another class.
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 20}
     system: ClassVar[System]
-    _generator: Any = None  # or its seed
+    _generator: Any = None  # a generator, or a seed before first use
 
     def __init__(self, render_mode: str | None = None, **options: Any) -> None:
         check_arguments(self, options, render_mode)
@@ -44,7 +43,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     @property
     def _np_random(self) -> Any:
-        """Gymnasium's generator, made when it is first asked for: seeding takes a fifth of a reset."""
+        """Generator of Gymnasium, made at first use because seeding takes a fifth of a reset."""
         if isinstance(self._generator, int):
             self._generator, _ = seeding.np_random(self._generator)
         return self._generator
@@ -55,13 +54,13 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     @property
     def truth(self) -> np.ndarray:
-        """A copy of the true state, for scoring only; components are ``core.truth_names``."""
+        """Copy of the true state, for scoring only; components are ``core.truth_names``."""
         return self.core.scored_truth()[0]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Start an episode; see `gymnasium.Env.reset`. ``options`` are the task's."""
+        """Start an episode, see `gymnasium.Env.reset`; ``options`` are the task's."""
         if seed is not None and not is_integer(seed):
             raise ValueError(f"seed must be a whole number or None, got {short_repr(seed)}")
         self.core.start(first_seed(self, self.core) if seed is None else seed, options)
@@ -72,9 +71,9 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         return self.core.observe()[0], self._info()
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Advance one step; see `gymnasium.Env.step`. Truncation is `gymnasium.wrappers.TimeLimit`'s.
+        """Advance by one step, see `gymnasium.Env.step`; `gymnasium.wrappers.TimeLimit` truncates.
 
-        An episode that has ended stays as it is, with reward 0, until the next reset.
+        After its end an episode does not change, with reward 0, until the next reset.
         """
         core = self.core
         if core.now.end.item(0):
@@ -86,14 +85,14 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         return core.observe()[0], reward.item(0), end.item(0) > 0, False, self._info()
 
     def render(self) -> np.ndarray | None:
-        """An image ``(height, width, 3)`` of the episode so far; in mode ``"human"``, the window is kept current."""
+        """Image ``(height, width, 3)`` of the episode; in mode ``"human"``, update the window."""
         if self.render_mode is None:
             gym.logger.warn("render() was called without a render_mode: give one to gym.make")
             return None
         return self._renderer.draw() if self._renderer is not None else None
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if one is open."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None

@@ -17,7 +17,7 @@ from vessel_gym.verified import verified
 
 
 class UnknownStep(Disturbance, verified=True):
-    """A step d that filters have for an unknown input of unknown size: the task says when it steps."""
+    """A step d that filters treat as an unknown input of unknown size; the task sets its time."""
 
     forces = inputs = ("yaw increment",)
     assumed_as = "unknown-input"
@@ -25,7 +25,7 @@ class UnknownStep(Disturbance, verified=True):
 
     @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Nothing beside the task's step ``(..., 1)``."""
+        """Zeros ``(..., 1)``, because the task adds the step."""
         return np.zeros((*state.shape[:-1], 1))
 
 
@@ -48,16 +48,17 @@ THESIS_CORVETTE = System(
 
 @documented
 class ThesisCorvetteEnv(VesselEnv):
-    """Follow a turning circle trial while an unknown step enters the measurements of heading and yaw increment.
+    """Follow a turning circle trial while an unknown step enters the measurements.
 
-    The experiment of a thesis and not a control task: the constant action 0.8 is the trial itself.
-    `SigmaCorvetteEnv` is the corvette at sea.
+    The step is added to heading and yaw increment. This is the experiment of a thesis and not a
+    control task: the constant action 0.8 is the trial itself. `SigmaCorvetteEnv` is the corvette at
+    sea.
     """
 
     system = THESIS_CORVETTE
 
 
 class ThesisCorvetteVectorEnv(VesselVectorEnv):
-    """The native batch of `ThesisCorvetteEnv`, which documents spaces, rewards and arguments."""
+    """Vector environment of `ThesisCorvetteEnv`, which documents spaces, rewards and arguments."""
 
     system = THESIS_CORVETTE

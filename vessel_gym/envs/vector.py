@@ -1,4 +1,4 @@
-"""The vector face: a native `gymnasium.vector.VectorEnv` on the batched core."""
+"""Vector environments: a native `gymnasium.vector.VectorEnv` on the batched core."""
 
 from collections.abc import Sequence
 from typing import Any, ClassVar
@@ -16,20 +16,20 @@ from vessel_gym.system import System
 
 
 class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """Many environments in one batch; environment i of a batch seeded s is the single one seeded s + i.
+    """Many environments in one batch.
 
-    Where episodes end, ``autoreset_mode`` says what follows; the episodes are the same in every
-    mode:
+    Environment i of a batch with seed s repeats the single environment with seed s + i. After the
+    end of an episode, ``autoreset_mode`` decides what follows; the episodes are equal in all modes:
 
     - ``"NextStep"`` (Gymnasium's default): the next `step` ignores the environment's action and
-      gives its next episode's first observation, with reward 0.
-    - ``"SameStep"``: the observation is the next episode's first already, and ``info["final_obs"]``
-      and ``info["final_info"]`` hold the ended episode's.
-    - ``"Disabled"``: `step` refuses to go on until ``reset(options={"reset_mask": ended})`` has
+      returns the first observation of the next episode, with reward 0.
+    - ``"SameStep"``: `step` returns the first observation of the next episode.
+      ``info["final_obs"]`` and ``info["final_info"]`` belong to the ended episode.
+    - ``"Disabled"``: `step` raises an error until ``reset(options={"reset_mask": ended})`` has
       started new episodes.
 
     In every mode ``reset(options={"reset_mask": mask})``, with a boolean array ``(num_envs,)``,
-    starts new episodes in these environments and leaves the others as they are.
+    starts new episodes in these environments and does not change the others.
 
     Args:
         num_envs: Number of environments.
@@ -37,11 +37,11 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             `gymnasium.make_vec` passes the registered value.
         autoreset_mode: A `gymnasium.vector.AutoresetMode` or its value.
         render_mode: ``None`` or ``"rgb_array"``.
-        options: Those of `vessel_gym.configuration.Options`, by name.
+        options: Fields of `vessel_gym.configuration.Options`, by name.
 
     Raises:
-        ValueError: as `VesselEnv`, and for a ``num_envs`` that is not a positive whole number, or
-            another mode.
+        ValueError: as `VesselEnv`, and for a ``num_envs`` that is not a positive whole number or an
+            unknown mode.
     """
 
     metadata = {
@@ -77,7 +77,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     @property
     def truth(self) -> np.ndarray:
-        """A copy of the true states ``(num_envs, n)``, for scoring only."""
+        """Copy of the true states ``(num_envs, n)``, for scoring only."""
         return self.core.scored_truth()
 
     def reset(
@@ -87,20 +87,20 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         Args:
             seed: A number s (environment i gets s + i), one number for each environment, or None to
-                go on.
-            options: The task's, and ``reset_mask``: a boolean array ``(num_envs,)``.
+                go on with the next episode.
+            options: Reset options of the task, and ``reset_mask``, a boolean array ``(num_envs,)``.
 
         Returns:
-            Observations of all environments, and the info of those that were reset.
+            Observations of all environments, and info of those that were reset.
 
         Raises:
-            ValueError: for wrong seeds or options; nothing has changed then.
+            ValueError: for wrong seeds or options, without any change.
             TypeError: for a mask that is not a boolean array.
             gymnasium.error.ResetNeeded: if the first reset leaves out an environment.
         """
         core, mask = self.core, np.ones(self.num_envs, bool)
         if isinstance(options, dict) and "reset_mask" in options:
-            options = dict(options)  # the caller's stays as it is
+            options = dict(options)  # a copy, because the caller's must not change
             mask = self._checked_mask(options.pop("reset_mask"))
         core.start(first_seed(self, core) if seed is None else seed, options, np.flatnonzero(mask))
         if seed is not None:
@@ -112,13 +112,12 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def step(
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Advance every environment by one step; the class says what follows where an episode has ended.
+        """Advance every environment by one step; ``autoreset_mode`` decides what follows an end.
 
         Raises:
-            ValueError: if the actions have the wrong shape or are not finite; nothing has changed
-                then.
-            gymnasium.error.ResetNeeded: before the first reset, or where an episode has ended and
-                nothing restarts it.
+            ValueError: if the actions have the wrong shape or are not finite, without any change.
+            gymnasium.error.ResetNeeded: before the first reset; in mode ``"Disabled"`` also where
+                an episode has ended.
         """
         core, restarted = self.core, self._ended
         if restarted.any():
@@ -139,20 +138,20 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return core.observe(), reward, terminated, truncated, self._masked(core.info()) | final
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """An image ``(height, width, 3)`` of each environment's episode so far."""
+        """Image ``(height, width, 3)`` of each environment's episode so far."""
         if self.render_mode is None:
             gym.logger.warn("render() was called without a render_mode: give one to gym.make_vec")
             return None
         return tuple(renderer.draw() for renderer in self._renderers) or None
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Let go of the pictures."""
+        """Drop the renderers."""
         self._renderers = []
 
     def _step_and_restart(
         self, actions: np.ndarray, ended: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Step the environments that go on, and start new episodes where the last step has ended one."""
+        """Step running environments, and start new episodes where the last step ended one."""
         if self.autoreset_mode is AutoresetMode.DISABLED:
             raise ResetNeeded(
                 f"{ended.sum()} of {self.num_envs} episodes have ended: call"
@@ -177,7 +176,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         }  # fmt: skip
 
     def _checked_mask(self, mask: Any) -> np.ndarray:
-        """The ``reset_mask`` of `reset`, if it is one."""
+        """The ``reset_mask`` of `reset`, checked."""
         if not isinstance(mask, np.ndarray) or mask.dtype != bool:
             raise TypeError(f"reset_mask must be a boolean array, got {mask!r}")
         if mask.shape != (self.num_envs,) or not mask.any():
@@ -187,7 +186,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return mask
 
     def _keep_seed(self) -> None:
-        """Gymnasium's ``np_random`` and ``np_random_seed``: s of seeds s, s + 1, ..., and -1 of others."""
+        """Set ``np_random`` and ``np_random_seed``: s for seeds s, s + 1, ..., otherwise -1."""
         seeds = self.core.seeds
         if seeds == list(range(seeds[0], seeds[0] + self.num_envs)):
             super().reset(seed=seeds[0])
@@ -195,7 +194,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             self.np_random = np.random.default_rng(seeds)
 
     def _record(self, reset_mask: np.ndarray, going: np.ndarray) -> None:
-        """Keep the present state of some environments for their pictures, beginning those that are new."""
+        """Record the state of some environments for images, and begin those that were reset."""
         if self.render_mode is None:
             return
         if not self._renderers:
@@ -214,7 +213,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _masked(
         self, info: dict[str, np.ndarray], rows: np.ndarray | None = None
     ) -> dict[str, Any]:
-        """Gymnasium's form of a batch's info: every array with a ``_key`` mask of the rows that have it."""
+        """Info in Gymnasium's form: every array with a ``_key`` mask of the rows that have it."""
         mask = np.ones(self.num_envs, bool) if rows is None else rows
         return info | {f"_{key}": mask.copy() for key in info}
 

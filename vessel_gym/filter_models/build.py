@@ -1,7 +1,7 @@
-"""A filter's model, composed of a vehicle, a disturbance and sensors, as far as the filter assumes them.
+"""A filter's model, composed of a vehicle, an assumed disturbance and sensors.
 
-The filter's state is the vehicle's, then the disturbance's as far as it is assumed and matters,
-then the sensors' biases.
+The filter's state is the vehicle's, then the assumed and relevant part of the disturbance's, then
+the sensors' biases.
 """
 
 from dataclasses import dataclass, replace
@@ -21,40 +21,45 @@ from vessel_gym.sensors import Sensors
 from vessel_gym.vehicles.vehicle import Trims, Vehicle
 
 ASSUMED = ("states", "unknown-input", "white-input", "process-noise")
-"""Ways to assume a disturbance: its state is part of the filter's (``states``); its `Disturbance.inputs` are
-the unknown input d (``unknown-input``), perhaps with the variance that they have, and white
-(``white-input``), and what of its state does something else is part of the filter's; or its
-increments are process noise (``process-noise``), and the filter knows nothing of a flow."""
+"""Ways in which a filter assumes a disturbance.
+
+``states``: the disturbance's state is part of the filter's state. ``unknown-input``: the
+disturbance's ``inputs`` are the unknown input d, and further effective components are states.
+``white-input``: the same model, and d is white noise of known variance. ``process-noise``: the
+disturbance's increments are process noise, and flows are not modelled.
+"""
 
 
 OF_UNKNOWN_INPUTS = ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise")
-"""The filters that take a prior of an unknown input, which is to be true where no measurement shows it."""
+"""Filters with a prior of the unknown input, which must be true where no measurement shows it."""
 BESIDE_BIASES = 1e-6
-"""Radius of `robust-kf`: it enlarges the largest standard deviation of a prediction by 0.07 % a step, less than the
-slowest bias of a sensor returns to zero."""
+"""Radius of `robust-kf` that suits slow biases.
+
+The ball enlarges the largest standard deviation of a prediction by 0.07 % a step, which is less
+than the slowest bias of a sensor returns to zero.
+"""
 
 
 def checked_assumption(how: object) -> str:
-    """One of `ASSUMED`.
+    """A value of `ASSUMED`.
 
     Raises:
-        ValueError: for anything else.
+        ValueError: for any other value.
     """
     return one_of("way to assume a disturbance", how, ASSUMED)
 
 
 @dataclass(frozen=True, eq=False)
 class Composition(Parts):
-    """Assumptions of a filter about the world, as `compose` makes them.
+    """A filter's model and its parts, as `compose` returns them.
 
     Attributes:
-        model: The filter's model.
-        names: The components of its state: of the vehicle, of the disturbance, of the sensors'
-            biases.
-        inputs: What its unknown input d is, by name.
+        model: Model of the filter.
+        names: Components of the filter's state: vehicle, disturbance, sensors' biases.
+        inputs: Names of the components of the unknown input d.
         assumed_as: One of `ASSUMED`.
-        late: Is the unknown input, which measurements show as it acts, the last part of the
-            filter's state?
+        late: Is the unknown input the last part of the filter's state? Measurements show it as it
+            acts.
     """
 
     model: LinearModel | NonlinearModel
@@ -64,7 +69,7 @@ class Composition(Parts):
     late: bool = False
 
     def adapted_to(self, filter_name: str) -> "Composition":
-        """With the unknown input as a state if a filter of that name knows no feedthrough of what acts now."""
+        """Composition with d as a state, if the filter cannot handle feedthrough of present d."""
         if self.model.delayed_feedthrough or filter_name not in (
             "kf-umv-ui-wdf",
             "ekf-ui-wdf",
@@ -75,10 +80,10 @@ class Composition(Parts):
         return replace(self, model=stacked(self.model), names=names, late=True)
 
     def check_ambient_flows(self) -> None:
-        """Refuse a sensor that reads a flow of which the filter assumes nothing, and which it would take to be 0.
+        """Refuse a sensor that reads a flow which the filter does not model.
 
         Raises:
-            ValueError: naming both.
+            ValueError: naming the sensor and the flow.
         """
         vehicle, disturbance = self.vehicle, self.forces.disturbance
         for i, name in (
@@ -97,7 +102,7 @@ class Composition(Parts):
                 )
 
     def flow(self, mean: np.ndarray, input_mean: np.ndarray | None = None) -> np.ndarray:
-        """The flow that means ``(..., n)``, and of d ``(..., q)``, imply ``(..., f)``; 0 where nothing is known."""
+        """Ambient flow ``(..., f)`` from means of state and d ``(..., q)``; 0 if unknown."""
         names = self.vehicle.ambient_flows
         acting = self.acting(mean)[..., len(self.vehicle.increments) : self.forces.outside]
         flow = np.broadcast_to(acting, (*mean.shape[:-1], len(names)))
@@ -110,7 +115,7 @@ class Composition(Parts):
 
     @cached_property
     def scale(self) -> np.ndarray:
-        """Sizes of what comes after the vehicle's state that count as 1 in an observation of standard deviations."""
+        """Standard deviations that count as 1 in an observation, behind the vehicle's state."""
         disturbance = self.forces.disturbance
         sizes = disturbance.scale or np.sqrt(np.diag(disturbance.process.start_cov))
         ended = np.sqrt(np.diag(self.forces.cov))[self.ended]
@@ -121,10 +126,10 @@ class Composition(Parts):
 
 
 def unknown_inputs(forces: Forces, sensors: Sensors) -> tuple[str, ...]:
-    """Names of the unknown inputs of a coming step where no filter assumes one.
+    """Names of the unknown inputs of a coming step, for filters that estimate none.
 
-    Increments, if they follow from the disturbance's state; otherwise all that is new: white
-    increments, changes of that and of biases.
+    The names are the increments that follow from the disturbance's state. Without such increments
+    they are white increments and the changes of the disturbance's state and of biases.
     """
     disturbance = forces.disturbance
     if forces.has_increments:
@@ -139,18 +144,18 @@ def compose(
     sensors: Sensors,
     assumed_as: str | None = None,
 ) -> Composition:
-    """A filter's model.
+    """Compose a filter's model.
 
     Args:
-        vehicle: What moves.
-        kind: One of the vehicle's ``kinds`` of model.
-        disturbance: The disturbance that the filter assumes.
-        sensors: The sensors that it assumes.
-        assumed_as: One of `ASSUMED`; None: the disturbance's own.
+        vehicle: Vehicle.
+        kind: Kind of model, one of the vehicle's ``kinds``.
+        disturbance: Disturbance that the filter assumes.
+        sensors: Sensors that the filter assumes.
+        assumed_as: One of `ASSUMED`; None: the disturbance's default.
 
     Raises:
-        ValueError: if there is no such model, or it cannot be composed of these: a sensor reads
-            what its filters do not estimate, or is not linear where the model is.
+        ValueError: for an unknown kind, or a sensor that reads states which the filter does not
+            estimate or is not linear while the model is.
     """
     assumed_as = checked_assumption(disturbance.assumed_as if assumed_as is None else assumed_as)
     forces, own = Forces(vehicle, disturbance), vehicle.estimated(kind)
@@ -179,7 +184,7 @@ def compose(
     )
     incremented = np.zeros(
         (len(names), len(vehicle.increments))
-    )  # K: what increments do to the state
+    )  # K: effect of increments on the state
     for j, name in enumerate(vehicle.incremented):
         if name in own:
             incremented[own.index(name), j] = 1.0
@@ -212,10 +217,10 @@ def compose(
 
 
 def _delayed(parts: Parts, inputs: tuple[str, ...], H: np.ndarray) -> bool:
-    """Do measurements show the unknown input of the step that has ended? Of a flow they show what it is now.
+    """Do measurements show the unknown input of the step that has ended, not the present one?
 
     Raises:
-        ValueError: for sensors that show both, which no filter can take.
+        ValueError: if the sensors show both, increments of the ended step and present flows.
     """
     increments = np.array([name in parts.vehicle.increments for name in inputs], bool)
     feedthrough: np.ndarray = np.any(H, 0)
@@ -234,10 +239,10 @@ def _noise(
     """Q and R.
 
     Args:
-        parts: What the model is composed of.
-        as_noise: Do the disturbance's increments stand in Q and R alone?
+        parts: Parts of the model.
+        as_noise: Are the disturbance's increments process noise?
         changing: Indices of the disturbance's states whose changes are the unknown input.
-        incremented: ``(n, increments)`` what increments do to the state.
+        incremented: ``(n, increments)`` effect of increments on the state.
     """
     forces, sensors, estimated, n = parts.forces, parts.sensors, parts.estimated, parts.base
     disturbance, bias = forces.disturbance, parts.sensors.bias
@@ -264,6 +269,6 @@ def _noise(
     for name, table in getattr(parts.vehicle, "noise", {}).items():
         if (
             np.shape(noise[name]) == table.table.shape[1:]
-        ):  # of other sensors or more states it says nothing
+        ):  # the vehicle's schedules hold for its own sensors and states alone
             noise[name] = table
     return noise

@@ -1,4 +1,4 @@
-"""The exogenous input of a vehicle, sorted into increments, ambient flows and faults of actuators."""
+"""The exogenous input of a vehicle: increments, ambient flows and faults of actuators."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
@@ -18,8 +18,8 @@ from vessel_gym.verified import is_verified
 
 
 def input_channels(vehicle: Vehicle) -> tuple[str, ...]:
-    """Input channels of a vehicle: increments, ambient flows, additions to each actuator, and lost share of each."""
-    faults: tuple[str, ...] = getattr(vehicle, "faults", ())  # which a vehicle need not have
+    """Names of input channels: increments, ambient flows, faults and losses of actuators."""
+    faults: tuple[str, ...] = getattr(vehicle, "faults", ())  # optional
     return (
         *vehicle.increments,
         *vehicle.ambient_flows,
@@ -29,31 +29,31 @@ def input_channels(vehicle: Vehicle) -> tuple[str, ...]:
 
 
 def change_of(name: str) -> str:
-    """Name of what a step adds to a component of a state."""
+    """Name of the change of a state's component in a step."""
     return f"change of {name}"
 
 
 def spread(components: Mapping[int, np.ndarray], size: int, like: np.ndarray) -> np.ndarray:
-    """Vectors ``(..., size)`` of ``components (...)`` by index, 0 elsewhere, for as many rows as ``like (..., k)``."""
+    """Vectors ``(..., size)`` with ``components (...)`` by index and 0 elsewhere."""
     zero = np.zeros(like.shape[:-1])
     return np.stack([components.get(i, zero) for i in range(size)], -1)
 
 
 def cruising(vehicle: Vehicle) -> np.ndarray:
-    """The state ``(n,)`` of a vehicle that cruises."""
+    """State ``(n,)`` of the cruising vehicle."""
     return vehicle.start(vehicle.cruise[0][None])[0][0]
 
 
 class Forces:
-    """Effect of a disturbance on a vehicle, sorted into increments and flows.
+    """Effect of a disturbance on a vehicle, sorted into increments, flows and faults.
 
     Args:
-        vehicle: What is acted on.
-        disturbance: What acts.
+        vehicle: Vehicle.
+        disturbance: Disturbance.
 
     Raises:
-        ValueError: for a force that the vehicle does not have, a white one that is no increment, or
-            another time step.
+        ValueError: for a force that the vehicle does not have, a white force that is no increment,
+            or another time step than the vehicle's.
     """
 
     def __init__(self, vehicle: Vehicle, disturbance: Disturbance) -> None:
@@ -69,30 +69,30 @@ class Forces:
         self.vehicle, self.disturbance = vehicle, disturbance
         self.verified = is_verified(vehicle) and is_verified(disturbance)
         self.meets = type(disturbance).met is not Disturbance.met
-        """Does its state follow how the vehicle moves?"""
+        """Does the disturbance's state follow the vehicle's motion?"""
         effect, drift = disturbance.effect, vehicle.drift
         self.effect_verified = is_verified(disturbance) or (is_verified(effect) and not self.meets)
-        """Can a filter's model be compiled with the effect?"""
-        owner = getattr(drift, "__self__", vehicle)  # may be another one that it stands for
+        """Can a measurement function with the effect be compiled?"""
+        owner = getattr(drift, "__self__", vehicle)  # a wrapper's drift belongs to another vehicle
         drift_verified = is_verified(owner) or is_verified(drift)
         self.drift_verified = drift_verified and self.effect_verified
-        """And with the drift?"""
+        """Can a transition with drift and effect be compiled?"""
         self._effect = effect if self.effect_verified else Copying(effect)
         self._drift: Callable[..., Any] = drift if drift_verified else Copying(drift)
         known, increments = input_channels(vehicle), len(vehicle.increments)
         self.to = [known.index(name) for name in disturbance.forces]
         self.outside = increments + len(vehicle.ambient_flows)
-        """Number of increments and flows, which are the first parts of an exogenous input."""
+        """Number of increments and flows, the first components of an exogenous input."""
         self.faulty = max(self.to, default=-1) >= self.outside
-        """Do faults of the actuators follow, and the loss of each?"""
+        """Does the exogenous input have faults and losses of actuators?"""
         known = known if self.faulty else known[: self.outside]
         self.size = len(known)
         self._losses = (self.outside + self.size) // 2
         self.white_indices = [known.index(name) for name in disturbance.white_increments]
         self.increments = [i for i in range(increments) if i in self.to + self.white_indices]
-        """The increments that it gives."""
+        """Indices of the increments that the disturbance gives."""
         self.has_increments = min(self.to, default=increments) < increments
-        """Do some follow from its state, and are not white?"""
+        """Does an increment follow from the disturbance's state, instead of being white?"""
         changes = [*known, *map(change_of, disturbance.names)]
         given = (
             (known[i] for i in self.increments)
@@ -102,24 +102,24 @@ class Forces:
         self.input_names = tuple(given)
         """Names of the components of the unknown input d."""
         self.inputs = [changes.index(name) for name in self.input_names]
-        """Their indices in the exogenous input, and behind it in the changes of the disturbance's state."""
+        """Indices of these components in the exogenous input followed by the changes of z."""
         self.unknown = [i for i in self.inputs if i < self.size]
-        """Indices of the exogenous inputs that are treated as d; an actuator's fault includes its loss."""
+        """Indices of the exogenous inputs treated as d; an actuator's fault includes its loss."""
         self.unknown += [
             i + len(known) - self._losses for i in self.unknown if self.outside <= i < self._losses
         ]
         self.constant = getattr(disturbance.effect, "linear", False) and not self.faulty
-        """Is its effect declared to be `gains` times its state, wherever the vehicle is?"""
+        """Is the effect declared linear, so that it is `gains` times z at every state?"""
 
     @cached_property
     def gains(self) -> np.ndarray:
-        """Gains ``(f, s + k)`` of white increments, and of z as far as its effect is `constant`."""
+        """Gains ``(f, s + k)`` of white increments and, if the effect is `constant`, of z."""
         white = np.eye(self.size)[:, self.white_indices]
         z = self.linear if self.constant else np.zeros((self.size, self.disturbance.process.size))
         return np.ascontiguousarray(np.hstack([white, z]))
 
     def add(self, exogenous: np.ndarray, effect: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        """Exogenous input ``(..., f)`` plus an effect that is not `constant`; faults include the loss of actuators."""
+        """Exogenous input ``(..., f)`` plus an effect, with losses of actuators."""
         columns = list(np.moveaxis(exogenous, -1, 0))
         for j, i in enumerate(self.to):
             columns[i] = effect[..., j]
@@ -131,11 +131,11 @@ class Forces:
         return np.stack(columns, -1)
 
     def of_actuators(self, exogenous: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Additions to the actuators, and the lost share of each, ``(..., a)`` each, of ``(..., f)``."""
+        """Additions and lost shares of the actuators ``(..., a)``, from ``exogenous``."""
         return exogenous[..., self.outside : self._losses], exogenous[..., self._losses :]
 
     def on(self, z: np.ndarray, state: np.ndarray, unknown: Sequence[int] = ()) -> np.ndarray:
-        """Exogenous input ``(..., f)`` without its white noise; 0 where it is ``unknown``."""
+        """Exogenous input ``(..., f)`` without its white noise; 0 in ``unknown`` components."""
         effect = self._effect(z, state)
         return spread(
             {i: effect[..., j] for j, i in enumerate(self.to) if i not in unknown},
@@ -144,7 +144,7 @@ class Forces:
         )
 
     def moved(self, x: np.ndarray, u: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
-        """Estimated components of the vehicle a step later, under ambient flows and faults, without increments."""
+        """Estimated components of the vehicle a step later, without increments."""
         if self.faulty:
             u = self.vehicle.faulty(u, *self.of_actuators(exogenous))  # type: ignore[attr-defined]
         after = self._drift(x, u, exogenous[..., len(self.vehicle.increments) : self.outside])
@@ -152,19 +152,19 @@ class Forces:
 
     @cached_property
     def linear(self) -> np.ndarray:
-        """Exogenous input ``(f, k)`` of a unit of each component of z, while cruising."""
+        """Exogenous input ``(f, k)`` per unit of each component of z, for the cruising vehicle."""
         k, state = self.disturbance.process.size, cruising(self.vehicle)
         still = self.on(np.zeros((1, k)), state[None])
         return (self.on(np.eye(k), np.tile(state, (k, 1))) - still).T
 
     @property
     def increment_cov(self) -> np.ndarray:
-        """Stationary covariance of the increments that it gives."""
+        """Stationary covariance of the increments."""
         return self.cov[np.ix_(self.increments, self.increments)]
 
     @cached_property
     def input_cov(self) -> np.ndarray:
-        """Stationary covariance of the unknown input d, unless the disturbance says otherwise."""
+        """Covariance of d: from the disturbance's ``input_sd``, or else the stationary one."""
         if self.disturbance.input_sd is not None:
             return np.diag(np.square(self.disturbance.input_sd))
         root = self.disturbance.process.root

@@ -1,4 +1,4 @@
-"""Linear models: the vehicle's, with what acts on it and the sensors' biases as further states."""
+"""Linear models of filters: vehicle, with disturbance and sensors' biases as further states."""
 
 from collections.abc import Callable
 from typing import Any
@@ -22,16 +22,16 @@ def linear_model(
     """The linear model.
 
     Args:
-        parts: What it is composed of.
-        kind: Of the vehicle's linear models.
-        incremented: ``(n, increments)`` what increments do to the state.
-        G: ``(n, q)`` what d does to the state, but for its flows,
-        H: and ``(p, q)`` to the measurements.
-        options: Of the model.
+        parts: Parts of the model.
+        kind: One of the vehicle's linear models.
+        incremented: ``(n, increments)`` effect of increments on the state.
+        G: ``(n, q)`` effect of d on the state, without flows.
+        H: ``(p, q)`` effect of d on the measurements.
+        options: Further options of the model.
 
     Raises:
-        ValueError: for a sensor that is not linear, or a flow or fault of which the vehicle's model
-            says nothing.
+        ValueError: for a sensor that is not linear, or a flow or fault that the vehicle's model
+            does not include.
     """
     forces, vehicle, drift = parts.forces, parts.vehicle, parts.drift
     n, k, increments, given = (
@@ -41,9 +41,7 @@ def linear_model(
         vehicle.linear(kind),
     )
     size = n + drift.size + len(parts.ended)
-    effect = np.zeros(
-        (forces.size, size)
-    )  # E: what the filter's state gives of the exogenous input
+    effect = np.zeros((forces.size, size))  # E: exogenous input per unit of the filter's state
     effect[:, n : n + k] = forces.linear[:, parts.estimated]
     effect[parts.unknown] = 0.0
     A, B, flowed = given if len(given) == 3 else (*given, np.zeros((n, len(vehicle.ambient_flows))))
@@ -90,13 +88,13 @@ def linear_model(
 
 
 def _above(matrix: np.ndarray, rows: int) -> np.ndarray:
-    """A matrix ``(..., n, m)`` with rows of zeros below."""
+    """The matrix ``(..., n, m)``, with rows of zeros appended below."""
     zeros = np.zeros((*matrix.shape[:-2], rows, matrix.shape[-1]))
     return np.concatenate([matrix, zeros], -2)
 
 
 def _measured(parts: Parts, effect: np.ndarray) -> np.ndarray:
-    """C, with the exogenous input ``effect (f, n)`` of a unit of each state."""
+    """C, given the exogenous input ``effect (f, n)`` per unit of each state."""
     sensors, first, size = parts.sensors, parts.base + len(parts.estimated), effect.shape[-1]
     last = first + sensors.bias.size
     seen = effect[: parts.forces.outside].T.copy()

@@ -1,4 +1,4 @@
-"""Nonlinear models, and their linearisation about steady motions."""
+"""Nonlinear models of filters, and their linearisation about steady motions."""
 
 from typing import Any
 
@@ -21,13 +21,13 @@ def nonlinear_model(
     """The nonlinear model.
 
     Args:
-        parts: What it is composed of.
-        G: ``(n, q)`` what d does to the state, but for its flows and faults,
-        H: and ``(p, q)`` to the measurements.
-        options: Of the model.
+        parts: Parts of the model.
+        G: ``(n, q)`` effect of d on the state, without flows and faults.
+        H: ``(p, q)`` effect of d on the measurements.
+        options: Further options of the model.
 
     Raises:
-        ValueError: for an unknown flow that measurements show otherwise elsewhere.
+        ValueError: for an unknown flow whose effect on the measurements depends on the state.
     """
     forces, vehicle, n = parts.forces, parts.vehicle, parts.base
     increments = len(vehicle.increments)
@@ -56,7 +56,7 @@ def nonlinear_model(
             )
 
     def pushed(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """G at a state: what d's flows and faults do is differenced about none of them."""
+        """G at a state; the effects of flows and faults in d are central differences about zero."""
         own, acting = x[..., None, :n], parts.acting(x)[..., None, :]
 
         def after(d: np.ndarray, u: np.ndarray | None) -> np.ndarray:
@@ -87,7 +87,7 @@ def nonlinear_model(
 def linearised_model(
     parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[str, Any], trims: Trims
 ) -> LinearModel:
-    """The nonlinear model linearised about each of some steady motions; arguments as `nonlinear_model`.
+    """The nonlinear model, linearised about each steady motion; arguments as `nonlinear_model`.
 
     Raises:
         ValueError: for a sensor that is not linear there.

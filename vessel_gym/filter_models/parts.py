@@ -1,4 +1,4 @@
-"""States of a filter's model: of the vehicle, of what acts on it, of the sensors' biases."""
+"""States of a filter's model: vehicle, disturbance and sensors' biases."""
 
 from dataclasses import dataclass
 
@@ -12,18 +12,17 @@ from vessel_gym.vehicles.vehicle import Vehicle
 
 @dataclass(frozen=True, eq=False)
 class Parts:
-    """The parts of which a filter's model is composed.
+    """Parts of a filter's model.
 
     Attributes:
-        forces: What acts, as the filter assumes it.
-        sensors: The sensors, as the filter assumes them.
-        own: The components of the vehicle's state that are estimated, the first of the filter's
-            state.
-        estimated: Indices of the estimated components of the disturbance's state, which follow; the
-            sensors' biases are last.
+        forces: Effect of the assumed disturbance on the vehicle.
+        sensors: Assumed sensors.
+        own: Estimated components of the vehicle's state, first in the filter's state.
+        estimated: Indices of the estimated components of the disturbance's state, which follow. The
+            sensors' biases come next.
         unknown: Indices of the exogenous inputs that are treated as the unknown input d.
-        ended: Indices of the increments that are further states as they were over the step that has
-            ended: sensors show them. They are the last of the filter's state.
+        ended: Indices of the increments that sensors show. Their values over the ended step are the
+            last components of the filter's state.
     """
 
     forces: Forces
@@ -35,22 +34,22 @@ class Parts:
 
     @property
     def ended_names(self) -> tuple[str, ...]:
-        """Names of the increments that are states."""
+        """Names of the states that are increments."""
         return tuple(f"last {self.vehicle.increments[i]}" for i in self.ended)
 
     @property
     def base(self) -> int:
-        """Number of components that are the vehicle's."""
+        """Number of components from the vehicle's state."""
         return len(self.own)
 
     @property
     def vehicle(self) -> Vehicle:
-        """The vehicle."""
+        """Vehicle of the forces."""
         return self.forces.vehicle
 
     @property
     def drift(self) -> Process:
-        """Process of the estimated components of the disturbance's state, and of the biases."""
+        """Joint process of the estimated states of the disturbance, and of the biases."""
         process, square = self.forces.disturbance.process, np.ix_(self.estimated, self.estimated)
         estimated = Process(
             process.transition[square], process.root[self.estimated], process.start_cov[square]
@@ -58,7 +57,7 @@ class Parts:
         return Process.joined(estimated, self.sensors.bias)
 
     def state(self, x: np.ndarray) -> np.ndarray:
-        """The vehicle's state ``(..., n)`` out of the filter's ``(..., m)``, 0 where it is not estimated."""
+        """State ``(..., n)`` of the vehicle from the filter's; 0 where not estimated."""
         names, own = self.vehicle.state_names, x[..., : self.base]
         if self.own == names:
             return own
@@ -67,7 +66,7 @@ class Parts:
         )
 
     def acting(self, x: np.ndarray) -> np.ndarray:
-        """The exogenous input that a filter's state implies, without d, ``(..., f)``; ``(f,)`` if it implies none."""
+        """Exogenous input ``(..., f)`` of a filter's state, without d; ``(f,)`` if zero."""
         if not len(self.estimated):
             return np.zeros(self.forces.size)
         components = {int(i): x[..., self.base + j] for j, i in enumerate(self.estimated)}
@@ -75,7 +74,7 @@ class Parts:
         return self.forces.on(z, self.state(x), self.unknown)
 
     def drifted(self, x: np.ndarray, after: np.ndarray) -> np.ndarray:
-        """States of disturbance and biases a step after those in ``x (..., m)``; the vehicle's are ``after`` it."""
+        """States of disturbance and biases a step later, when the vehicle's is ``after``."""
         drift, k = self.drift, len(self.estimated)
         moved = drift.advance(x[..., self.base : self.base + drift.size])
         if not (k and self.forces.meets):
@@ -88,7 +87,7 @@ class Parts:
         )
 
     def expected(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """Measurements without noise ``(..., p)`` in states ``(..., m)`` of a filter, with their biases."""
+        """Measurements without noise ``(..., p)`` in states ``(..., m)`` of a filter."""
         first, increments = self.base + len(self.estimated), len(self.vehicle.increments)
         last = first + self.sensors.bias.size
         ended = spread({i: x[..., last + j] for j, i in enumerate(self.ended)}, increments, x)
@@ -103,14 +102,14 @@ class Parts:
 
 
 def near(vehicle: Vehicle, count: int) -> np.ndarray:
-    """States ``(count, n)`` about that of a vehicle that cruises."""
+    """Random states ``(count, n)`` near that of the cruising vehicle."""
     return cruising(vehicle) + np.random.default_rng(0).standard_normal(
         (count, len(vehicle.state_names))
     )
 
 
 def seen(sensors: Sensors, state: np.ndarray) -> np.ndarray:
-    """Effect of a unit of each increment and flow on measurements ``(..., p, f)`` in states ``(..., n)``; 0: none."""
+    """Effect ``(..., p, f)`` of a unit of each increment and flow on measurements."""
     size = len(sensors.exogenous_names)
     units = np.broadcast_to(np.eye(size + 1, size, -1), (*state.shape[:-1], size + 1, size))
     with np.errstate(all="ignore"):
@@ -119,12 +118,12 @@ def seen(sensors: Sensors, state: np.ndarray) -> np.ndarray:
 
 
 def seen_anywhere(vehicle: Vehicle, sensors: Sensors) -> np.ndarray:
-    """Does a measurement depend on an increment or flow ``(p, f)``? A log does not, across the current."""
+    """Does a measurement depend on an increment or flow ``(p, f)``, in any of eight states?"""
     return np.any(seen(sensors, near(vehicle, 8)), 0)
 
 
 def seen_alike(vehicle: Vehicle, sensors: Sensors, i: int) -> bool:
-    """Do measurements show a part of the exogenous input alike wherever the vehicle is?"""
+    """Is the effect of an exogenous input on measurements equal in all states?"""
     here, elsewhere = (
         seen(sensors, state)[..., i] for state in (cruising(vehicle), near(vehicle, 5))
     )
@@ -132,7 +131,7 @@ def seen_alike(vehicle: Vehicle, sensors: Sensors, i: int) -> bool:
 
 
 def moving(forces: Forces, n: int) -> np.ndarray:
-    """Mask ``(f,)`` of exogenous inputs, increments aside, that move the first ``n`` components of filters."""
+    """Mask ``(f,)`` of flows and faults that move the first ``n`` estimated components."""
     x, u = forces.vehicle.cruise
     still = forces.moved(x, u, np.zeros(forces.size))[:n]
     return np.array([(forces.moved(x, u, unit)[:n] != still).any() for unit in np.eye(forces.size)])
@@ -141,11 +140,12 @@ def moving(forces: Forces, n: int) -> np.ndarray:
 def relevant(
     forces: Forces, sensors: Sensors, n: int, unknown: list[int], changing: list[int]
 ) -> np.ndarray:
-    """Indices of a disturbance's states that a filter of ``n`` components of the vehicle's estimates.
+    """Indices of the disturbance's states that a filter with ``n`` states of the vehicle estimates.
 
-    They move what it estimates or reads, at once or later, otherwise than as what is ``unknown`` in
-    the exogenous input; or are those ``changing`` in ways that are unknown. An effect may depend on
-    both states in any way: it is evaluated in several places.
+    A state is relevant if it affects, at once or later, estimated or measured quantities through an
+    exogenous input that is not ``unknown``. The states ``changing`` by an unknown input are
+    relevant, too. An effect may depend on both states in any way, so that it is evaluated in
+    several places.
     """
     vehicle, process = forces.vehicle, forces.disturbance.process
     counts, size = moving(forces, n), len(vehicle.state_names)
@@ -166,10 +166,10 @@ def relevant(
 
 
 def check_estimated(own: tuple[str, ...], vehicle: Vehicle, sensors: Sensors) -> None:
-    """Refuse a sensor that reads a component of the vehicle's state that the filter does not estimate.
+    """Refuse a sensor that reads a component of the state which the filter does not estimate.
 
     Raises:
-        ValueError: naming both.
+        ValueError: naming the sensor and the component.
     """
     names, state = vehicle.state_names, cruising(vehicle)
     missing = [i for i, name in enumerate(names) if name not in own]

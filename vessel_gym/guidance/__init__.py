@@ -1,4 +1,4 @@
-"""Guidance: where a vehicle should go, planned without knowing how it gets there.
+"""Guidance: planned paths, and positions relative to them.
 
-It may import `estimators`; tasks import it.
+This folder may import `estimators`; tasks import it.
 """

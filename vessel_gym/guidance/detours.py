@@ -1,14 +1,13 @@
-"""Paths of bounded curvature round circular obstacles: the shortest one in a graph of places where a path can touch.
+"""Shortest paths of bounded curvature round circular obstacles, in a graph of touches.
 
-Between two places where it touches obstacles, a shortest path is one of Dubins' six words; along an
-obstacle that is wider than the turn radius it may follow the edge (Boissonnat & Lazard 1996, A
+Between two contacts with obstacles, a shortest path is one of Dubins' six words. Along an obstacle
+that is wider than the turn radius the path may follow the edge (Boissonnat & Lazard 1996, A
 polynomial-time algorithm for computing a shortest path of bounded curvature amidst moderate
-obstacles). So the nodes of the graph are *touches*: poses on the edge of a clearance circle, along
-it, either way round. They are the ends of the common tangents of clearance circles and of the
-turning circles of start and goal, and evenly spread ones between. Edges are the shortest words and
-arcs that keep clear. The shortest way through the graph is found; then each touch slides along its
-edge until no slide shortens it. Plans of many scenes are found together: their equations are
-evaluated as one batch.
+obstacles). So the nodes of the graph are *touches*: poses on the edge of a clearance circle,
+tangent to it, in either direction. They are the ends of the common tangents of clearance circles
+and of the turning circles of start and goal, with evenly spread touches between. Edges are the
+shortest words and arcs that keep clear. After the search each touch slides along its edge until no
+slide shortens the path. Many scenes are planned together as one batch.
 """
 
 import numpy as np
@@ -29,14 +28,14 @@ from vessel_gym.guidance.words import (
 )
 
 _FULL = 2.0 * np.pi
-_FAR = 1e6  # turn radii: farther off, a hair is rounding
+_FAR = 1e6  # turn radii: at greater distances `HAIR` is lost in rounding
 TOUCHES = 12, 48
-"""Evenly spread touches a clearance circle and way round, and in the second search, for what is shorter."""
-_NEAR = 1.01  # times its lower bound: a path as short as that needs no second search
+"""Evenly spread touches for each clearance circle and direction, in the first and second search."""
+_NEAR = 1.01  # a path of at most this many lower bounds needs no second search
 
 
 class NoPath(ValueError):
-    """No path was found; unless the message says that the way is closed, this is no proof that there is none."""
+    """No path was found; only a message about a closed way proves that no path exists."""
 
 
 # --- the check ------------------------------------------------------------------------------------
@@ -44,7 +43,7 @@ class NoPath(ValueError):
 
 @compiled
 def distances(segments: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Distances ``(...)`` at which arcs and straights ``(..., 5)`` pass points ``(..., 2)``."""
+    """Distances ``(...)`` of arcs and straights ``(..., 5)`` from points ``(..., 2)``."""
     x, y, heading, curvature, length = (segments[..., i] for i in range(5))
     east, north = points[..., 0], points[..., 1]
     straight, cos, sin, dx, dy = (
@@ -68,10 +67,10 @@ def distances(segments: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def approach(path: Path, points: np.ndarray) -> np.ndarray:
-    """The distance ``(m,)`` [m] at which a path passes points ``(m, 2)``, in closed form.
+    """Distance ``(m,)`` [m] of a path from points ``(m, 2)``, in closed form.
 
     Args:
-        path: The path.
+        path: Path.
         points: x, y [m].
     """
     instance("path", path, Path)
@@ -81,13 +80,13 @@ def approach(path: Path, points: np.ndarray) -> np.ndarray:
 def sound(
     segments: np.ndarray, goal: np.ndarray, radius: np.ndarray | float, discs: np.ndarray
 ) -> np.ndarray:
-    """Mask of the paths ``(..., k, 5)`` that end at the goal, turn no tighter than the radius and meet no disc.
+    """Mask of paths ``(..., k, 5)`` that end at the goal, keep the turn radius and meet no disc.
 
     Args:
-        segments: ``(..., k, 5)``; those of length 0 change nothing.
-        goal: ``(..., 3)``.
+        segments: ``(..., k, 5)``; segments of length 0 have no effect.
+        goal: ``(..., 3)`` pose.
         radius: Turn radius [m].
-        discs: ``(..., m, 3)``, NaN where there are fewer.
+        discs: ``(..., m, 3)``, NaN for missing discs.
     """
     last, lengths = segments[..., -1, :], segments[..., 4]
     gentle = (abs(segments[..., 3]) * radius <= 1.0 + 1e-12).all(-1)
@@ -103,10 +102,10 @@ def sound(
 def _direct(
     start: np.ndarray, goal: np.ndarray, radius: np.ndarray, discs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Segments ``(..., 3, 5)`` and lengths of the shortest paths without obstacles, and the mask of those `sound`."""
+    """Shortest paths ``(..., 3, 5)`` without obstacles, lengths, and mask of `sound` ones."""
     segments = shortest_pieces(start, goal, radius)
     pieces = [segments[..., i, :] for i in range(3)]
-    for i in (0, 1, 0):  # those of length 0 last
+    for i in (0, 1, 0):  # sort pieces of length 0 to the end
         swapped = (pieces[i][..., 4] == 0.0)[..., None]
         a, b = pieces[i : i + 2]
         pieces[i : i + 2] = np.where(swapped, b, a), np.where(swapped, a, b)
@@ -119,24 +118,24 @@ def _direct(
 def plan(
     start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarray, margin: float = 0.0
 ) -> Path:
-    """A short path between two poses that keeps clear of circular obstacles; `shortest` if that does.
+    """A short path between two poses that keeps clear of circular obstacles.
 
-    Otherwise the shortest way from touch to touch that passed the check of clearance, curvature and
-    arrival: a short path, not provably the shortest. No path is shorter than its ``lower_bound``.
+    The result is the `shortest` path if that keeps clear. Otherwise the planner returns the
+    shortest way along touches that passed the check of clearance, curvature and arrival; this way
+    is not provably the shortest. No path is shorter than the result's ``lower_bound``.
 
     Args:
         start: ``(3,)`` pose [m, m, rad].
         goal: ``(3,)`` pose.
-        radius: Turn radius [m], the tightest turn.
-        obstacles: ``(m, 3)`` x, y and radius [m], as many as there are, overlapping or not.
-        margin: Distance [m] to keep from them.
+        radius: Turn radius [m] of the tightest turn.
+        obstacles: ``(m, 3)`` x, y and radius [m]; obstacles may overlap.
+        margin: Distance [m] to keep from obstacles.
 
     Raises:
-        NoPath: (a ValueError) if none was found; the message tells a closed way, which is certain,
-            from a search that failed.
-        ValueError: for numbers that make no sense, for a start or a goal within the margin of an
-            obstacle, and for a way round obstacles over more than a million turn radii, where
-            rounding decides.
+        NoPath: (a ValueError) if no path was found. The message distinguishes a closed way, which
+            is certain, from a failed search.
+        ValueError: for invalid numbers, for a start or a goal within the margin of an obstacle, and
+            for a way round obstacles over more than a million turn radii, where rounding decides.
     """
     start, goal, radius = single(start, goal, radius)
     segments, bounds, errors = plans(
@@ -148,9 +147,9 @@ def plan(
 
 
 Plans = tuple[np.ndarray, np.ndarray, dict[int, ValueError]]
-"""Segments ``(S, k, 5)``, some of length 0, and lower bounds ``(S,)`` of paths; by scene, why there is none."""
+"""Segments ``(S, k, 5)`` (length 0: padding), lower bounds ``(S,)``, and errors by scene."""
 _BATCH = 256
-"""Discs in scenes that are searched together."""
+"""Number of discs in the scenes that are searched together."""
 _CLOSED = (
     "the obstacles with their margin close every way to the goal: ask for less margin or remove an"
     " obstacle"
@@ -168,7 +167,7 @@ def plans(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray)
         start: ``(S, 3)`` poses.
         goal: ``(S, 3)`` poses.
         radius: Turn radius [m].
-        discs: ``(S, m, 3)`` clearance circles, NaN where there are fewer.
+        discs: ``(S, m, 3)`` clearance circles, NaN for missing ones.
     """
     missing = np.full((len(start), max(-discs.shape[1] % DISCS, DISCS - discs.shape[1]), 3), np.nan)
     discs = np.concatenate([discs, missing], 1)
@@ -214,7 +213,7 @@ def plans(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray)
 def _around(
     start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray, direct: np.ndarray
 ) -> Plans:
-    """Plans of scenes in which the shortest path, so long without obstacles, does not keep clear."""
+    """Plans of scenes in which the shortest path, of length ``direct``, is blocked."""
     scale, origin = np.array([radius, radius, 1.0]), start * [1.0, 1.0, 0.0]
     here, there, rounds = (
         start - origin,
@@ -241,7 +240,7 @@ def _around(
         segments = chained(start[rest], padded[..., 0] / radius, padded[..., 1] * radius)
         better = sound(segments, goal[rest], radius, discs[rest]) & (padded[..., 1] > 0.0).any(-1)
         found = np.concatenate([found, np.zeros((len(found), max(most - found.shape[1], 0), 5))], 1)
-        segments[np.arange(most) >= sizes[:, None]] = 0.0  # as a scene alone has them
+        segments[np.arange(most) >= sizes[:, None]] = 0.0  # equal to a scene planned alone
         found[rest[better]], found[rest[better], :most] = 0.0, segments[better]
         length[rest[better]] = segments[better, :, 4].cumsum(-1)[:, -1]
         rest = rest[~(length <= _NEAR * np.minimum(np.maximum(bound, direct), length))[rest]]
@@ -253,10 +252,10 @@ def _around(
 
 
 def _discs(obstacles: np.ndarray, margin: float) -> np.ndarray:
-    """The clearance circles ``(m, 3)``.
+    """Clearance circles ``(m, 3)``.
 
     Raises:
-        ValueError: for obstacles that are no circles, or a margin that is negative.
+        ValueError: for invalid obstacles, or a negative margin.
     """
     obstacles = as_array("obstacles", obstacles)
     room = number("the margin", margin, AT_LEAST_0, np.inf, "finite and 0 or more")

@@ -1,13 +1,12 @@
 """A smooth path that dives while it turns: an arc of a circle in plan, a smooth step in depth.
 
-From above the path leaves the origin along +x and turns with one curvature until it is over the
-goal. Its depth is ``d (3 t^2 - 2 t^3)`` with ``t`` the share of the arc that is covered, so that it
-begins and ends level. Beyond its ends it goes on straight and level. The closest point is that in
-plan, which has a closed form.
+In plan the path leaves the origin along +x and turns with one curvature to the goal. Its depth is
+``d (3 t^2 - 2 t^3)`` with ``t`` the covered share of the arc, so that the path begins and ends
+level. Beyond its ends the path is straight and level. The closest point is the closest in plan,
+which has a closed form.
 
-An arc is ``(angle, length, depth)``: what the path turns through [rad], the length of its arc in
-plan and the depth of its goal [m]. Frames: x north, y east, z down; a positive angle turns to
-starboard.
+An arc is ``(angle, length, depth)``: the turn of the path [rad], the length of the arc in plan and
+the depth of the goal [m]. Frames: x north, y east, z down; a positive angle turns to starboard.
 """
 
 import numpy as np
@@ -19,20 +18,20 @@ _STRAIGHT = 1e-9  # 1/m, the least curvature: over 100 m it bends a straight pat
 
 
 def arc_to(goal: np.ndarray) -> np.ndarray:
-    """The arcs ``(..., 3)`` from the origin to goals ``(..., 3)`` [m]: a chord and a tangent make an arc."""
+    """Arcs ``(..., 3)`` from the origin to goals ``(..., 3)`` [m], given by chord and tangent."""
     return arc_from_origin(shaped_array("goal", goal, "...", 3))
 
 
 @compiled
 def arc_from_origin(goal: np.ndarray) -> np.ndarray:
-    """Arcs ``(..., 3)`` from the origin to goals that are known to be arrays ``(..., 3)``."""
+    """Arcs ``(..., 3)`` from the origin to goals ``(..., 3)``, without a check."""
     chord, half = np.hypot(goal[..., 0], goal[..., 1]), np.arctan2(goal[..., 1], goal[..., 0])
     some = np.where(half == 0.0, 1e-20, half)
     return np.stack([2.0 * half, chord * (some / np.sin(some)), goal[..., 2]], -1)
 
 
 def point_at(s: np.ndarray, arc: np.ndarray) -> tuple[np.ndarray, ...]:
-    """x, y, z [m], heading [rad] and slope (depth per metre in plan) ``(...)`` of the path at ``s`` metres in plan."""
+    """x, y, z [m], heading [rad] and slope [m/m] ``(...)`` of the path at ``s`` metres in plan."""
     length, depth, curvature = arc[..., 1], arc[..., 2], _curvature(arc)
     on = np.minimum(np.maximum(s, 0.0), length)
     beyond, t = s - on, on / length
@@ -54,13 +53,13 @@ def locate(position: np.ndarray, arc: np.ndarray, ahead: np.ndarray | float) -> 
 
     Args:
         position: ``(..., 3)`` north, east, down [m].
-        arc: ``(..., 3)``.
+        arc: ``(..., 3)`` arcs.
         ahead: ``(...)`` look-ahead distance in plan [m].
     """
     x, y, z = (position[..., i] for i in range(3))
     angle, length, curvature = arc[..., 0], arc[..., 1], _curvature(arc)
-    # Polar angle about the arc's centre; it jumps opposite the middle of the arc, far from both
-    # ends.
+    # Polar angle about the arc's centre, with its jump opposite the middle of the arc, far from
+    # both ends.
     polar = np.arctan2(curvature * x, 1.0 - curvature * y) - 0.5 * angle
     polar = polar - 2.0 * np.pi * np.floor(polar / (2.0 * np.pi) + 0.5)
     on = (polar + 0.5 * angle) / curvature
@@ -75,23 +74,23 @@ def locate(position: np.ndarray, arc: np.ndarray, ahead: np.ndarray | float) -> 
 
 
 def path_point(s: np.ndarray, arc: np.ndarray) -> np.ndarray:
-    """The path at ``s (...)`` metres in plan: x, y, z [m], heading [rad] and slope [m depth per m], ``(..., 5)``."""
+    """x, y, z [m], heading [rad], slope [m/m] ``(..., 5)`` at ``s (...)`` metres in plan."""
     return np.stack(point_at(as_array("s", s), shaped_array("arc", arc, "...", 3)), -1)
 
 
 def follow(position: np.ndarray, arc: np.ndarray, ahead: float) -> np.ndarray:
-    """Position relative to the path, ``(..., 8)``.
+    """Position relative to the path ``(..., 8)``.
 
     Args:
         position: ``(..., 3)`` north, east, down [m].
-        arc: ``(..., 3)``.
+        arc: ``(..., 3)`` arc.
         ahead: Look-ahead distance in plan [m].
 
     Returns:
-        Progress s of the closest point in plan, below 0 before the start and above the length
-        beyond the end; cross-track error (positive to starboard of the path) and depth error
-        (positive below it) [m]; heading [rad] and slope of the path there; the vector from the
-        position to the path's point ``ahead`` of that, north, east, down.
+        Progress, cross-track error, depth error [m], heading [rad] and slope of the path at the
+        closest point in plan, and the vector north, east, down [m] to the path's point ``ahead``
+        metres beyond that. Progress is negative before the start, and above the length beyond the
+        end. Errors are positive to starboard of the path and below the path.
     """
     position, arc = shaped_array("position", position, "...", 3), shaped_array("arc", arc, "...", 3)
     return locate(position, arc, as_array("ahead", ahead))

@@ -1,7 +1,7 @@
-"""Dubins paths: shortest paths of bounded curvature between poses, and short ones round circular obstacles.
+"""Dubins paths: shortest paths of bounded curvature, also round circular obstacles.
 
-Poses are (x, y, theta) [m, m, rad], theta from +x towards +y; L turns theta up. In a frame of x
-north and y east theta is a heading clockwise from north, and L turns to starboard.
+Poses are (x, y, theta) [m, m, rad], with theta from +x towards +y; L increases theta. With x north
+and y east, theta is a heading clockwise from north, and L turns to starboard.
 """
 
 from vessel_gym.guidance.detours import NoPath, approach, plan

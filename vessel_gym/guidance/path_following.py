@@ -1,12 +1,11 @@
-"""Position of a vehicle on a path of arcs and straights, with the path's course and curvature there and ahead.
+"""Position of a vehicle relative to a path of arcs and straights, with course and curvature.
 
-A path is rows (x, y, heading where it begins, curvature, length), as `vessel_gym.guidance.dubins`
-plans them, flattened; rows of length 0 at the end fill up. Before its start and beyond its end a
-path goes straight on for `LEAD` metres.
+A path consists of rows (x, y, initial heading, curvature, length) from
+`vessel_gym.guidance.dubins`, flattened; rows of length 0 pad the end. Before its start and beyond
+its end a path is straight for `LEAD` metres.
 
-A path may cross itself. Where two places are near, the one along which the vehicle flies counts: a
-heading that is off counts like `PER_RAD` metres a radian, and twice that at most. So no memory is
-needed.
+A path may cross itself. Of two near places the one with the vehicle's heading counts: a heading
+error costs `PER_RAD` metres a radian, and at most twice that. So no memory is needed.
 """
 
 import numpy as np
@@ -15,20 +14,20 @@ from estimators.engine import compiled
 from vessel_gym.guidance.words import follow_on
 
 LEAD = 50.0
-"""Metres for which the path goes straight on at both ends."""
+"""Length [m] of the straights before the start and beyond the end."""
 PER_RAD = 20.0
-"""Metres that count like a heading that is off by a small angle, a radian."""
+"""Distance [m] that counts as much as a heading error of one radian, for small errors."""
 COLUMNS = 5
-"""Numbers a segment."""
-_FAR = 1e6  # m: what is farther off is treated as this far, so that nothing overflows
+"""Numbers in the row of a segment."""
+_FAR = 1e6  # m, larger coordinates are clipped, so that nothing overflows
 
 
 def _pieces(segments: np.ndarray) -> tuple[np.ndarray, ...]:
-    """The pieces ``(..., k + 2)`` of a path ``(..., 5 k)`` with the straights before its start and beyond its end.
+    """Pieces ``(..., k + 2)`` of a path ``(..., 5 k)``, with straights at both ends.
 
     Returns:
-        x, y and heading of the origin of each piece, its curvature, progress at that origin, first
-        and last arc length from there, and a mask of the pieces that exist.
+        x, y and heading of each piece's origin, curvature, progress at the origin, first and last
+        arc length from the origin, and a mask of existing pieces.
     """
     x, y, heading, curvature, length = (segments[..., i::COLUMNS] for i in range(COLUMNS))
     count, final = length.shape[-1], segments[..., :COLUMNS]
@@ -58,7 +57,7 @@ def _pieces(segments: np.ndarray) -> tuple[np.ndarray, ...]:
 def pose_along(
     along: np.ndarray, segments: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """x, y [m] and heading [rad] ``(...)`` at distances ``along (...)`` [m] of paths ``(..., 5 k)``."""
+    """x, y [m] and heading [rad] ``(...)`` at ``along (...)`` [m] on paths ``(..., 5 k)``."""
     x, y, angle, curvature, begin, _, _, exists = _pieces(segments)
     pose = [x[..., 0], y[..., 0], angle[..., 0], curvature[..., 0], begin[..., 0]]
     for k in range(1, exists.shape[-1]):
@@ -71,7 +70,10 @@ def pose_along(
 def _closest(
     x: np.ndarray, y: np.ndarray, curvature: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> np.ndarray:
-    """Arc length in [low, high] of the point closest to (x ahead, y to the side of positive curvature) of a segment."""
+    """Arc length in [low, high] of the point of a segment that is closest to (x, y).
+
+    x is ahead, y to the side of positive curvature.
+    """
     straight = curvature == 0.0
     radius, side = (
         1.0 / np.where(straight, 1.0, abs(curvature)),
@@ -92,16 +94,16 @@ def locate(
 
     Args:
         pose: ``(..., 3)`` x, y [m] and course [rad].
-        window: ``(..., 3)`` least and greatest progress [m], metres that count like a radian
-            between the headings.
-        segments: ``(..., 5 k)`` the paths.
-        ahead: ``(..., 2)`` distances [m] on: mean curvatures are up to the first, and from there to
-            the second.
+        window: ``(..., 3)`` least and greatest progress [m], and distance [m] equivalent to a
+            heading error of one radian.
+        segments: ``(..., 5 k)`` paths.
+        ahead: ``(..., 2)`` distances [m] ahead, between which curvatures are averaged: up to the
+            first, and from the first to the second.
 
     Returns:
         Progress of the closest point [m], cross-track error (positive to the side of positive
-        curvature) [m], heading of the path there [rad], its two mean curvatures ahead [1/m],
-        remaining path [m], distance [m].
+        curvature) [m], heading of the path there [rad], two mean curvatures ahead [1/m], remaining
+        path [m], and distance from the path [m].
     """
     x, y = (np.minimum(np.maximum(pose[..., i], -_FAR), _FAR) for i in range(2))
     rx, ry, angle, curvature, begin, first, last, exists = _pieces(segments)
@@ -154,4 +156,4 @@ def locate(
 
 
 ANYWHERE = np.array([-np.inf, np.inf, PER_RAD])
-"""The window of a vehicle whose progress nobody remembers."""
+"""Window for a vehicle of unknown progress."""

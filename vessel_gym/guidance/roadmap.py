@@ -1,8 +1,8 @@
-"""Shortest ways from touch to touch round circular obstacles, for many scenes at once.
+"""Shortest ways along touches round circular obstacles, for many scenes at once.
 
-Units, scenes and touches as in `vessel_gym.guidance.touches`. An edge joins two touches by a Dubins
-word or, along a disc that is wider than the turning circle, by its edge. Edges of all scenes are
-joined as one batch.
+Units, scenes and touches are those of `vessel_gym.guidance.touches`. An edge joins two touches by a
+Dubins word or, on a disc that is wider than the turning circle, along the disc's edge. Edges of all
+scenes are computed as one batch.
 """
 
 from collections.abc import Sequence
@@ -17,18 +17,18 @@ from vessel_gym.guidance.words import CURVATURES, whole, word_pieces
 _SHARES = (
     1.03,
     np.inf,
-)  # of the least length that any way may have: touches up to the first are joined first
-_SLIDE = 1e-4  # rad, the smallest slide of a touch: what it leaves is of its square
-TOUCHES, DISCS = 8, 4  # in one compiled function
+)  # multiples of the lower bound of a length: touches below the first are joined first
+_SLIDE = 1e-4  # rad, the smallest slide of a touch; the error of the length is of second order
+TOUCHES, DISCS = 8, 4  # numbers of both in one compiled function
 
 
 # --- edges ----------------------------------------------------------------------------------------
 
 
 def _words(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pieces ``(..., 6, 3)`` and lengths ``(..., 6)`` of the words between poses, whatever they cross.
+    """Pieces ``(..., 6, 3)`` and lengths ``(..., 6)`` of the words between poses, without discs.
 
-    LRL and RLR turn farther than half a turn: beside a shorter word they are infinite.
+    LRL and RLR contain more than half a turn: beside a shorter word they get infinite lengths.
     """
     pieces = word_pieces(a, b, np.ones_like(a[..., 0]))
     words = pieces[..., 0] + pieces[..., 1] + pieces[..., 2]
@@ -38,7 +38,7 @@ def _words(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @compiled
 def free_length(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Lengths ``(...)`` of the shortest words between poses ``(..., 3)``: no way among discs is shorter."""
+    """Lengths ``(...)`` of the shortest words between poses, a lower bound among discs."""
     return _words(a, b)[1].min(-1)
 
 
@@ -46,12 +46,11 @@ def free_length(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def join(
     a: np.ndarray, b: np.ndarray, discs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The shortest clear ways from touches ``(..., 7)`` to others among discs ``(..., 4 g, 3)``.
+    """Shortest clear ways between touches ``(..., 7)`` among discs ``(..., 4 g, 3)``.
 
     Returns:
-        Their lengths, infinite where no way is clear, the radii ``(..., 3)`` of their pieces,
-        positive to the left and 0 of straights, and the angles of arcs and lengths of straights
-        ``(..., 3)``.
+        Lengths of the ways, infinite if none is clear; radii ``(..., 3)`` of the pieces, positive
+        to the left and 0 for straights; angles of arcs and lengths of straights ``(..., 3)``.
     """
     pieces, words = _words(a, b)
     follows = (a[..., 3] == b[..., 3]) & (a[..., 6] == b[..., 6]) & (a[..., 6] != 0.0)
@@ -61,7 +60,7 @@ def join(
     extents = np.concatenate([np.stack([angle, none, none], -1)[..., None, :], pieces], -2)
 
     def clear(lengths: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The lengths, infinite for ways that cross one of the next discs, and the discs with these last."""
+        """Lengths, infinite for ways across one of the next discs, and the rotated discs."""
         met = [meets(a, [a[..., 6]], extents[..., 0, :1], discs[..., :DISCS, :])]
         met += [
             meets(a, bends, extents[..., k, :], discs[..., :DISCS, :])
@@ -92,14 +91,14 @@ def join(
 def ways(
     start: np.ndarray, goal: np.ndarray, discs: np.ndarray, count: int, limit: np.ndarray
 ) -> list[np.ndarray]:
-    """Curvatures and lengths ``(k, 2)`` of short ways below limits; none where none is found.
+    """Curvatures and lengths ``(k, 2)`` of short ways below limits; empty if no way is found.
 
     Args:
         start: ``(S, 3)`` poses at the origin.
         goal: ``(S, 3)`` poses.
         discs: ``(S, m, 3)``.
-        count: Evenly spread touches a disc and way round.
-        limit: ``(S,)``.
+        count: Number of evenly spread touches for each disc and direction.
+        limit: ``(S,)`` upper bounds of the lengths.
     """
     edges = reaches(discs, discs[:, None])
     found = _search(start, goal, discs, *all_touches(start, goal, discs, edges, count), limit)
@@ -122,10 +121,10 @@ def _search(
     nodes: np.ndarray,
     limit: np.ndarray,
 ) -> list[np.ndarray]:
-    """The touches ``(k, 7)`` of the shortest ways from start to goal below limits; none where there is none.
+    """Touches ``(k, 7)`` of the shortest ways from start to goal below limits; empty without one.
 
-    Words that ignore the obstacles say how long a way through a touch is at least. Ways with one
-    touch come first: they bound the length, and most touches then lie too far off for any way.
+    Words that ignore the obstacles give a lower bound of the length through each touch. Ways with
+    one touch come first: they bound the length, and exclude most touches.
     """
     nowhere = np.tile([-1.0, 0.0, 0.0, 0.0], (len(discs), 1))
     first, last = np.concatenate([start, nowhere], -1), np.concatenate([goal, nowhere], -1)
@@ -180,7 +179,7 @@ def _search(
 
 
 def _pairs(scene: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """All pairs of some nodes ``u`` and any of the same scene; nodes are sorted by ``scene``."""
+    """All pairs of the nodes ``u`` with nodes of their scene; nodes are sorted by ``scene``."""
     sizes = np.bincount(scene)
     counts, begins = sizes[scene[u]], (np.cumsum(sizes) - sizes)[scene[u]]
     v = np.arange(counts.sum()) + np.repeat(begins - np.cumsum(counts) + counts, counts)
@@ -190,18 +189,18 @@ def _pairs(scene: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _relaxed(
     lengths: np.ndarray, before: np.ndarray, ends: np.ndarray, by: np.ndarray, through: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The least lengths of ways to nodes, and the nodes before these, with ways to some ``ends`` by way of others."""
+    """Least lengths to nodes and their predecessors, after relaxing edges to ``ends``."""
     least, before = lengths.copy(), before.copy()
     np.minimum.at(least, ends, through)
     taken = (through == least[ends]) & (through < lengths[ends])
-    before[ends[taken][::-1]] = by[taken][::-1]  # of equal ones the first
+    before[ends[taken][::-1]] = by[taken][::-1]  # the first of equal ones
     return least, before
 
 
 def _back(
     before: np.ndarray, v: int, first: np.ndarray, last: np.ndarray, nodes: np.ndarray
 ) -> np.ndarray:
-    """The touches from the first by way of v to the last, each after that which is ``before`` it (the first: -1)."""
+    """Touches from the first by way of v to the last; ``before`` holds predecessors, or -1."""
     found = [last]
     while v >= 0:
         found.append(nodes[v])
@@ -215,14 +214,14 @@ def _back(
 def _refined(
     ways: np.ndarray, touches: np.ndarray, edges: np.ndarray, discs: np.ndarray, step: float
 ) -> list[np.ndarray]:
-    """Curvatures and lengths ``(k, 2)`` of ways whose touches slide and are left out where they can be.
+    """Curvatures and lengths ``(k, 2)`` of ways after sliding and removing touches.
 
     Args:
-        ways: ``(S, n, 7)`` touches from start to goal, which fills up.
-        touches: ``(S,)`` how many there are between both.
-        edges: ``(S, m, 4)`` of the discs.
+        ways: ``(S, n, 7)`` touches from start to goal, padded by the goal.
+        touches: ``(S,)`` numbers of touches between start and goal.
+        edges: ``(S, m, 4)`` edges of the discs.
         discs: ``(S, m, 3)``.
-        step: The first slide of a touch [rad].
+        step: First slide of a touch [rad].
     """
     _taut(ways, touches, discs)
     most = -(-ways.shape[1] // TOUCHES) * TOUCHES - ways.shape[1]
@@ -245,7 +244,10 @@ def _refined(
 def _taut(
     ways: np.ndarray, touches: np.ndarray, discs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Leave out the touches that ways are no longer without; radii and extents ``(S, n - 1, 3)`` of their pieces."""
+    """Remove touches without which ways are no longer; return radii and extents of the pieces.
+
+    Both are ``(S, n - 1, 3)``.
+    """
     n, left = ways.shape[1] - 1, np.zeros(len(ways), int)
     while True:
         a, b = (
@@ -267,7 +269,7 @@ def _taut(
 
 
 def _picked(rows: np.ndarray, index: np.ndarray) -> np.ndarray:
-    """Rows ``(..., k)`` of arrays ``(..., m, k)`` at indices ``(...)``; beyond an end, that end's."""
+    """Rows ``(..., k)`` of arrays ``(..., m, k)`` at indices ``(...)``, which are clipped."""
     found = rows[..., 0, :]
     for i in range(1, rows.shape[-2]):
         found = np.where((index >= i)[..., None], rows[..., i, :], found)
@@ -278,20 +280,21 @@ def _best_slide(
     touches: Sequence[np.ndarray], alone: np.ndarray, first: np.ndarray, edges: np.ndarray, discs: np.ndarray,
     step: np.ndarray,
 ) -> tuple[np.ndarray, ...]:  # fmt: skip
-    """The best of the slides that shorten a way: forwards if one does, else backwards.
+    """Best slide that shortens a way: forwards if possible, otherwise backwards.
 
     Args:
-        touches: Four in a row, of which the second slides alone or both in the middle do.
-        alone: Mask of the ways in which one slides alone.
-        first: Mask of those in which the second touch goes where the arcs meet when the third has
-            slid.
-        edges: Of the discs.
-        discs: Likewise.
-        step: Of the slide [rad].
+        touches: Four consecutive touches; the second slides alone, or the second and third
+            together.
+        alone: Mask of the ways in which the second slides alone.
+        first: Mask of the ways in which the third slides, and the second moves to where the arcs
+            meet.
+        edges: Edges of the discs.
+        discs: Discs.
+        step: Slide [rad].
 
     Returns:
-        1, -1 or 0 (none), the touches in the middle, and the straights between turns both ways of
-        the last three legs (otherwise infinite).
+        Direction 1, -1 or 0 (no slide), the two touches in the middle, and for each of the last
+        three legs the straight between opposite turns (infinite without one).
     """
     a, b, c, d = touches
     moving, following = np.where(first[..., None], c, b), np.where(first[..., None], b, c)
@@ -304,7 +307,7 @@ def _best_slide(
     def candidate(
         number: np.ndarray, best: np.ndarray, sign: np.ndarray, *kept: np.ndarray
     ) -> tuple[Any, ...]:
-        """The way as it is, then two slides alone, or two with four places each of the touch that follows."""
+        """Candidate by number: the present way, two slides alone, or eight of two touches."""
         as_is, own = number == 0.0, np.where(number <= np.where(alone, 1.0, 4.0), 1.0, -1.0)
         pose = touch(edge, moving[..., 3], moving[..., 4], moving[..., 5] + own * step)
         option = number - np.where(number > 4.0, 5.0, 1.0)
@@ -370,19 +373,19 @@ def _best_slide(
 def _slid(
     way: np.ndarray, count: np.ndarray, edges: np.ndarray, discs: np.ndarray, step: np.ndarray
 ) -> np.ndarray:
-    """Touches ``(..., n, 7)`` of a way, slid along their edges until no slide of `_SLIDE` shortens it.
+    """Touches ``(..., n, 7)`` of a way, slid along edges until no slide of `_SLIDE` shortens it.
 
     Each touch in turn slides forwards or backwards by the step: alone, with the one before and with
-    the one after. The step halves when no slide shortens the way. Where two neighbours' arcs meet
-    without a straight between, neither can slide alone: then one goes where the arcs through both
-    meet.
+    the one after. The step halves when no slide shortens the way. Where the arcs of two neighbours
+    meet without a straight between, neither can slide alone; then one slides, and the other moves
+    to where the arcs meet.
 
     Args:
-        way: From the start to the goal, which fills up.
-        count: How many touches there are between both.
-        edges: ``(..., m, 4)`` of the discs.
+        way: Touches from the start to the goal, padded by the goal.
+        count: Number of touches between start and goal.
+        edges: ``(..., m, 4)`` edges of the discs.
         discs: ``(..., m, 3)``.
-        step: The first slide [rad].
+        step: First slide [rad].
     """
 
     def attempt(
@@ -393,7 +396,7 @@ def _slid(
         before: np.ndarray,
         after: np.ndarray,
     ) -> tuple[np.ndarray, ...]:
-        """Slide touch ``place // 3`` alone, with the one before or with the one after: ``place % 3``."""
+        """Slide touch ``place // 3``; ``place % 3``: alone, with the one before or after."""
         i = np.floor(place / 3.0)
         alone, first = place == 3.0 * i, place == 3.0 * i + 1.0
         low = np.where(first, i - 1.0, i)
@@ -413,7 +416,7 @@ def _slid(
         for k, movable, straight in ((1.0, i > 0.0, before), (2.0, i < count - 1.0, after)):
             skipped = (place == 3.0 * i + k) & ~(
                 movable & (straight * straight < 4.0 * step)
-            )  # they cannot together
+            )  # the two cannot slide together
             place, failed = place + skipped, failed + skipped
         done = failed >= 3.0 * count
         place, failed = (

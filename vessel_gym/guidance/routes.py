@@ -1,4 +1,4 @@
-"""Routes of a ship: straight legs between waypoints, joined by arcs of one radius that touch both legs.
+"""Routes of a ship: straight legs between waypoints, joined by tangent arcs of one radius.
 
 Waypoints are rows (north, east) in metres.
 """
@@ -12,13 +12,13 @@ from estimators.checks import numbers, short_repr
 from vessel_gym.guidance.words import Path, chain
 
 WAYPOINTS = 8
-"""Waypoints of a route at most."""
+"""Largest number of waypoints in a route."""
 SEGMENTS = 2 * WAYPOINTS - 3
-"""Straights and arcs of a route at most."""
+"""Largest number of straights and arcs in a route."""
 SHARPEST = np.deg2rad(120.0)
 """Greatest change of course at a waypoint [rad]."""
 LONGEST = 1e5
-"""m: a route beyond is a slip in the unit."""
+"""Longest route [m]: a larger number is an error of the unit."""
 
 
 def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.ndarray, Path]:
@@ -30,8 +30,8 @@ def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.
         clearance: Least distance [m] between legs that do not follow each other.
 
     Raises:
-        ValueError: for what is no such list, a change of course above `SHARPEST`, a leg too short
-            for its arcs, a route longer than `LONGEST`, or legs within the clearance of each other.
+        ValueError: for invalid waypoints, a change of course above `SHARPEST`, a leg too short for
+            its arcs, a route longer than `LONGEST`, or legs within the clearance of each other.
     """
     points = numbers(waypoints)
     if points is None or points.ndim != 2 or points.shape[1] != 2:
@@ -85,7 +85,7 @@ def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.
 
 
 def _apart(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> float:
-    """Least distance [m] between the legs from a to b and from c to d; 0 where they cross."""
+    """Least distance [m] between the legs from a to b and from c to d; 0 if they cross."""
 
     def side(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> float:
         return float((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))

@@ -1,9 +1,9 @@
 """Poses at which paths of bounded curvature touch circular obstacles, for many scenes at once.
 
-Lengths count in turn radii. Scenes are the first axis: discs are ``(S, m, 3)`` x, y, radius, NaN
-where a scene has fewer; touches are rows ``(..., 7)``: x, y, heading, disc (none: -1), side (1: the
-disc is on the left, -1: on the right), bearing from the disc's centre, and the radius of the edge,
-positive to the left, if a path can follow it (otherwise 0).
+Lengths are in turn radii. Scenes are the first axis. Discs are ``(S, m, 3)`` x, y, radius, NaN for
+missing ones. Touches are rows ``(..., 7)``: x, y, heading, disc (none: -1), side (1: the disc is on
+the left, -1: on the right), bearing from the disc's centre, and radius of the edge, positive to the
+left, if a path can follow it (otherwise 0).
 """
 
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from scipy.sparse.csgraph import dijkstra
 from estimators.engine import compiled
 
 HAIR = 1e-9
-"""Turn radii that touches keep from edges, so that a path that touches a disc passes the check."""
+"""Distance in turn radii between touches and discs, with which a path passes the check."""
 _FULL = 2.0 * np.pi
 _SIDES = np.array([1.0, -1.0])
 
@@ -26,13 +26,13 @@ _SIDES = np.array([1.0, -1.0])
 def meets(
     pose: np.ndarray, bends: Sequence[np.ndarray | float], extents: np.ndarray, discs: np.ndarray
 ) -> np.ndarray:
-    """Mask of the ways from poses ``(..., 3)`` that cross any of the discs ``(..., m, 3)``; arcs begin outside of them.
+    """Mask of ways from poses ``(..., 3)`` that cross a disc; arcs must begin outside of discs.
 
     Args:
-        pose: Where they begin.
-        bends: Radii of their pieces, positive to the left; 0.0: a straight.
-        extents: ``(..., k)`` angles of arcs and lengths of straights; those of 0 cross nothing.
-        discs: Likewise.
+        pose: ``(..., 3)`` initial poses.
+        bends: Radii of the pieces, positive to the left; 0.0 for a straight.
+        extents: ``(..., k)`` angles of arcs and lengths of straights; pieces of 0 cross nothing.
+        discs: ``(..., m, 3)``.
     """
     x, y, heading = pose[..., 0], pose[..., 1], pose[..., 2]
     sin, cos, crosses = np.sin(heading), np.cos(heading), x != x
@@ -42,7 +42,7 @@ def meets(
             bend * sin,
             -bend * cos,
             abs(bend),
-        )  # from the centre to where the arc begins
+        )  # from the centre to the beginning of the arc
         x, y, side = x - bx, y - by, np.where(bend > 0.0, 1.0, -1.0)
         if straight:
             ex, ey = extent * cos, extent * sin
@@ -59,7 +59,7 @@ def meets(
                 apart, inner = dx * dx + dy * dy, radius - room
                 circle = (apart < (radius + room) ** 2) & ~(
                     (inner >= 0.0) & (apart <= inner * inner)
-                )  # false of NaN
+                )  # False for NaN
                 beyond_half = (
                     side * (bx * dy - by * dx) < 0.0
                 )  # the circle's nearest point, from the arc's beginning
@@ -78,10 +78,10 @@ def meets(
 
 @compiled(axes=(1, 2))
 def reaches(disc: np.ndarray, discs: np.ndarray) -> np.ndarray:
-    """Edge ``(..., 4)`` of a disc that touches lie on: x, y, radius, and the radius again or 0 where turns are wider.
+    """Edge ``(..., 4)`` of a disc for touches: x, y, radius, and radius of arcs along it.
 
-    It keeps a hair from the disc ``(..., 3)``, or half of the narrowest gap to another of ``discs
-    (..., m, 3)``.
+    The last number is 0 if the turning circle is wider than the disc. The distance between edge and
+    disc ``(..., 3)`` is `HAIR`, or half of the narrowest gap to another of ``discs (..., m, 3)``.
     """
     far = np.hypot(disc[..., :1] - discs[..., 0], disc[..., 1:2] - discs[..., 1])
     apart = far - disc[..., 2:] - discs[..., 2]
@@ -92,13 +92,15 @@ def reaches(disc: np.ndarray, discs: np.ndarray) -> np.ndarray:
 
 
 def circles(start: np.ndarray, goal: np.ndarray, turn: float, edges: np.ndarray) -> np.ndarray:
-    """Directed circles ``(S, 4 + 2 m, 4)`` x, y, radius, side: of the start, of the goal, then the edges, left first.
+    """Directed circles ``(S, 4 + 2 m, 4)`` of start, goal and edges, left ones first.
+
+    A row is x, y, radius and side.
 
     Args:
         start: ``(S, 3)`` poses.
         goal: ``(S, 3)`` poses.
-        turn: Radius of the turning circles of both.
-        edges: ``(S, m, 4)`` of the discs.
+        turn: Radius of the turning circles of start and goal.
+        edges: ``(S, m, 4)`` edges of the discs.
     """
     rounds, poses = np.empty((len(start), 4 + 2 * edges.shape[1], 4)), np.stack([start, goal], 1)
     aside = turn * np.stack([-np.sin(poses[..., 2]), np.cos(poses[..., 2])], -1)
@@ -114,9 +116,9 @@ def circles(start: np.ndarray, goal: np.ndarray, turn: float, edges: np.ndarray)
 def _tangent(
     a: np.ndarray, b: np.ndarray, discs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Mask of the clear straights from directed circles to others, their headings and lengths.
+    """Mask of clear straights between directed circles, with headings and lengths.
 
-    On a circle that turns to side +-1, the point of heading psi is the centre + side radius (sin
+    On a circle that turns to side +-1, the point with heading psi is the centre + side radius (sin
     psi, -cos psi).
     """
     bend = a[..., 2] * a[..., 3]
@@ -134,15 +136,14 @@ def _tangent(
 
 
 def tangents(rounds: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Clear straights from directed circles to others: none begins at the goal's or ends at the start's.
+    """Clear straights between directed circles; none begins at the goal's or ends at the start's.
 
     Args:
         rounds: ``(S, n, 4)`` as of `circles`.
         discs: ``(S, m, 3)``.
 
     Returns:
-        Scenes and numbers of the circles where they begin and end, headings and lengths, ``(e,)``
-        each.
+        Scenes, indices of the first and last circles, headings and lengths, ``(e,)`` each.
     """
     clear, headings, lengths = _tangent(rounds[:, :, None], rounds[:, None], discs[:, None, None])
     clear[:, 2:4] = clear[:, :, :2] = False
@@ -153,7 +154,7 @@ def tangents(rounds: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, ...]:
 def _arc_clear(
     circle: np.ndarray, heading: np.ndarray, angle: np.ndarray, discs: np.ndarray
 ) -> np.ndarray:
-    """Mask of the arcs of directed circles ``(..., 4)`` from headings on that cross no disc."""
+    """Mask of clear arcs on directed circles ``(..., 4)``, from a heading by an angle."""
     bend = circle[..., 2] * circle[..., 3]
     begin = np.stack(
         [circle[..., 0] + bend * np.sin(heading), circle[..., 1] - bend * np.cos(heading), heading],
@@ -163,10 +164,10 @@ def _arc_clear(
 
 
 def string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> np.ndarray:
-    """Lengths ``(S,)`` of the shortest ways that may bend as sharply as they like; infinite where there is none.
+    """Lengths ``(S,)`` of shortest ways without a turn radius; infinite if the way is closed.
 
-    The discs are smaller by a hair or two here: poses may lie on their edge, and no rounding closes
-    a gap.
+    The discs are smaller by two `HAIR` here: poses may lie on an edge, and no rounding closes a
+    gap.
     """
     discs = discs - [0.0, 0.0, 2.0 * HAIR]
     discs[..., 2] = np.maximum(discs[..., 2], 0.0)
@@ -176,7 +177,7 @@ def string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> np.ndarray
         np.tile(scene, 2),
         np.concatenate([i, j]),
         len(scene),
-    )  # they leave circles, then arrive
+    )  # first the ends that leave circles, then those that arrive
     circle, headings = rounds[scenes, owner], np.tile(heading, 2)
     turned = circle[:, 3] * headings % _FULL  # grows along the circle
     group = scenes * rounds.shape[1] + owner
@@ -195,7 +196,7 @@ def string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> np.ndarray
     heads, ways = (
         np.stack([number, number], -1),
         np.zeros((2 * count, 2)),
-    )  # of a line and of an arc; itself: of none
+    )  # heads of a line and of an arc; the node itself for none
     heads[:count, 0], ways[:count, 0] = number[count:], line
     heads[order[linked], 1], ways[order[linked], 1] = (
         following[linked],
@@ -215,7 +216,7 @@ def string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> np.ndarray
 
 @compiled(axes=(1, 0, 0, 0))
 def touch(edge: np.ndarray, disc: np.ndarray, side: np.ndarray, bearing: np.ndarray) -> np.ndarray:
-    """Touches ``(..., 7)`` of discs at bearings from their centres; ``edge`` is one of `reaches` ``(..., 4)``."""
+    """Touches ``(..., 7)`` on edges of `reaches` ``(..., 4)``, by bearings from the centres."""
     x, y = (
         edge[..., 0] + edge[..., 2] * np.cos(bearing),
         edge[..., 1] + edge[..., 2] * np.sin(bearing),
@@ -229,7 +230,7 @@ def touch(edge: np.ndarray, disc: np.ndarray, side: np.ndarray, bearing: np.ndar
 def _placed(
     edge: np.ndarray, disc: np.ndarray, side: np.ndarray, bearing: np.ndarray, discs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`touch`, and the mask of those in none of the discs ``(..., m, 3)``."""
+    """`touch`, and the mask of touches outside of all discs ``(..., m, 3)``."""
     touches = touch(edge, disc, side, bearing)
     x, y = touches[..., 0], touches[..., 1]
     clear = x == x
@@ -241,12 +242,12 @@ def _placed(
 
 @compiled
 def turning_on(circle: np.ndarray, edge: np.ndarray) -> np.ndarray:
-    """Bearings ``(..., 2)`` at which turning circles touch a disc and have their centres on a circle; NaN for none.
+    """Bearings ``(..., 2)`` at which turning circles with centres on a circle touch a disc.
 
     Args:
-        circle: ``(..., 4)`` x, y, its radius, and 1: the disc lies outside of the turning circle,
-            or -1: inside.
-        edge: ``(..., 4)`` of the disc, one of `reaches`.
+        circle: ``(..., 4)`` x, y, radius, and 1 if the disc lies outside of the turning circle, -1
+            if inside.
+        edge: ``(..., 4)`` edge of the disc from `reaches`.
     """
     apart, sign = circle[..., 2], circle[..., 3]
     dx, dy = circle[..., 0] - edge[..., 0], circle[..., 1] - edge[..., 1]
@@ -269,9 +270,9 @@ def turning_on(circle: np.ndarray, edge: np.ndarray) -> np.ndarray:
 
 @compiled
 def _between(circle: np.ndarray, edge: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Bearings ``(..., 8)`` at which turning circles touch a directed circle and a disc, and the sides of the latter.
+    """Bearings ``(..., 8)`` of turning circles that touch a circle and a disc, and sides.
 
-    NaN for none: there are none between a disc and itself.
+    The sides are those of the disc. NaN if no such circle exists, as between a disc and itself.
     """
     bearings, sides = [], []
     for out in _SIDES:
@@ -293,14 +294,14 @@ def _between(circle: np.ndarray, edge: np.ndarray) -> tuple[np.ndarray, np.ndarr
 def all_touches(
     start: np.ndarray, goal: np.ndarray, discs: np.ndarray, edges: np.ndarray, count: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Touches on clear tangents, between turning circles, and ``count`` evenly spread a disc and way round.
+    """Touches on clear tangents, on turning circles between circles, and evenly spread.
 
     Args:
         start: ``(S, 3)`` poses at the origin.
         goal: ``(S, 3)`` poses.
         discs: ``(S, m, 3)``.
         edges: ``(S, m, 4)`` of the discs.
-        count: How many of the last.
+        count: Number of evenly spread touches for each disc and direction.
 
     Returns:
         Scenes ``(n,)`` and touches ``(n, 7)`` outside of all discs.

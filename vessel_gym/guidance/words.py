@@ -3,12 +3,11 @@
 A word names the pieces of a path: L and R are arcs of the turn radius, S is a straight. Three
 pieces are always enough, and only LSL, LSR, RSL, RSR, LRL and RLR can be shortest (Dubins 1957, On
 curves of minimal length with a constraint on average curvature; formulas as in Shkel & Lumelsky
-2001, Classification of the Dubins set). Poses are (x, y, theta): theta from +x towards +y, L turns
-theta up.
+2001, Classification of the Dubins set). Poses are (x, y, theta), with theta from +x towards +y; L
+increases theta.
 
-Where a piece has length zero, rounding can turn it into a full circle, and the length is wrong by 2
-pi R. So every word is first asked whether it reaches the goal without its first or without its last
-arc.
+Rounding can turn a piece of length zero into a full circle, an error of 2 pi R. So every word is
+first tried without its first arc, and without its last arc.
 """
 
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from estimators.engine import compiled
 from vessel_gym.checks import check_numbers
 
 WORDS = ("LSL", "LSR", "RSL", "RSR", "LRL", "RLR")
-"""The order of the last axis of `lengths`."""
+"""Words in the order of the last axis of `lengths`."""
 TURNS = {"L": 1.0, "S": 0.0, "R": -1.0}
 """Curvature of a piece in units of 1 / R."""
 CURVATURES = np.array([[TURNS[letter] for letter in word] for word in WORDS])
@@ -39,7 +38,7 @@ def whole(angle: np.ndarray) -> np.ndarray:
 
 
 def _turn(angle: np.ndarray) -> np.ndarray:
-    """The angle in [0, 2 pi), where a hair below a full turn is none: headings that agree need no circle."""
+    """Angle in [0, 2 pi); a full turn within rounding is 0: equal headings need no circle."""
     angle = whole(angle)
     return np.where(angle > _FULL - 1e-11, 0.0, angle)
 
@@ -57,8 +56,8 @@ def _choose(
 def _lsl(
     x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.ndarray, hair: np.ndarray
 ) -> np.ndarray:
-    """First arc, straight and last arc of LSL to the poses (x, y, a); errors below a hair are rounding."""
-    dx, dy = x - sin, y + cos - 1.0  # from the centre of the first arc to that of the last
+    """First arc, straight and last arc of LSL to (x, y, a); errors below ``hair`` are rounding."""
+    dx, dy = x - sin, y + cos - 1.0  # from the first arc's centre to the last arc's centre
     along, none = dx * cos + dy * sin, np.zeros_like(dx)
     ahead = (abs(dy) < hair) & (dx > -hair)
     arrived = (abs(dy * cos - dx * sin) < hair) & (along > -hair)
@@ -75,7 +74,7 @@ def _lsl(
 def _lsr(
     x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.ndarray, hair: np.ndarray
 ) -> np.ndarray:
-    """First arc, straight and last arc of LSR; infinite where the two circles overlap."""
+    """First arc, straight and last arc of LSR; infinite if the two circles overlap."""
     dx, dy = x + sin, y - cos - 1.0
     distance, along, none = np.hypot(dx, dy), dx * cos + dy * sin, np.zeros_like(dx)
     ahead = (abs(dy + 2.0) < hair) & (dx > -hair)
@@ -95,15 +94,14 @@ def _lsr(
 def _lrl(
     x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.ndarray, hair: np.ndarray
 ) -> np.ndarray:
-    """The three arcs of LRL, the middle one of half a turn or more; infinite where no circle fits between.
+    """The three arcs of LRL, with half a turn or more in the middle; infinite if no circle fits.
 
     A middle arc of less than half a turn is never part of a shortest path (Dubins 1957), and a full
     circle in the middle is left out.
     """
     dx, dy = x - sin, y + cos - 1.0
     distance, none = np.hypot(dx, dy), np.zeros_like(dx)
-    # Without the first arc the middle circle is beside the start, without the last one beside the
-    # goal.
+    # Without the first arc the middle circle touches the start, without the last arc the goal.
     nx, ny = -0.5 * dx, 1.0 + 0.5 * dy
     first = whole(-np.arctan2(nx, ny))
     no_first = (abs(np.hypot(nx, ny) - 1.0) < hair) & (first >= np.pi)
@@ -125,7 +123,7 @@ def _lrl(
 
 @compiled(axes=(1, 1, 0))
 def word_pieces(start: np.ndarray, goal: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """Lengths ``(..., 6, 3)`` of the words' pieces between poses ``(..., 3)``, in units of the radius ``(...)``."""
+    """Lengths ``(..., 6, 3)`` of the words' pieces, in units of the radius ``(...)``."""
     dx, dy = (goal[..., 0] - start[..., 0]) / radius, (goal[..., 1] - start[..., 1]) / radius
     sin, cos, a = np.sin(start[..., 2]), np.cos(start[..., 2]), goal[..., 2] - start[..., 2]
     reach = abs(start[..., 0]) + abs(start[..., 1]) + abs(goal[..., 0]) + abs(goal[..., 1])
@@ -134,7 +132,7 @@ def word_pieces(start: np.ndarray, goal: np.ndarray, radius: np.ndarray) -> np.n
     left, right = (
         (x, y, a, sine, cosine, hair),
         (x, -y, -a, -sine, cosine, hair),
-    )  # R is L's mirror image
+    )  # R is the mirror image of L
     words = [_lsl(*left), _lsr(*left), _lsr(*right), _lsl(*right), _lrl(*left), _lrl(*right)]
     return np.stack(words, -2)
 
@@ -143,7 +141,7 @@ def word_pieces(start: np.ndarray, goal: np.ndarray, radius: np.ndarray) -> np.n
 def follow_on(
     s: np.ndarray, x: np.ndarray, y: np.ndarray, heading: np.ndarray, curvature: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The poses ``(...)`` at ``s`` metres along arcs of ``curvature`` [1/m] (0: straights)."""
+    """Poses ``(...)`` at ``s`` metres along arcs of ``curvature`` [1/m] (0: straights)."""
     half = 0.5 * curvature * s
     straight = abs(half) < 1e-9
     chord = np.where(straight, s, s * np.sin(half) / np.where(straight, 1.0, half))
@@ -172,17 +170,17 @@ _MOST_SAMPLES = 10**7
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """Arcs and straights end to end, the heading continuous at every joint.
+    """Arcs and straights end to end, with a continuous heading.
 
-    The segments are plain rows, so that the paths of many vehicles stack into one array; rows of
-    length 0 fill up.
+    The segments are plain rows, so that the paths of many vehicles stack into one array, padded by
+    rows of length 0.
     """
 
     segments: (
         np.ndarray
-    )  # (k, 5): x, y [m] and heading [rad] where it begins, curvature [1/m], length [m]
+    )  # (k, 5): x, y [m] and heading [rad] at the beginning, curvature [1/m], length [m]
     lower_bound: float = (
-        0.0  # m, no path between these poses, round the obstacles that were given, is shorter
+        0.0  # m, no path between these poses and round the given obstacles is shorter
     )
 
     def __post_init__(self) -> None:
@@ -201,18 +199,18 @@ class Path:
 
     @property
     def length(self) -> float:
-        """Length [m]."""
+        """Length of the path [m]."""
         return float(self.ends[-1])
 
     @property
     def word(self) -> str:
-        """One letter a segment: L (heading up), S or R (heading down)."""
+        """One letter for each segment: L (heading increases), S or R (heading decreases)."""
         return "".join("SLR"[int(side)] for side in np.sign(self.segments[:, 3]))
 
     def pose(self, s: np.ndarray | float) -> np.ndarray:
-        """Poses ``(..., 3)`` at arc lengths ``s`` [m] of any shape; beyond an end, that end's.
+        """Poses ``(..., 3)`` at arc lengths ``s`` [m] of any shape, clipped to the path.
 
-        The heading is not wrapped: it grows and falls with the turns from the start's on.
+        The heading is not wrapped: it follows the turns from the start continuously.
         """
         s = np.asarray(np.clip(as_array("s", s), 0.0, self.length))
         k = self._index(s)
@@ -222,16 +220,19 @@ class Path:
         )
 
     def curvature(self, s: np.ndarray | float) -> np.ndarray:
-        """Curvature [1/m] at arc lengths ``s`` [m], L positive; at a joint that of the segment that ends there."""
+        """Curvature [1/m] at arc lengths ``s`` [m], positive for L.
+
+        At a joint, the curvature is that of the segment that ends there.
+        """
         return self.segments[
             self._index(np.asarray(np.clip(as_array("s", s), 0.0, self.length))), 3
         ]
 
     def sample(self, spacing: float) -> np.ndarray:
-        """Poses ``(n, 3)`` from end to end, evenly spaced at no more than ``spacing`` [m].
+        """Poses ``(n, 3)`` from end to end, evenly spaced by at most ``spacing`` [m].
 
         Raises:
-            ValueError: for a spacing that is not positive.
+            ValueError: for a spacing that is not positive, or too many samples.
         """
         number("spacing of samples", spacing, 0.0, what="positive")
         if self.length / spacing > _MOST_SAMPLES:
@@ -248,15 +249,15 @@ class Path:
 
 
 def chain(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> Path:
-    """The path of pieces from a pose ``(3,)``; pieces of length 0 are left out unless there is nothing else.
+    """Path of consecutive pieces from a pose ``(3,)``, without pieces of length 0.
 
     Args:
         start: ``(3,)`` pose.
-        curvatures: ``(k,)`` 1/m.
-        lengths: ``(k,)`` m.
+        curvatures: ``(k,)`` [1/m].
+        lengths: ``(k,)`` [m].
 
     Raises:
-        ValueError: for what is no pose, or curvatures and lengths that are not as many.
+        ValueError: for an invalid pose, or different numbers of curvatures and lengths.
     """
     start, curvatures = finite_array("start", start, 3), finite_array("curvatures", curvatures, "k")
     lengths = finite_array("lengths, as many as curvatures,", lengths, len(curvatures))
@@ -267,10 +268,10 @@ def chain(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> Pat
 
 
 def lengths(start: np.ndarray, goal: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
-    """Lengths ``(..., 6)`` [m] of the words, in the order of `WORDS`, for many pairs of poses at once.
+    """Lengths ``(..., 6)`` [m] of the words, in the order of `WORDS`, for many pairs of poses.
 
-    The smallest along the last axis is the distance; a word that does not join the two poses is
-    infinite.
+    The smallest along the last axis is the length of the shortest path; a word that does not join
+    the two poses is infinite.
 
     Args:
         start: ``(..., 3)`` poses [m, m, rad].
@@ -287,7 +288,7 @@ def lengths(start: np.ndarray, goal: np.ndarray, radius: np.ndarray | float) -> 
 
 
 def candidates(start: np.ndarray, goal: np.ndarray, radius: float) -> dict[str, float]:
-    """The length [m] of each word that joins two poses ``(3,)``; LRL and RLR do so only between near ones.
+    """Length [m] of each word that joins two poses ``(3,)``; LRL and RLR join near poses only.
 
     Raises:
         ValueError: for poses that are not finite or a radius that is not positive.
@@ -302,7 +303,8 @@ def word_path(start: np.ndarray, goal: np.ndarray, radius: float, word: str) -> 
     """The path of one word of `WORDS` between two poses ``(3,)``.
 
     Raises:
-        ValueError: for bad poses or radius, or where this word does not join them.
+        ValueError: for an invalid pose or radius, an unknown word, or a word that does not join the
+            poses.
     """
     start, goal, radius = single(start, goal, radius)
     if not isinstance(word, str) or word not in WORDS:
@@ -315,9 +317,9 @@ def word_path(start: np.ndarray, goal: np.ndarray, radius: float, word: str) -> 
 
 @compiled(axes=(1, 1, 0))
 def shortest_pieces(start: np.ndarray, goal: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """Segments ``(..., 3, 5)`` of the shortest paths between poses ``(..., 3)``, some of length 0.
+    """Segments ``(..., 3, 5)`` of shortest paths between poses ``(..., 3)``, some of length 0.
 
-    Of words of equal length the first in `WORDS` is taken.
+    Of words of equal length, the first in `WORDS` is taken.
     """
     pieces = word_pieces(start, goal, radius) * radius[..., None, None]
     total = pieces[..., 0] + pieces[..., 1] + pieces[..., 2]
@@ -333,8 +335,8 @@ def shortest_pieces(start: np.ndarray, goal: np.ndarray, radius: np.ndarray) -> 
 def shortest(start: np.ndarray, goal: np.ndarray, radius: float) -> Path:
     """The shortest path between two poses ``(3,)`` that never turns tighter than the radius [m].
 
-    Of words of equal length the first in `WORDS` is taken. Pieces of length 0 are left out, so the
-    word of the path may be shorter: a goal straight ahead is reached by S.
+    Of words of equal length, the first in `WORDS` is taken. Pieces of length 0 are left out, so
+    that the path's word may be shorter: a goal straight ahead has the word S.
 
     Raises:
         ValueError: for poses that are not finite or a radius that is not positive.
@@ -344,7 +346,7 @@ def shortest(start: np.ndarray, goal: np.ndarray, radius: float) -> Path:
 
 
 def shortened(segments: np.ndarray, lower_bound: float = np.inf) -> Path:
-    """The path of segments ``(k, 5)`` without those of length 0, none longer than a bound where that is given."""
+    """Path of segments ``(k, 5)`` without those of length 0, with a lower bound of its length."""
     kept = segments[segments[:, 4] > 0.0]
     kept = kept if len(kept) else np.array([[*segments[0, :3], 0.0, 0.0]])
     return Path(kept, min(lower_bound, float(np.cumsum(kept[:, 4])[-1])))
@@ -371,10 +373,11 @@ def checked(
 def single(
     start: np.ndarray, goal: np.ndarray, radius: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Two poses ``(3,)`` and a radius.
+    """Two checked poses ``(3,)`` and a radius.
 
     Raises:
-        ValueError: for others, poses that are not finite or a radius that is not positive.
+        ValueError: for arrays of several poses or radii, poses that are not finite or a radius that
+            is not positive.
     """
     start, goal, turn = checked(start, goal, radius)
     if start.ndim > 1 or goal.ndim > 1 or turn.ndim:

@@ -1,10 +1,10 @@
-"""Pictures of an episode with pygame, which is imported only when a renderer is made.
+"""Images of an episode with pygame, which is imported only when a renderer is made.
 
-There is one picture for every task; `vessel_gym.surroundings` describes what lies around the
-vehicle, and `vessel_gym.rendering.scene` computes what pictures show, for the page of
-`agents.episodes` too.
+One layout serves every task. `vessel_gym.surroundings` describes the surroundings of the vehicle,
+and `vessel_gym.rendering.scene` computes the contents of images, also for the pages of
+`agents.episodes`.
 
-It may import the core and surroundings; environments import it when one is rendered.
+This folder may import the core and surroundings; environments import it to render.
 """
 
 import os
@@ -22,18 +22,18 @@ __all__ = ["make_renderer"]
 
 
 def make_renderer(core: Core, render_mode: str, fps: int, row: int = 0) -> "Renderer":
-    """The renderer of an environment.
+    """Make the renderer of an environment.
 
     Args:
         core: The environment's core.
         render_mode: ``"human"`` (a window) or ``"rgb_array"`` (needs no display).
-        fps: Frames a second that the window keeps.
-        row: Which environment of the batch is shown.
+        fps: Frames a second of the window.
+        row: Index of the environment in the batch.
 
     Raises:
-        DependencyNotInstalled: without pygame.
+        DependencyNotInstalled: if pygame is missing.
     """
-    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # a library prints no greeting
+    os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # no greeting on the terminal
     try:
         require("pygame")
     except ModuleNotFoundError as error:

@@ -1,6 +1,6 @@
-"""Boxes, and a canvas for pictures with lines, areas, marks and text.
+"""Boxes, and a canvas for lines, areas, marks and text.
 
-Coordinates are pixels of the finished picture, x to the right and y down; points are arrays ``(n,
+Coordinates are pixels of the finished image, x to the right and y down; points are arrays ``(n,
 2)``.
 """
 
@@ -26,7 +26,7 @@ _FONTS = "dejavusans,segoeui,helveticaneue,arial,liberationsans,notosans,freesan
 
 @dataclass(frozen=True)
 class Box:
-    """A rectangle of the picture."""
+    """A rectangle of the image."""
 
     left: float
     top: float
@@ -35,16 +35,16 @@ class Box:
 
     @property
     def right(self) -> float:
-        """The right edge."""
+        """Right edge."""
         return self.left + self.width
 
     @property
     def bottom(self) -> float:
-        """The lower edge."""
+        """Lower edge."""
         return self.top + self.height
 
     def inset(self, left: float, top: float, right: float, bottom: float) -> "Box":
-        """The box inside these margins."""
+        """Box inside these margins."""
         return Box(
             self.left + left, self.top + top, self.width - left - right, self.height - top - bottom
         )
@@ -55,9 +55,9 @@ def _font(size: int, bold: bool) -> pygame.font.Font:
     pygame.font.init()
     pygame.register_quit(
         _font.cache_clear
-    )  # fonts die with pygame, which other environments quit when they close
+    )  # fonts become invalid when another environment quits pygame
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # no list of system fonts: pygame brings one of its own
+        warnings.simplefilter("ignore")  # without system fonts, pygame's own font serves
         path = pygame.font.match_font(_FONTS, bold=bold)
     return pygame.font.Font(
         path, size * _OVERSAMPLING if path else round(1.3 * size * _OVERSAMPLING)
@@ -70,11 +70,11 @@ def _label(text: str, size: int, colour: str, bold: bool) -> pygame.Surface:
 
 
 class Canvas:
-    """A picture in memory, drawn oversampled and scaled down.
+    """An image in memory, drawn oversampled and scaled down.
 
     Args:
-        width: Pixels of the finished picture.
-        height: Likewise.
+        width: Width of the finished image [pixels].
+        height: Height of the finished image [pixels].
     """
 
     def __init__(self, width: int, height: int) -> None:
@@ -83,17 +83,17 @@ class Canvas:
         self._page = pygame.Surface(self.size, depth=32)
 
     def clear(self, colour: str = "page") -> None:
-        """Begin a new picture."""
+        """Begin a new image."""
         self._ink.fill(LIGHT[colour])
 
     def finish(self) -> pygame.Surface:
-        """The picture; it is valid until the next `finish`."""
+        """Finished image, valid until the next `finish`."""
         pygame.transform.smoothscale(self._ink, self.size, self._page)
         return self._page
 
     @contextmanager
     def clipped(self, box: Box) -> Iterator[None]:
-        """Draw nothing outside a box meanwhile."""
+        """Context in which nothing is drawn outside a box."""
         k = _OVERSAMPLING
         self._ink.set_clip(pygame.Rect(box.left * k, box.top * k, box.width * k, box.height * k))
         try:
@@ -102,14 +102,14 @@ class Canvas:
             self._ink.set_clip(None)
 
     def panel(self, box: Box, colour: str = "paper") -> None:
-        """A card with a thin edge."""
+        """Draw a card with a thin edge."""
         k = _OVERSAMPLING
         rect = pygame.Rect(box.left * k, box.top * k, box.width * k, box.height * k)
         pygame.draw.rect(self._ink, LIGHT[colour], rect, border_radius=6 * k)
         pygame.draw.rect(self._ink, LIGHT["edge"], rect, width=k, border_radius=6 * k)
 
     def line(self, points: np.ndarray, colour: str, width: float = 1.5) -> None:
-        """A line through points."""
+        """Draw a line through points."""
         if len(points) > 1:
             pygame.draw.lines(
                 self._ink,
@@ -120,7 +120,7 @@ class Canvas:
             )
 
     def segments(self, ends: np.ndarray, colour: str, width: float = 1.5) -> None:
-        """Straight lines ``(n, 2, 2)``, those of them that are seen."""
+        """Draw the visible ones of straight lines ``(n, 2, 2)``."""
         clip = np.array(self._ink.get_clip()) / _OVERSAMPLING
         seen = (ends.max(1) >= clip[:2] - width) & (ends.min(1) <= clip[:2] + clip[2:] + width)
         for start, end in _scaled(ends[seen.all(-1)]):
@@ -131,7 +131,7 @@ class Canvas:
     def dashes(
         self, points: np.ndarray, colour: str, width: float = 1.5, on: float = 6.0, off: float = 4.0
     ) -> None:
-        """A dashed line through points, each dash straight."""
+        """Draw a dashed line through points, with straight dashes."""
         length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
         starts = np.arange(0.0, length[-1], on + off)
         ends = np.minimum(starts + on, length[-1])
@@ -144,21 +144,21 @@ class Canvas:
     def polygon(
         self, points: np.ndarray, colour: str, outline: str | None = None, width: float = 1.0
     ) -> None:
-        """A filled polygon, with an outline if a colour is given for it."""
+        """Draw a filled polygon, with an outline if it has a colour."""
         pygame.draw.polygon(self._ink, LIGHT[colour], _scaled(points))
         if outline is not None:
             self.outline(points, outline, width)
 
     def outline(self, points: np.ndarray, colour: str, width: float = 1.0) -> None:
-        """A closed line through points."""
+        """Draw a closed line through points."""
         self.line(np.concatenate([points, points[:2]]), colour, width)
 
     def dot(self, at: Point | np.ndarray, colour: str, radius: float = 3.0) -> None:
-        """A filled circle."""
+        """Draw a filled circle."""
         self.ring(at, colour, radius, 0.0)
 
     def ring(self, at: Point | np.ndarray, colour: str, radius: float, width: float = 1.5) -> None:
-        """A circle, filled for a width of 0."""
+        """Draw a circle, filled if the width is 0."""
         k = _OVERSAMPLING
         pygame.draw.circle(
             self._ink, LIGHT[colour], (at[0] * k, at[1] * k), radius * k, round(width * k)
@@ -167,7 +167,7 @@ class Canvas:
     def crosses(
         self, points: np.ndarray, colour: str, radius: float = 4.0, width: float = 1.5
     ) -> None:
-        """Small x at points."""
+        """Draw a small x at each point."""
         arms = radius * np.array([[[-1.0, -1.0], [1.0, 1.0]], [[-1.0, 1.0], [1.0, -1.0]]])
         self.segments((points[:, None, None] + arms).reshape(-1, 2, 2), colour, width)
 
@@ -175,7 +175,7 @@ class Canvas:
         self, x: float, y: float, text: str, colour: str = "ink", size: int = 12, align: Align = "left",
         bold: bool = False,
     ) -> float:  # fmt: skip
-        """Write a line of text, vertically centred on ``y``; returns its width."""
+        """Write a line of text, vertically centred on ``y``, and return its width."""
         label = _label(text, size, colour, bold)
         width, height = label.get_size()
         left = x * _OVERSAMPLING - {"left": 0.0, "centre": 0.5, "right": 1.0}[align] * width
@@ -188,7 +188,7 @@ def _scaled(points: np.ndarray) -> Any:
 
 
 def nice(value: float) -> float:
-    """The smallest of 1, 1.5, 2, 3, 5, 8 times a power of ten that is not below a positive value."""
+    """Smallest of 1, 1.5, 2, 3, 5, 8 times a power of ten that is at least a positive value."""
     power = 10.0 ** np.floor(np.log10(value))
     return next(
         float(step * power)
@@ -198,11 +198,11 @@ def nice(value: float) -> float:
 
 
 def signed(value: float) -> str:
-    """A number of a scale, with a true minus sign."""
+    """Number of a scale, with a true minus sign."""
     return f"{value:g}".replace("-", "−")
 
 
 def two_sigma(cov: np.ndarray) -> np.ndarray:
-    """Two standard deviations about the origin ``(48, 2)``, of a covariance ``(2, 2)``; without any, one point."""
+    """Ellipse ``(48, 2)`` of two standard deviations, of a covariance ``(2, 2)``."""
     values, vectors = np.linalg.eigh(cov)
     return 2.0 * (CIRCLE * np.sqrt(np.maximum(values, 0.0))) @ vectors.T

@@ -9,20 +9,20 @@ from vessel_gym.rendering.scene import Chart, ticks
 
 _GAP = 10.0
 _COLUMNS = 3
-_AXIS = 16.0  # pixels that the labels of the time take below a chart
+_AXIS = 16.0  # pixels of the time labels below a chart
 
 
 def draw_charts(
     canvas: Canvas, box: Box, charts: Sequence[Chart], time: np.ndarray, longest: float
 ) -> None:
-    """Charts side by side in rows.
+    """Draw charts side by side in rows.
 
     Args:
-        canvas: Where to draw.
-        box: Where they belong.
-        charts: In the order in which they are read.
-        time: Of all their values [s], ``(T,)``.
-        longest: The time [s] beyond which their axis does not reach, unless the values do.
+        canvas: Canvas.
+        box: Box of all charts.
+        charts: Charts in reading order.
+        time: ``(T,)`` times of the values [s].
+        longest: Longest time axis [s], unless the values last longer.
     """
     now = float(time[-1])
     end = max(now, min(nice(max(now, 0.03 * longest)), longest))
@@ -41,15 +41,15 @@ def draw_charts(
 def draw_chart(
     canvas: Canvas, box: Box, chart: Chart, time: np.ndarray, end: float, timed: bool
 ) -> None:
-    """A chart in a card.
+    """Draw a chart in a card.
 
     Args:
-        canvas: Where to draw.
-        box: The card.
-        chart: What is drawn.
-        time: Of all values [s], ``(T,)``.
+        canvas: Canvas.
+        box: Card.
+        chart: Chart.
+        time: ``(T,)`` times of the values [s].
         end: Last time of the axis [s].
-        timed: Whether times are written below.
+        timed: Are times written below?
     """
     canvas.panel(box)
     plot = box.inset(46, 30, 16, 8 + (_AXIS if timed else 0.0))

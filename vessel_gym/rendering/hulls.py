@@ -15,12 +15,11 @@ class Hull:
     """Outline of a vehicle.
 
     Attributes:
-        above: Its outline ``(k, 2)`` in its lengths (an aircraft's in its span): forward and to
-            starboard,
-        aside: and forward and down.
-        least: Pixels that it is drawn at least.
-        scaled: Whether it is drawn to scale where that is more.
-        near: How many of its lengths a close-up shows to either side at least.
+        above: Outline ``(k, 2)`` forward and to starboard, in lengths (an aircraft's in spans).
+        aside: Outline ``(k, 2)`` forward and down.
+        least: Smallest drawn length [pixels].
+        scaled: Is the outline drawn to scale where that is larger?
+        near: Half width of a close-up in lengths, at least.
     """
 
     above: np.ndarray
@@ -30,12 +29,12 @@ class Hull:
     scaled: bool = True
 
     def pixels(self, length: float, least: float) -> float:
-        """Pixels of its drawn length, being ``length`` pixels long to scale, where others are ``least`` at least."""
+        """Drawn length [pixels] for a true length and a smallest one."""
         return max(length, least) if self.scaled else self.least
 
 
 def _mirrored(side: np.ndarray) -> np.ndarray:
-    """A closed outline of which one side is given, from the bow on the axis to the stern."""
+    """Closed outline from one side, given from the bow on the axis to the stern."""
     return np.concatenate([side, side[::-1] * [1.0, -1.0]])
 
 
@@ -64,4 +63,4 @@ HULLS = {
     "aircraft": Hull(_WING, _FUSELAGE, 28.0, 2.0),
     "dot": Hull(_DOT, _DOT, 9.0, 0.5, scaled=False),
 }
-"""By name, see `vessel_gym.surroundings.HULLS`."""
+"""Outlines by name, see `vessel_gym.surroundings.HULLS`."""

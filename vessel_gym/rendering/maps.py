@@ -1,4 +1,4 @@
-"""Maps: a way to look at north, east and down, to scale, with what lies on every map."""
+"""Maps: views of north, east and down, to scale, and the common marks of maps."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ from vessel_gym.rendering.hulls import Hull
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A way to look.
+    """Projection of north, east and down onto a map.
 
     Attributes:
-        axes: ``(2, 3)`` what of north, east and down goes up in the picture, and what goes right.
-        aside: From the side; otherwise from above.
+        axes: ``(2, 3)`` directions up and right of the image, in north, east and down.
+        aside: Is the view from the side, not from above?
     """
 
     axes: np.ndarray
@@ -23,17 +23,18 @@ class View:
 
     @property
     def bearing(self) -> float:
-        """The direction in the plane that goes right, clockwise from north [°]."""
+        """Direction in the plane that points right, clockwise from north [°]."""
         return float(np.rad2deg(np.arctan2(self.axes[1, 1], self.axes[1, 0])) % 360.0)
 
     def seen(self, points: np.ndarray) -> np.ndarray:
-        """Metres up and right ``(..., 2)`` in the view of points ``(..., 3)``."""
+        """Metres up and right ``(..., 2)`` of points ``(..., 3)``."""
         return points @ self.axes.T
 
     def body(self, pose: np.ndarray, hull: Hull) -> np.ndarray:
-        """The outline ``(k, 2)`` of a vehicle in a `pose` ``(6,)``: how many lengths up and right of its place.
+        """Outline ``(k, 2)`` of a vehicle with a `pose` ``(6,)``, in lengths up and right.
 
-        From the side it is foreshortened and never upside down; from above a bank narrows it.
+        From the side the outline is foreshortened and never upside down; from above a bank narrows
+        it.
         """
         roll, pitch, yaw = pose[3:]
         ahead = np.array([np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), -np.sin(pitch)])
@@ -47,11 +48,11 @@ class View:
 
 
 def views_of(names: Sequence[str], way: np.ndarray) -> list[View]:
-    """Views of vehicles with these components of the state: from above, from the side, both or none.
+    """Views of vehicles with certain states: from above, from the side, both or none.
 
     Args:
-        names: Of the components.
-        way: ``(2,)`` north and east: what goes right in a view from the side.
+        names: Names of the components of the state.
+        way: ``(2,)`` direction north and east that points right in a view from the side.
     """
     views = [View(np.eye(2, 3), False)] if {"x", "y"} <= set(names) else []
     if "x" in names and {"z", "h"} & set(names):
@@ -61,13 +62,13 @@ def views_of(names: Sequence[str], way: np.ndarray) -> list[View]:
 
 
 class Frame:
-    """A part of a picture in which points up and right [m] are drawn to scale: all of those that are given are in it.
+    """A part of an image in which points up and right [m] are drawn to scale.
 
     Args:
-        box: Where it lies in the picture.
-        points: ``(n, 2)``.
-        margins: Pixels of the box that stay free of them: left, top, right, bottom.
-        hung: Whether the highest of them lies at the upper margin; otherwise all are in the middle.
+        box: Box in the image.
+        points: ``(n, 2)`` points that the frame must contain.
+        margins: Pixels of the box that stay free of points: left, top, right, bottom.
+        hung: Does the highest point lie at the upper margin? Otherwise the points are centred.
     """
 
     def __init__(
@@ -85,13 +86,16 @@ class Frame:
         self._centre = np.array([room.left + 0.5 * room.width, room.top + high_up])
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
-        """Places of points ``(..., 2)`` in the picture."""
+        """Pixels of points ``(..., 2)``."""
         offset = (points - self._middle) * self.scale
         return self._centre + offset[..., ::-1] * [1.0, -1.0]
 
 
 def draw_card(canvas: Canvas, box: Box, title: str, note: str = "") -> Box:
-    """The card of a map with its title; returns where the map belongs, above a strip for its scale."""
+    """Draw the card of a map with its title, and return the box of the map.
+
+    A strip for the scale stays free below the box.
+    """
     canvas.panel(box, "water")
     width = canvas.text(box.left + 12, box.top + 15, title, "ink", 12, bold=True)
     canvas.text(box.left + 20 + width, box.top + 15, note, "muted", 10)
@@ -99,7 +103,7 @@ def draw_card(canvas: Canvas, box: Box, title: str, note: str = "") -> Box:
 
 
 def draw_grid(canvas: Canvas, frame: Frame, step: float) -> None:
-    """Thin lines every ``step`` metres."""
+    """Draw thin lines every ``step`` metres."""
     box, gap, origin = frame.box, frame.scale * step, frame.pixels(np.zeros(2))
     x = np.arange(box.left + (origin[0] - box.left) % gap, box.right, gap)
     y = np.arange(box.top + (origin[1] - box.top) % gap, box.bottom, gap)
@@ -116,12 +120,12 @@ def draw_grid(canvas: Canvas, frame: Frame, step: float) -> None:
 
 
 def bar_length(frame: Frame) -> float:
-    """A round number of metres that takes 50 pixels to 80 or so."""
+    """Round number of metres of about 50 to 80 pixels."""
     return nice(50.0 / frame.scale)
 
 
 def draw_scale_bar(canvas: Canvas, frame: Frame, note: str) -> None:
-    """A bar of a round length with its length in words, below the map on the left; a remark beside it."""
+    """Draw a scale bar with its length below the map on the left, and a remark beside it."""
     metres, left, y = bar_length(frame), frame.box.left + 12, frame.box.bottom + 14
     right = left + metres * frame.scale
     canvas.line(np.array([[left, y - 4], [left, y], [right, y], [right, y - 4]]), "muted", 1.5)
@@ -129,7 +133,7 @@ def draw_scale_bar(canvas: Canvas, frame: Frame, note: str) -> None:
 
 
 def draw_north(canvas: Canvas, x: float, y: float) -> None:
-    """A north arrow, ``(x, y)`` its middle."""
+    """Draw a north arrow with its middle at ``(x, y)``."""
     canvas.polygon(
         np.array([[x, y - 12.0], [x + 6.0, y + 12.0], [x, y + 7.0], [x - 6.0, y + 12.0]]), "muted"
     )

@@ -1,4 +1,4 @@
-"""Contents of every map of an episode: surroundings, tracks, fixes, belief, vehicle."""
+"""Contents of every map: surroundings, tracks, fixes, belief, vehicle."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ class Marks:
     """Contents of every map of an episode so far.
 
     Args:
-        scene: The episode.
+        scene: Scene of the episode.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -30,7 +30,7 @@ class Marks:
         self._fixes = scene.true[fixed, :3] + scene.fixes[fixed] @ position.axes
 
     def cov(self, view: View) -> np.ndarray:
-        """Covariance ``(2, 2)`` of the believed position as it is seen."""
+        """Covariance ``(2, 2)`` of the estimated position in a view."""
         return view.axes @ self._spread @ view.axes.T
 
     def draw(
@@ -42,15 +42,15 @@ class Marks:
         mark: float,
         close: bool = False,
     ) -> None:
-        """Draw all of it in a frame.
+        """Draw all marks in a frame.
 
         Args:
-            canvas: Where to draw.
-            frame: To which scale.
-            view: From where it is seen.
-            size: Pixels of the vehicle.
-            mark: Pixels of half a cross.
-            close: Whether the frame is a close-up, which shows more of the belief.
+            canvas: Canvas.
+            frame: Frame with its scale.
+            view: View.
+            size: Length of the vehicle [pixels].
+            mark: Half width of a cross [pixels].
+            close: Is the frame a close-up, which shows more of the belief?
         """
         scene, around, box = self.scene, self.scene.surroundings, frame.box
 
@@ -88,7 +88,7 @@ class Marks:
             self._vehicles(canvas, frame, view, size, close)
 
     def _vehicles(self, canvas: Canvas, frame: Frame, view: View, size: float, close: bool) -> None:
-        """The true vehicle, how sure the estimator is of its place, the estimated vehicle."""
+        """Draw the true vehicle, the estimated vehicle, and the covariance of its position."""
         toward = np.array([[0.0, -1.0], [1.0, 0.0]])  # from up and right to x and y
         true, believed = (
             frame.pixels(view.seen(pose[:3])) + size * view.body(pose, self.hull) @ toward

@@ -1,4 +1,4 @@
-"""Colours of pictures by name: windows draw with the light ones, pages with those that the reader's system asks for."""
+"""Colours of images by name: light for windows, light or dark by the reader's system for pages."""
 
 LIGHT = {
     "page": "#f4f6f8", "paper": "#ffffff", "water": "#eaf1f7", "edge": "#d5dbe1", "grid": "#e3e8ed", "zero": "#c3cbd3",

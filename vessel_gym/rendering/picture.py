@@ -1,4 +1,4 @@
-"""The picture of any task: maps, a close-up of what the estimator believes, charts of state, actions and score."""
+"""The image of any task: maps, close-ups of the estimate, charts of states, actions and score."""
 
 import numpy as np
 
@@ -18,14 +18,14 @@ _AROUND = np.array([[-1.0, -1.0], [1.0, 1.0]])
 
 
 class Picture:
-    """History and picture of one vehicle on its way.
+    """History and image of one vehicle in an episode.
 
-    There is a map from above where its state has the components x and y, and one from the side
-    where it has x, and z or h, each with a close-up; then charts of what is estimated.
+    States x and y give a map from above; x, and z or h give one from the side. Each map has a
+    close-up. Charts of estimates follow.
 
     Args:
-        core: The environment's core.
-        row: Which environment of the batch is shown.
+        core: Core of the environment.
+        row: Index of the environment in the batch.
     """
 
     def __init__(self, core: Core, row: int = 0) -> None:
@@ -36,7 +36,7 @@ class Picture:
         self._views: list[View] = []
 
     def begin(self) -> None:
-        """Forget the last episode: another one begins, in the state that the core is in."""
+        """Begin a new episode in the core's present state, with an empty history."""
         core, row = self._core, self._row
         self._surroundings = surroundings_of(core, core.scenario[row])
         start = pose(core.state[row : row + 1], core.vehicle.state_names)[:, :3]
@@ -53,7 +53,7 @@ class Picture:
 
     @property
     def scene(self) -> Scene:
-        """The episode so far."""
+        """Scene of the episode so far."""
         history, ensemble = (
             {key: np.array(each) for key, each in self._history.items()},
             self._core.belief.ensemble,
@@ -63,7 +63,7 @@ class Picture:
         return Scene(self._core, self._surroundings, history)
 
     def draw(self, canvas: Canvas) -> None:
-        """Draw the history on a canvas, all of it."""
+        """Draw the whole history on a canvas."""
         canvas.clear()
         scene, (width, height) = self.scene, canvas.size
         marks = Marks(scene)
@@ -88,7 +88,7 @@ class Picture:
     # --- header -----------------------------------------------------------------------------------
 
     def _header(self, canvas: Canvas, box: Box, scene: Scene) -> None:
-        """Under which conditions the vehicle is on its way, for how long, how far from its goal, and its end."""
+        """Draw conditions, time, distance from the goal, and end of the episode."""
         core, row, goal = self._core, self._row, self._surroundings.goal
         words = [f"estimator {core.estimator}", *scene.conditions]
         canvas.text(box.left, box.top + 21, self.title, "ink", 17, bold=True)
@@ -120,7 +120,7 @@ class Picture:
     # --- maps -------------------------------------------------------------------------------------
 
     def _maps(self, canvas: Canvas, box: Box, marks: Marks) -> None:
-        """All of the journey, from above and, below that, from the side."""
+        """Draw the whole track from above and, below that, from the side."""
         points = [self._points(view, marks) for view in self._views]
         heights = [float(np.ptp(each[:, 0])) for each in points]
         share = 1.0 if len(heights) == 1 else float(np.clip(heights[0] / sum(heights), 0.55, 0.7))
@@ -191,7 +191,7 @@ class Picture:
             draw_scale_bar(canvas, frame, "")
 
     def _legend(self, canvas: Canvas, box: Box, marks: Marks) -> None:
-        """Draw the meaning of the marks."""
+        """Draw the legend of the marks."""
         canvas.panel(box)
         labels = marks.scene.legend
         if "cloud" in labels:

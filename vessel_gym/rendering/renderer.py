@@ -1,4 +1,4 @@
-"""A window or an array around a picture."""
+"""A window or an array with the image of an episode."""
 
 from functools import cache
 from typing import Any
@@ -10,22 +10,22 @@ from vessel_gym.rendering.canvas import Canvas
 from vessel_gym.rendering.picture import Picture
 
 SIZE = 1008, 720
-"""Width and height of a picture; multiples of 16, as video codecs want them."""
+"""Width and height of an image; video codecs need multiples of 16."""
 
 
 @cache
 def _canvas() -> Canvas:
-    """The paper of all pictures: each is drawn on it afresh, and copied from it."""
+    """The canvas of all images, which is copied after each drawing."""
     return Canvas(*SIZE)
 
 
 class Renderer:
-    """Draws a picture into an array, or into a window that the user may close at any time.
+    """Draw an episode into an array, or into a window that the user may close at any time.
 
     Args:
-        picture: What to draw.
+        picture: Image of an episode.
         render_mode: ``"human"`` or ``"rgb_array"``.
-        fps: Frames a second that the window keeps.
+        fps: Frames a second of the window.
     """
 
     def __init__(self, picture: Picture, render_mode: str, fps: int) -> None:
@@ -39,11 +39,11 @@ class Renderer:
             self._window = pygame.display.set_mode(SIZE)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A copy keeps the history, and has a window of its own."""
+        """A copy keeps the history and opens a window of its own."""
         return type(self), (self._picture, self._render_mode, self._fps)
 
     def begin(self) -> None:
-        """Forget the last episode."""
+        """Begin a new episode."""
         self._picture.begin()
 
     def record(self) -> None:
@@ -51,7 +51,7 @@ class Renderer:
         self._picture.record()
 
     def draw(self) -> np.ndarray | None:
-        """The picture ``(height, width, 3)``, or None in mode ``"human"``, where it goes to the window."""
+        """Return the image ``(height, width, 3)``, or update the window in mode ``"human"``."""
         if not self._human:
             self._picture.draw(_canvas())
             pixels = pygame.image.tobytes(_canvas().finish(), "RGB")
@@ -68,7 +68,7 @@ class Renderer:
         return None
 
     def close(self) -> None:
-        """Close the window, if there is one; later pictures go nowhere."""
+        """Close the window, if one is open; later images are dropped."""
         if self._window is not None:
             self._window = None
             pygame.display.quit()

@@ -1,6 +1,6 @@
-"""Scene of an episode: everything that a picture of it shows, computed once for windows and pages, which only draw it.
+"""Contents of an image of an episode, computed once for windows and pages.
 
-It is computed from a history: the arrays of ``info`` that a rollout keeps, of one environment,
+A scene is computed from the history of one environment: the arrays of ``info`` from a rollout,
 ``(T, ...)`` by key.
 """
 
@@ -19,34 +19,34 @@ from vessel_gym.surroundings import Surroundings, in_words, pose
 RECORDED = (
     "truth", "estimate", "covariance", "measurement", "available", "unknown_input", "input_estimate", "score",
 )  # fmt: skip
-"""Keys of a history that a scene needs; it draws the ``action`` and the ``ensemble`` where these are there."""
+"""Keys of a history that a scene needs; ``action`` and ``ensemble`` are optional."""
 _FIRST = ("x", "y", "psi", "u", "climb", "z", "h", "theta")
-"""Components that are charted first."""
+"""Components whose charts come first."""
 _POSE = ("x", "y", "z", "h", "phi", "theta", "psi")
-"""Components that maps show: their charts show the error of the estimate."""
+"""Components on maps, whose charts show the error of the estimate."""
 _LINES = ("true", "goal", "measurement", "obstacle")
 
 
 class Series(NamedTuple):
-    """One line of a chart; a ``label`` goes into the chart's legend."""
+    """One line of a chart; its ``label`` is in the legend of the chart."""
 
     label: str
     colour: str  # its name in the palette
-    value: np.ndarray  # (T,), NaN where there is none
+    value: np.ndarray  # (T,), NaN for missing values
     width: float = 1.4
 
 
 class Chart(NamedTuple):
-    """Lines over time, the last on top."""
+    """Lines over time; the last one is on top."""
 
     title: str  # quantity and unit
     series: Sequence[Series]
     band: tuple[np.ndarray, np.ndarray] | None = (
         None  # lower and upper edge of a pale area below the lines
     )
-    reach: tuple[float, ...] = ()  # values that the axis reaches at least
+    reach: tuple[float, ...] = ()  # values that the axis includes
     measured: np.ndarray | None = (
-        None  # (T,) what a sensor says of the last line's quantity, NaN where nothing came
+        None  # (T,) measurements of the last line's quantity, NaN where none came
     )
 
     @property
@@ -72,16 +72,16 @@ class Ambient(NamedTuple):
     unit: str
     vector: (
         np.ndarray
-    )  # (T, 2) north and east, where it goes to; its length is the speed or the wave height
+    )  # (T, 2) north and east, its direction of motion; the length is the speed or wave height
     note: str = ""
 
 
 def ambients(core: Core, history: dict[str, np.ndarray]) -> list[Ambient]:
-    """Wind, waves and current of an episode, as far as its disturbance has them.
+    """Wind, waves and current of an episode, if its disturbance has them.
 
     Args:
-        core: The environment's core.
-        history: Of one environment, with the ``truth`` ``(T, n)``.
+        core: Core of the environment.
+        history: History of one environment, with ``truth`` ``(T, n)``.
     """
     truth, names, disturbance = (
         history["truth"],
@@ -113,20 +113,21 @@ def ambients(core: Core, history: dict[str, np.ndarray]) -> list[Ambient]:
 
 
 class Components:
-    """Estimated components of the vehicle's state, in the units in which they are shown.
+    """Estimated components of the vehicle's state, in displayed units.
 
     Args:
-        core: The environment's core.
-        history: Of one environment.
-        names: The components' names.
+        core: Core of the environment.
+        history: History of one environment.
+        names: Names of the components.
 
     Attributes:
-        words: In words, unit and how many of that are one in SI, of each component.
+        words: Words, unit and factor from SI of each component.
         true: ``(T, k)``.
-        error: ``(T, k)`` estimated minus true; an estimate that is a full turn off is not wrong.
-        cov: ``(T, k, k)``; None from an estimator that claims none.
-        measured: ``(T, k)`` measured minus true; NaN where no measurement came.
-        axes: ``(k, 3)`` metres north, east and down of one of each; 0 for what is no position.
+        error: ``(T, k)`` estimate minus truth; angles modulo a full turn.
+        cov: ``(T, k, k)``; None for an estimator without covariance.
+        measured: ``(T, k)`` measurement minus truth; NaN without a measurement.
+        axes: ``(k, 3)`` metres north, east and down in SI units of each component; 0 for components
+            that are no position.
         members: ``(t, m, k)`` deviations of the ensemble from its mean; None without an ensemble.
     """
 
@@ -161,24 +162,25 @@ class Components:
 
 
 class Scene:
-    """Everything that a picture of an episode shows.
+    """Contents of an image of an episode.
 
     Args:
-        core: The environment's core.
-        surroundings: What is around the vehicle.
-        history: Of one environment: `RECORDED`, and where they are there ``action`` ``(T, a)`` and
+        core: Core of the environment.
+        surroundings: Surroundings of the vehicle.
+        history: History of one environment: `RECORDED`, and optionally ``action`` ``(T, a)`` and
             ``ensemble`` ``(t, m, n)`` of the last t moments.
 
     Attributes:
         time: ``(T,)`` [s].
-        true: True places and attitudes of the vehicle ``(T, 6)``, see
+        true: True positions and attitudes of the vehicle ``(T, 6)``, see
             `vessel_gym.surroundings.pose`.
-        believed: Estimated ones, with the true values of what is not estimated.
+        believed: Estimated positions and attitudes ``(T, 6)``, with true values in components that
+            are not estimated.
         position: Estimated components of the position; without any, the heading or the first
             component.
         located: Is a component of the position estimated?
-        fixes: ``(T, k)`` measurements of the position minus the truth; NaN where the horizontal
-            ones did not all come.
+        fixes: ``(T, k)`` measurement of the position minus the truth; NaN unless all horizontal
+            components were measured.
     """
 
     def __init__(
@@ -204,17 +206,17 @@ class Scene:
         measured, level = self.position.measured, self.position.axes[:, :2].any(1)
         self._fixed = (
             level | ~level.any()
-        )  # a fix is of these: of the horizontal ones, where there are any
+        )  # components of a fix: the horizontal ones, if there are any
         fixed = np.isfinite(measured[:, self._fixed]).all(1, keepdims=True)
         self.fixes = np.where(
             fixed, np.where(np.isnan(measured), self.position.error, measured), np.nan
         )
 
     def charts(self, most: int) -> list[Chart]:
-        """Charts of estimates, of the unknown input if there is one only, of actions and score.
+        """Charts of estimates, of a single unknown input, of actions and score.
 
         Args:
-            most: How many there is room for.
+            most: Largest number of charts.
         """
         core, history = self.core, self.history
         rest = []
@@ -229,7 +231,7 @@ class Scene:
         return [self._component(name) for name in self._estimated[: most - len(rest)]] + rest
 
     def _component(self, name: str) -> Chart:
-        """Chart of a component: of its error, where maps show the component itself."""
+        """Chart of a component, or of its error if maps show the component."""
         component = Components(self.core, self.history, [name])
         (words, unit, _), error, measured = (
             component.words[0],
@@ -254,7 +256,7 @@ class Scene:
         return chart._replace(band=(middle - 2.0 * sd, middle + 2.0 * sd))
 
     def _unknown_input(self) -> Chart:
-        """Chart of the unknown input, the estimate at the time that it is of: some filters know it a step later."""
+        """Chart of the unknown input, with estimates shifted by their delay."""
         core, history = self.core, self.history
         words, unit, scale = in_words(f"unknown {core.unknown_inputs[0]}", ())
         lines = [_true(scale * history["unknown_input"][:, 0])]
@@ -305,7 +307,10 @@ def _title(words: str, unit: str) -> str:
 
 
 def ticks(low: float, high: float, least: int) -> np.ndarray:
-    """Multiples of 1, 2 or 5 times a power of ten from ``low`` to ``high``: as few as there can be, but so many."""
+    """Round levels in an interval, as few as possible but at least ``least``.
+
+    Levels are multiples of 1, 2 or 5 times a power of ten.
+    """
     exponent = int(np.ceil(np.log10(high - low)))
     for power in range(exponent, exponent - 3, -1):
         for step in (float(f"1e{power}"), float(f"5e{power - 1}"), float(f"2e{power - 1}")):

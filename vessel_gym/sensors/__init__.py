@@ -1,9 +1,9 @@
-"""Sensors: their measurements, how well and how often they are taken, what they tell, and whether they arrive.
+"""Sensors: measurements, their noise, rate, drop-outs and delay.
 
-A sensor is one object, and nothing else knows of it: measurements, raw observations, a filter's R
-and what can be had without a filter follow from it. Yours is a `Sensor`: docs/own-sensor.md.
+A sensor is one object, from which measurements, raw observations and a filter's R follow. Your own
+sensor is a `Sensor`: docs/own-sensor.md.
 
-They may import processes and `estimators`; vehicles, filter models and the loop import them.
+This folder may import processes and `estimators`; vehicles, filter models and the loop import it.
 """
 
 from vessel_gym.sensors.array import Sensors

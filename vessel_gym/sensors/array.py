@@ -1,4 +1,4 @@
-"""Several sensors, whose channels stand beside each other."""
+"""Several sensors, whose channels form one vector of measurements."""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial, reduce
@@ -21,31 +21,30 @@ from vessel_gym.verified import is_verified
 
 
 class Sensors:
-    """Several sensors, whose channels stand beside each other.
+    """Several sensors, whose channels form one vector of measurements.
 
     Args:
-        sensors: In the order of the measurements.
+        sensors: Sensors in the order of the measurements.
         states: Names of the components of the vehicle's state.
-        exogenous: Of its exogenous input.
+        exogenous: Names of the components of the vehicle's exogenous input.
         dt: Time step [s].
-        faults: What goes wrong with them, and when.
+        faults: Faults of the sensors, with their times.
 
     Attributes:
         size: p, the number of channels.
         delays: Latency of each sensor in steps ``(sensors,)``.
         horizon: Largest of these delays.
-        sd: Standard deviations ``(p,)``; NaN where they depend on what is measured.
-        gives: For each channel the state, or the part of the exogenous input, that it reads as
-            such.
-        bias: How all biases move.
-        bias_shown: ``(p, k)`` how their states show in the measurements.
+        sd: Standard deviations ``(p,)``; NaN where they depend on the measurement.
+        gives: State or component of the exogenous input that each channel measures directly.
+        bias: Joint process of all biases.
+        bias_gain: ``(p, k)`` effect of the biases' states on the measurements.
 
     Raises:
-        TypeError: for what is no sensor, or no fault of one.
-        ValueError: for none, two of a name, a bias that is called as something else, a rate that
-            does not divide the steps', a delay of no whole steps, a function ``reads`` or ``sd``
-            that does not give a value for each channel, does not broadcast or does not repeat
-            itself, or the fault of a sensor that there is not, or has another number of channels.
+        TypeError: for objects that are no sensors, or no faults of sensors.
+        ValueError: for no sensors, two sensors or biases with one name, a rate that does not divide
+            the steps a second, or a delay of no whole number of steps. Also for a fault of an
+            unknown sensor or with a wrong number of channels. Functions ``reads`` and ``sd`` must
+            return one value for each channel, broadcast and repeat themselves.
     """
 
     def __init__(
@@ -70,9 +69,7 @@ class Sensors:
         check_numbers("Sensors", {"dt": dt}, positive="dt")
         self.state_names, self.exogenous_names, self.dt = states, exogenous, dt
         sizes = [len(sensor.channels) for sensor in self.each]
-        self.owner = np.repeat(
-            np.arange(len(self.each)), sizes
-        )  # which sensor a channel belongs to
+        self.owner = np.repeat(np.arange(len(self.each)), sizes)  # index of each channel's sensor
         self.size = len(self.owner)
         self._own = [
             slice(end - size, end)
@@ -118,7 +115,7 @@ class Sensors:
             (self.size, len(units) + self.bias.size)
         )  # of state, exogenous input and biases
         self._gains[:, len(units) :] = self.bias_gain
-        self.called = []  # which channels, and what is asked at every step
+        self.called = []  # channels and functions that are evaluated in every step
         for (sensor, own), reads in zip(self._owning, self._reads, strict=True):
             if getattr(sensor.reads, "linear", False) and not callable(sensor.sd):
                 self._gains[own, : len(units)] = reads(units[:, :n], units[:, n:]).T
@@ -130,17 +127,17 @@ class Sensors:
 
     @cached_property
     def _reads(self) -> list[Callable[[np.ndarray, np.ndarray], np.ndarray]]:
-        """Functions of state and exogenous input, one a sensor, that cannot write into what they are handed."""
+        """Functions of state and exogenous input, one for each sensor, called on copies."""
         return [copying(sensor.reads) for sensor in self.each]
 
     @property
     def verified(self) -> bool:
-        """Are all functions verified that are called at every step?"""
+        """Are all functions verified that are called in every step?"""
         return not self._varying and all(isinstance(reads, Compiled) for _, reads in self.called)
 
     @cached_property
     def _varying(self) -> list[tuple[str, slice, Callable[[np.ndarray], np.ndarray]]]:
-        """Sensors whose noise depends on what is measured: name, channels, and the function."""
+        """Sensors whose noise depends on the measurement: name, channels and function."""
         return [
             (sensor.name, own, copying(sensor.sd))
             for sensor, own in self._owning
@@ -148,7 +145,7 @@ class Sensors:
         ]
 
     def of_channel(self, channel: Any) -> Sensor:
-        """The sensor to which a channel belongs."""
+        """Sensor to which a channel belongs."""
         return self.each[self.owner[channel]]
 
     def measuring(self, name: str) -> tuple[str, ...]:
@@ -209,12 +206,12 @@ class Sensors:
     def exact(
         self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray | None = None
     ) -> np.ndarray:
-        """Measurements without noise ``(..., p)``, laid out in memory as the state is.
+        """Measurements without noise ``(..., p)``.
 
         Args:
             state: ``(..., n)`` of the vehicle.
-            exogenous: ``(..., f)`` on it.
-            bias: ``(..., k)`` states of the biases; None: they have none.
+            exogenous: ``(..., f)`` exogenous input.
+            bias: ``(..., k)`` states of the biases; None for no biases.
         """
         exact = np.concatenate([reads(state, exogenous) for reads in self._reads], -1)
         return exact if bias is None else product(self.bias_gain, bias, exact)
@@ -227,14 +224,14 @@ class Sensors:
         steps: np.ndarray,
         keys: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Noisy measurements and the mask of those that arrived.
+        """Noisy measurements, and the mask of those that arrived.
 
         Args:
             state: ``(B, n)`` of the vehicle.
-            exogenous: ``(B, f)`` on it.
+            exogenous: ``(B, f)`` exogenous input.
             bias: ``(B, k)`` states of the biases.
-            steps: ``(B,)`` steps since the episode's start, at which every sensor reads.
-            keys: ``(B, sensors, 2)`` of the random numbers of each.
+            steps: ``(B,)`` steps since the episode's start; at step 0 every sensor measures.
+            keys: ``(B, sensors, 2)`` of each sensor's random numbers.
 
         Returns:
             Measurements ``(B, p)``, 0 where missing, and the mask ``(B, p)``.
@@ -246,7 +243,7 @@ class Sensors:
         return self.corrupted(exact, sd, steps, keys)
 
     def measured(self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray) -> np.ndarray:
-        """True measurements without noise ``(..., p)``: as `exact`, what is linear by its matrix."""
+        """Measurements without noise ``(..., p)``; linear sensors are evaluated by one matrix."""
         called = {own.start: reads for own, reads in self.called}
         zeros = np.zeros((*state.shape[:-1], self.size))
         parts = [
@@ -261,13 +258,13 @@ class Sensors:
     def corrupted(
         self, exact: np.ndarray, sd: np.ndarray, steps: np.ndarray, keys: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Measurements with their noise and outliers, 0 where missing, and the mask of those available.
+        """Measurements with noise and outliers, 0 where missing, and the mask of those available.
 
         Args:
-            exact: ``(..., p)`` without noise.
+            exact: ``(..., p)`` measurements without noise.
             sd: ``(..., p)`` standard deviations.
             steps: ``(...)`` since the episode's start.
-            keys: ``(..., sensors, 2)`` of the random numbers of each.
+            keys: ``(..., sensors, 2)`` of each sensor's random numbers.
         """
         values, available, word = [], [], as_word(steps)
         for i, (sensor, own) in enumerate(self._owning):
@@ -291,10 +288,10 @@ class Sensors:
         return np.stack(values, -1), np.stack(available, -1)
 
     def _refuse_sd(self, sd: np.ndarray, exact: np.ndarray, steps: np.ndarray) -> None:
-        """Refuse standard deviations ``(B, p)`` of measurements ``(B, p)``.
+        """Refuse invalid standard deviations ``(B, p)`` of measurements ``(B, p)``.
 
         Raises:
-            ValueError: for one that is negative or NaN, of a measurement within its sensor's range.
+            ValueError: for a negative or NaN one, of a measurement within its sensor's range.
         """
         within = ((self._ranges[0] <= exact) & (exact <= self._ranges[1])).T
         for name, own, _ in self._varying:
@@ -304,7 +301,7 @@ class Sensors:
             )  # fmt: skip
 
     def sd_at(self, exact: np.ndarray) -> np.ndarray:
-        """Standard deviations ``(..., p)`` of measurements that are ``exact (..., p)`` without noise."""
+        """Standard deviations ``(..., p)`` at measurements without noise ``exact (..., p)``."""
         known = np.broadcast_to(self.sd, exact.shape)
         if not self._varying:
             return known
@@ -317,16 +314,16 @@ class Sensors:
         x: np.ndarray,
         u: np.ndarray | None,
     ) -> np.ndarray | StateNoise:
-        """R of a filter, which follows what it expects if a deviation does.
+        """R of a filter; a function of the expected measurements if any standard deviation is.
 
         Args:
-            expected: The expected measurements ``(..., p)``, a function of a filter's states and
-                known inputs.
-            x: A state ``(n,)`` for where none is at hand,
-            u: and a known input.
+            expected: Function from a filter's states and known inputs to expected measurements
+                ``(..., p)``.
+            x: A state ``(n,)`` at which R is evaluated for checks and as its default.
+            u: A known input for the same use.
 
         Raises:
-            ValueError: for a deviation that is negative or NaN there.
+            ValueError: for a standard deviation that is negative or NaN there.
         """
         if not self._varying:
             return np.diag(self.sd**2)
@@ -346,13 +343,13 @@ class Sensors:
     def _noise_at(
         self, expected: Callable[..., np.ndarray], x: np.ndarray, u: np.ndarray | None
     ) -> np.ndarray:
-        """R ``(..., p, p)`` for the measurements ``expected`` in states ``(..., n)``."""
+        """R ``(..., p, p)`` for the expected measurements in states ``(..., n)``."""
         return self.sd_at(expected(x, u))[..., None] ** 2 * np.eye(self.size)
 
     # --- what measurements tell -------------------------------------------------------------------
 
     def states_from(self, measurements: np.ndarray) -> dict[str, np.ndarray]:
-        """States and parts of the exogenous input that measurements ``(..., p)`` alone give, ``(...)`` by name."""
+        """States and exogenous inputs ``(...)`` by name, from measurements ``(..., p)``."""
         known: dict[str, np.ndarray] = {}
         for sensor, own in self._owning:
             known.update(

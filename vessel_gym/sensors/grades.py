@@ -1,4 +1,4 @@
-"""Grades of each sensor of a vehicle, best first, and the suites that choose among them: data with their sources.
+"""Grades of a vehicle's sensors, best first, and the suites that choose among them, with sources.
 
 A TOML file has a table for each grade of each sensor, in the order from the best to the cheapest:
 
@@ -10,12 +10,11 @@ A TOML file has a table for each grade of each sensor, in the order from the bes
 
 ``sd`` is a number for all channels or one for each; ``rate`` [Hz] and ``latency`` [s] are rounded
 to whole steps of the vehicle; ``dropout`` is a probability; ``bias`` has ``start``, and ``pace``,
-``slope``, ``time`` or ``constant``, see `vessel_gym.sensors.Bias`, on the first channels. Figures
-that a grade lacks are 0, and its rate is every step. ``source`` names the document from which the
-figures were taken, and ``assumed`` those figures that are in no document, by their keys. The grade
-``nominal`` is the vehicle's own sensor: it has ``source`` and ``assumed`` alone, and every sensor
-has it. ``[suites.NAME]`` chooses a grade of each sensor; of the sensors that it does not name,
-``nominal``.
+``slope``, ``time`` or ``constant``, see `vessel_gym.sensors.Bias`, on the first channels. A missing
+figure is 0, and a missing rate is one measurement in every step. ``source`` names the document of
+the figures, and ``assumed`` lists the keys of figures that no document states. The grade
+``nominal``, which every sensor has, is the vehicle's own sensor: its table has ``source`` and
+``assumed`` alone. ``[suites.NAME]`` chooses a grade for each sensor; the default is ``nominal``.
 """
 
 from collections.abc import Sequence
@@ -43,9 +42,9 @@ class Grades:
 
     Attributes:
         sensors: Sensors by name and grade, best first.
-        sources: Sources of their figures by sensor and grade.
+        sources: Sources of the figures, by sensor and grade.
         assumed: Keys of the figures that no document states, by sensor and grade.
-        suites: Name of each sensor's grade, by suite.
+        suites: Name of the grade, by suite and sensor.
     """
 
     sensors: dict[str, dict[str, Sensor]]
@@ -54,7 +53,7 @@ class Grades:
     suites: dict[str, dict[str, str]]
 
     def suite(self, name: str) -> tuple[Sensor, ...]:
-        """The sensors of a suite."""
+        """Sensors of a suite."""
         return tuple(
             grades[self.suites[name].get(sensor, NOMINAL)]
             for sensor, grades in self.sensors.items()
@@ -75,7 +74,7 @@ def load_grades(path: str | Path, system: Any) -> dict[str, dict[str, Sensor]]:
 
     Raises:
         ValueError: for anything wrong in the file, in one sentence with its line.
-        OSError: if it cannot be read.
+        OSError: if the file cannot be read.
     """
     return read_grades(system, path).sensors
 
@@ -84,10 +83,9 @@ def read_grades(system: Any, path: str | Path | None = None) -> Grades:
     """Grades, sources and suites of a system's sensors.
 
     Args:
-        system: A `vessel_gym.system.System`. The attribute ``grades`` of its vehicle names a file
-            of the package, or the path of another one.
-        path: A file; None: that of the vehicle, of which sensors that the system lacks are left
-            out.
+        system: A `vessel_gym.system.System`. The attribute ``grades`` of its vehicle is the name of
+            a file of the package or the path of another file.
+        path: A file. None: the vehicle's file, without the sensors that the system lacks.
 
     Raises:
         ValueError: for a vehicle without grades, or anything wrong in the file, in one sentence
@@ -109,14 +107,14 @@ def read_grades(system: Any, path: str | Path | None = None) -> Grades:
 
 
 class _GradesFile(TomlFile):
-    """A file of grades being read, for a vehicle's sensors that read at steps of ``dt`` [s]."""
+    """Reader of a file of grades, for sensors that measure at steps of ``dt`` [s]."""
 
     def __init__(self, path: Path, own: Sequence[Sensor], dt: float) -> None:
         super().__init__(path)
         self.own, self.dt = {sensor.name: sensor for sensor in own}, dt
 
     def grades(self, own_alone: bool) -> Grades:
-        """The grades; ``own_alone``: leave out sensors that the vehicle lacks, instead of refusing them."""
+        """The grades; ``own_alone`` leaves out unknown sensors instead of refusing them."""
         tables = {name: table for name, table in self.data.items() if name != "suites"}
         for name in () if own_alone else tables:
             if name not in self.own:
@@ -165,7 +163,7 @@ class _GradesFile(TomlFile):
             raise self.fault((*keys, about), str(error)) from None
 
     def _with(self, own: Sensor, figures: dict[str, Any]) -> Sensor:
-        """A sensor with the figures of a grade."""
+        """The sensor with the figures of a grade."""
         channels, period = len(own.channels), 1
         times = {"rate": figures.get("rate"), "latency": figures.get("latency", 0.0)}
         check_numbers(own.name, times, positive="rate?", not_negative="latency")
@@ -218,5 +216,5 @@ class _GradesFile(TomlFile):
 
 
 def _tuple(value: Any, count: int) -> tuple[Any, ...]:
-    """A list's values, or a number for each of the channels."""
+    """Values of a list, or one number repeated for each channel."""
     return tuple(value) if isinstance(value, list) else (value,) * count

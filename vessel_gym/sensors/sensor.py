@@ -1,4 +1,4 @@
-"""One sensor: its measurement, how well and how often it is taken, what it tells, and whether it arrives."""
+"""One sensor: its measurement, noise, rate, drop-outs, bias and delay."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,29 +14,30 @@ from vessel_gym.processes import Process, linear
 from vessel_gym.verified import verified
 
 Known = Mapping[str, np.ndarray]
-"""States by name, ``(...)`` each, that sensors before have given; what else they found may be there, too."""
+"""States by name, ``(...)`` each, from the measurements of preceding sensors."""
 
 
 @dataclass(frozen=True, eq=False)
 class Bias:
-    """A slowly moving error of a sensor's first channels, which a filter estimates as states of its own.
+    """Slowly moving error of a sensor's first channels, which filters estimate as further states.
 
     Attributes:
-        names: One a channel: what the filter's states are called.
+        names: Names of the filter's states, one for each channel.
         start: Standard deviations at the start.
-        pace: Of the random walk: what a second adds; 0: constant, as far as anybody knows.
-        slope: Of a drift [per s], constant and unknown, which has states of its own; 0: none.
-        scale: Size that counts as 1 in an observation of standard deviations.
-        time: Correlation time [s] of a stationary first-order Gauss-Markov process, in place of
-            ``pace`` and ``slope``; its standard deviation is ``start`` at every time. None: no such
+        pace: Standard deviations of what a second adds to a random walk; 0 for a constant bias.
+        slope: Standard deviations of a constant, unknown drift [per s], which has states of its
+            own; 0 for none.
+        scale: Standard deviation that counts as 1 in an observation.
+        time: Correlation time [s] of a stationary first-order Gauss-Markov process, instead of
+            ``pace`` and ``slope``. Its standard deviation is ``start`` at all times. None: no such
             process.
         constant: Standard deviations of a constant error that is added to this process and has
-            states of its own, such as the static error of a compass beside its dynamic error; 0:
+            states of its own, such as the static error of a compass beside its dynamic error; 0 for
             none.
 
     Raises:
-        ValueError: for values of another number than the names, negative ones, or a ``time`` beside
-            a pace or slope.
+        ValueError: for negative values, a number of values that differs from the number of names,
+            or a ``time`` together with a pace or slope.
     """
 
     names: tuple[str, ...]
@@ -73,26 +74,26 @@ class Bias:
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of its states: of the biases, then of drifts and of constants, if there are any."""
+        """Names of the states: biases, then drifts and constants, if there are any."""
         drifts = tuple(f"drift of {name}" for name in self.names) if any(self.slope) else ()
         constants = tuple(f"constant {name}" for name in self.names) if any(self.constant) else ()
         return self.names + drifts + constants
 
     @property
     def gain(self) -> np.ndarray:
-        """Matrix ``(channels, states)`` by which the states are added to the measurement."""
+        """Matrix ``(channels, states)`` that adds the states to the measurement."""
         k, n = len(self.names), len(self.states)
         return np.eye(k, n) + (np.eye(k, n, k=n - k) if any(self.constant) else 0.0)
 
     def process(self, dt: float) -> Process:
-        """Its process over a step of ``dt`` [s]."""
+        """Process of the states over a step of ``dt`` [s]."""
         constants = self.constant if any(self.constant) else ()
         return Process.joined(
             self._moving(dt), Process.walk(constants, (0.0,) * len(constants), dt)
         )
 
     def _moving(self, dt: float) -> Process:
-        """The process without the constants."""
+        """Process of the states without the constants."""
         if self.time is not None:
             return Process.wandering(self.start, self.time, dt)
         slope = self.slope if any(self.slope) else ()
@@ -102,35 +103,32 @@ class Bias:
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """One sensor. Its channels are read, lost and spoilt together.
+    """A sensor, whose channels are measured and lost together.
 
     Attributes:
-        name: What it is.
-        channels: What each of its channels reads, with the unit.
-        reads: What it would read without noise ``(..., k)``, a function that broadcasts of the
-            vehicle's state ``(..., n)`` and exogenous input ``(..., f)``, see
-            `vessel_gym.system.Vehicle`; faster if it is declared to be
-            `vessel_gym.processes.linear` in both.
-        sd: Standard deviation of each channel's white noise; or, where it depends on what is
-            measured, a function that gives them ``(..., k)`` of the measurement without noise
-            ``(..., k)``: the truth takes it at the true measurement, a filter's R at the one that
-            it expects.
-        rate: Measurements a second [Hz], which must divide the steps a second; None: one every
-            step.
+        name: Name of the sensor.
+        channels: Name of each channel's quantity, with the unit.
+        reads: Function that returns the measurement without noise ``(..., k)`` from the vehicle's
+            state ``(..., n)`` and exogenous input ``(..., f)``, see `vessel_gym.system.Vehicle`. It
+            must broadcast. If it is linear in both, the decorator `vessel_gym.processes.linear`
+            makes it faster.
+        sd: Standard deviation of each channel's white noise. If it depends on the measurement, a
+            function from measurements without noise ``(..., k)`` to standard deviations ``(...,
+            k)``. The world evaluates the function at the true measurement, a filter's R at the
+            expected one.
+        rate: Measurements a second [Hz], a divisor of the steps a second; None: one in every step.
         dropout: Probability that a measurement is lost.
-        outliers: Probability that it is an outlier,
-        outlier_scale: whose noise is so many times as large.
-        bias: What moves slowly on the first channels.
-        range: For each channel the least and the greatest value that it can read; beyond, nothing
-            arrives.
-        angles: Which channels are angles [rad].
-        scale: For each channel the size that counts as 1 in a raw observation; None: 1.
-        gives: For each channel the state, or the part of the exogenous input, that it reads as
-            such; None where it is none.
-        inverse: What can be had of its measurements ``(..., k)`` besides: a function of them and of
-            the states that sensors before it have given, that returns states by name; None: what it
-            ``gives``.
-        latency: Seconds from a measurement to its arrival.
+        outliers: Probability that a measurement is an outlier.
+        outlier_scale: Noise of an outlier, relative to ordinary noise.
+        bias: Slowly moving error of the first channels.
+        range: Least and greatest value of each channel; no measurement arrives beyond them.
+        angles: Indices of the channels that are angles [rad].
+        scale: Size of each channel that counts as 1 in a raw observation; None: 1.
+        gives: State or component of the exogenous input that each channel measures directly; None
+            for a channel that measures neither.
+        inverse: Function of the measurements ``(..., k)`` and of the states from preceding sensors
+            that returns further states by name; None: no further states.
+        latency: Time [s] from a measurement to its arrival.
     """
 
     name: str
@@ -202,7 +200,7 @@ class Sensor:
         """Steps of ``dt`` [s] from one measurement to the next.
 
         Raises:
-            ValueError: if its measurements do not fall on steps.
+            ValueError: if measurements would fall between steps.
         """
         if self.rate is None:
             return 1
@@ -219,7 +217,7 @@ class Sensor:
         """Latency in steps of ``dt`` [s].
 
         Raises:
-            ValueError: if it is no whole number of steps, or of too many.
+            ValueError: if the latency is not a whole number of steps, or exceeds `LONGEST` steps.
         """
         check_numbers("a sensor's delay", {"dt": dt}, positive="dt")
         steps = self.latency / dt
@@ -236,12 +234,12 @@ class Sensor:
 SLOWEST = 1e9
 """Most steps from one measurement to the next."""
 LONGEST = 1000
-"""How many steps a measurement may be late: all that long everything is kept."""
+"""Longest delay of a measurement in steps; filters keep the history of that many steps."""
 
 
 @dataclass(frozen=True)
 class SensorSuite:
-    """A quality of sensors, relative to a vehicle's nominal ones."""
+    """Quality of sensors, relative to a vehicle's nominal ones."""
 
     noise: float  # standard deviation relative to nominal
     dropout: float = 0.0  # probability that a sensor's measurement is lost, besides its own
@@ -254,7 +252,7 @@ class SensorSuite:
         instance("lossless of SensorSuite", self.lossless, bool)
 
     def of(self, nominal: Sequence[Sensor]) -> tuple[Sensor, ...]:
-        """A vehicle's sensors in this quality."""
+        """Sensors of a vehicle in this quality."""
         if not isinstance(nominal, tuple | list) or not all(
             isinstance(sensor, Sensor) for sensor in nominal
         ):
@@ -286,10 +284,13 @@ SUITES = {
     "nominal": SensorSuite(noise=1.0),
     "degraded": SensorSuite(noise=1.0, dropout=0.10, outliers=0.05),
 }
-"""Suites that every vehicle's sensors have, and `vessel_gym.wrappers.EstimatedObservation`, too."""
+"""Suites for the sensors of every vehicle, and for `vessel_gym.wrappers.EstimatedObservation`."""
 SUITE_NAMES = (*SUITES, "budget", "denied")
-"""All suites of an environment: ``budget`` is a choice of grades (`vessel_gym.sensors.grades`), ``denied`` the nominal
-sensors without the fix for a time (`vessel_gym.sensor_faults.lost_fix`)."""
+"""Names of all suites of an environment.
+
+``budget`` is a choice of grades (`vessel_gym.sensors.grades`). ``denied`` is the nominal suite
+without the position fix for a time (`vessel_gym.sensor_faults.lost_fix`).
+"""
 
 
 def check_values(
@@ -299,11 +300,11 @@ def check_values(
     function: Callable[..., Any],
     *arguments: np.ndarray,
 ) -> Any:
-    """Value of a user's function, which is called twice.
+    """Value of a user's function, which is called twice to check that it repeats itself.
 
     Raises:
-        ValueError: for one that fails, does not repeat itself, or gives no numbers or another shape
-            than ``expected``.
+        ValueError: if the function fails, does not repeat itself, or returns no numbers or another
+            shape than ``expected``.
     """
     shape = arguments[0].shape
     try:
@@ -324,7 +325,7 @@ def check_values(
 
 
 def columns(indices: Sequence[int]) -> Any:
-    """Indices of components: a slice where they are neighbours, which gives a view."""
+    """Indices of components; a slice for neighbours, which gives a view."""
     chosen = list(indices)
     if chosen and chosen == list(range(chosen[0], chosen[-1] + 1)):
         return slice(chosen[0], chosen[-1] + 1)
@@ -332,7 +333,7 @@ def columns(indices: Sequence[int]) -> Any:
 
 
 def plain(components: Sequence[int]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Function ``reads`` of a sensor that reads components of the state as they are."""
+    """Function ``reads`` of a sensor that measures components of the state directly."""
     return linear(partial(_columns, columns(components)))
 
 

@@ -15,45 +15,50 @@ from vessel_gym.tasks.steering import wrapped
 from vessel_gym.tasks.track import HEADING, Track, in_frame
 
 OFFSET, ERROR, LENGTH = 1, 2, 3
-"""Columns of a scenario after the first direction: distance to starboard [m] and heading error [rad] at the start,
-length of the channel [m]; waypoints and the path follow."""
+"""Columns of a scenario after the first direction.
+
+They are distance to starboard [m] and heading error [rad] at the start, and length of the channel
+[m]. Waypoints and the path follow.
+"""
 ALONG = 3
-"""Column of a reference beside those of `vessel_gym.tasks.track`: distance along the channel [m]."""
+"""Column of a reference with the distance along the channel [m]."""
 _POINTS = LENGTH + 1
 _PATH = _POINTS + 2 * (WAYPOINTS - 1)
 _ANYWHERE = np.array([-np.inf, np.inf, 0.0])
-_BESIDE = 8  # numbers of a reference before its scenario
+_BESIDE = 8  # numbers of a reference before the scenario
 
 
 @dataclass(frozen=True)
 class Channel(Track, verified=True):
-    """A channel with lateral margins leads along a straight leg, or legs between waypoints joined by arcs.
+    """A channel with lateral margins, along a straight leg or along legs joined by arcs.
 
-    It begins at the origin. A scenario (the episode's parameters, drawn at reset) is ``(direction
-    of the first leg [rad], distance to starboard and heading error at the start [m, rad], length
-    [m])``, then the waypoints after the first one (north, east [m]; the last is repeated) and the
-    segments of the path (x, y, heading, curvature, length; those of length 0 fill up). A reference
-    is ``(heading to steer in still water [rad], mean yaw rates over the next half of PREVIEW and
-    the PREVIEW after it [rad/s], distance along the channel [m], to starboard of its axis [m],
-    direction of the axis [rad], surge of the steady turn [m/s], believed heading [rad])`` at the
-    point of the axis nearest to where the ship is believed to be, then the scenario.
+    The channel begins at the origin. A scenario (the episode's parameters, drawn at reset) is
+    ``(direction of the first leg [rad], distance to starboard and heading error at the start [m,
+    rad], length [m])``, then the waypoints after the first one (north, east [m]; the last is
+    repeated) and the segments of the path (x, y, heading, curvature, length; padded by segments of
+    length 0).
+
+    A reference belongs to the point of the axis nearest to the estimated position. It is ``(heading
+    to steer in still water [rad], mean yaw rates over the next half of PREVIEW and the PREVIEW
+    after it [rad/s], distance along the channel [m], to starboard of its axis [m], direction of the
+    axis [rad], surge of the steady turn [m/s], estimated heading [rad])``, then the scenario.
 
     The margin follows the concept design of PIANC Report 121 (2014), for a one-way outer channel: a
-    width of 5 beams, of which the ship's middle may use 4. The width adds up from 1.5 beams of
-    manoeuvring lane (moderate), 0.1 for a fast ship, 0.3 for cross wind up to 33 kn, 0.5 for cross
-    current up to 1.5 kn, 1.0 for waves above 3 m, 0.2 for aids to navigation (good), and 0.7 of
-    bank clearance on either side. The last three have not been compared with the report itself.
+    width of 5 beams, of which the ship's middle may use 4. The width is the sum of 1.5 beams for
+    the manoeuvring lane (moderate), 0.1 for a fast ship, 0.3 for cross wind up to 33 kn, 0.5 for
+    cross current up to 1.5 kn, 1.0 for waves above 3 m, 0.2 for aids to navigation (good), and 0.7
+    of bank clearance on either side. The last three have not been compared with the report itself.
     """
 
-    leg: float = 40.0  # ship lengths, of the straight channel
-    margin_beams: float = 2.0  # that the ship's middle may be off the axis, either side
+    leg: float = 40.0  # length of the straight channel, ship lengths
+    margin_beams: float = 2.0  # beams by which the ship's middle may be off the axis
     turn: float = 4.0  # ship lengths, radius of the arcs between waypoints
     angle: float = (
         0.25 * np.pi
     )  # rad between north, along which waves run, and the straight channel; either side
-    spread: float = float(np.deg2rad(10.0))  # rad, about that angle
-    offset: float = 0.5  # of the margin, greatest at the start
-    error: float = 0.05  # rad, greatest error of the heading at the start
+    spread: float = float(np.deg2rad(10.0))  # rad, largest deviation from that angle
+    offset: float = 0.5  # largest initial offset, share of the margin
+    error: float = 0.05  # rad, largest initial error of the heading
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -65,7 +70,7 @@ class Channel(Track, verified=True):
     end_reasons = ("", "arrived", "aground")
     success = "arrived"
     perfect = 1.0
-    """Rewards are shares of the score."""
+    """A perfect episode has the score 1."""
 
     @property
     def margin(self) -> float:
@@ -78,12 +83,13 @@ class Channel(Track, verified=True):
         """Draw scenarios ``(B, k)`` from uniforms ``(B, 4)``.
 
         Args:
-            uniforms: for side and angle of the leg, and offset and heading error at the start.
+            uniforms: Random numbers for side and angle of the leg, and offset and heading error at
+                the start.
             options: ``{"waypoints": [(north, east), ...]}`` sets the channel's axis [m], counted
-                from the first one.
+                from the first waypoint.
 
         Raises:
-            ValueError: for an unknown option, or a route that cannot be followed, see
+            ValueError: for an unknown option, or an invalid route, see
                 `vessel_gym.guidance.routes`.
         """
         scenarios = self._drawn(uniforms)
@@ -126,18 +132,18 @@ class Channel(Track, verified=True):
 
     @cached_property
     def _ahead(self) -> np.ndarray:
-        """Distances [m] up to which the mean curvatures of a reference reach."""
+        """Distances [m] up to which curvatures are averaged for a reference."""
         return np.array([0.5, 1.5]) * self.preview * self.ship.speed
 
     @compiled(axes=(1, 1))
     def _nearest(self, scenario: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """Position relative to the axis ``(..., 7)`` of places ``(..., 2)``, see `locate`."""
+        """Position ``(..., 7)`` relative to the axis of places ``(..., 2)``, see `locate`."""
         pose = np.concatenate([place, np.zeros_like(place[..., :1])], -1)
         return locate(pose, _ANYWHERE, scenario[..., _PATH:], self._ahead)
 
     @compiled(axes=(1, 0, 1))
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """The reference ``(..., k)`` of a ship in a state ``(..., 6)``, as in the prior."""
+        """Reference ``(..., k)`` for a ship in a state ``(..., 6)``."""
         place = self._nearest(scenario, state[..., :2])
         along, off, direction, soon, later = (place[..., i] for i in range(5))
         rate = self.turning(soon)
@@ -147,7 +153,7 @@ class Channel(Track, verified=True):
 
     @compiled(axes=(1, 0))
     def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Place and heading of a ship that keeps to axis and service speed, as a state ``(..., 6)`` of velocity 0."""
+        """State ``(..., 6)`` on the axis at service speed; its velocities are 0."""
         along = np.minimum(
             np.maximum(step * (self.dt * self.ship.speed), 0.0), scenario[..., LENGTH]
         )
@@ -156,11 +162,11 @@ class Channel(Track, verified=True):
         return np.stack([x, y, direction, zero, zero, zero], -1)
 
     def path(self, scenario: np.ndarray) -> np.ndarray:
-        """The axis ``(k, 2)`` of a scenario ``(n,)``."""
+        """Axis ``(k, 2)`` of the channel of a scenario ``(n,)``."""
         return self._axis(scenario)[:, :2]
 
     def edges(self, scenario: np.ndarray) -> np.ndarray:
-        """Outline of the channel ``(2 k, 2)`` of a scenario ``(n,)``: half a beam outside the margins."""
+        """Outline ``(2 k, 2)`` of the channel of a scenario, half a beam outside the margins."""
         x, y, direction = self._axis(scenario).T
         starboard = (self.margin + 0.5 * self.ship.beam) * np.stack(
             [-np.sin(direction), np.cos(direction)], -1
@@ -175,11 +181,11 @@ class Channel(Track, verified=True):
         return np.stack(pose_along(along, np.tile(scenario[_PATH:], (len(along), 1))), -1)
 
     def scenario_of(self, reference: np.ndarray) -> np.ndarray:
-        """The scenarios ``(..., k)`` out of references."""
+        """Scenarios ``(..., k)`` from references."""
         return reference[..., _BESIDE:]
 
     def on_track(self, scenario: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances [m] along their channels, and to starboard of the axes, of ships on their way ``(T, B, 2)``."""
+        """Distances along and to starboard of the axes [m], of positions ``(T, B, 2)``."""
         along, off = np.moveaxis(
             np.array([self._nearest(scenario, now)[..., :2] for now in place]), -1, 0
         )
@@ -188,7 +194,7 @@ class Channel(Track, verified=True):
     def observe_mission(
         self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
-        """The rudder, and the waypoints after the first in ten ship lengths ahead and to starboard ``(..., 15)``."""
+        """Rudder, then waypoints ahead and to starboard in ten ship lengths ``(..., 15)``."""
         points = [in_frame(scenario, scenario[..., i : i + 2]) for i in range(_POINTS, _PATH, 2)]
         scale = 10.0 * self.ship.length
         return np.concatenate(
@@ -198,7 +204,7 @@ class Channel(Track, verified=True):
     # --- how it is scored -------------------------------------------------------------------------
 
     COURSE_TOLERANCE = (
-        0.05  # rad between the axis and the course over ground, that halves its share of the reward
+        0.05  # rad between axis and course over ground that halve its share of the reward
     )
 
     @property
@@ -207,7 +213,7 @@ class Channel(Track, verified=True):
         return 0.25 * self.margin
 
     def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
-        """The farthest distance along the channel so far, rudder and its rate ``(..., 3)``."""
+        """Farthest distance along the channel so far, rudder and its rate ``(..., 3)``."""
         return np.zeros_like(scenario[..., :3])
 
     @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
@@ -215,11 +221,11 @@ class Channel(Track, verified=True):
         self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Reward ``(...)``, end of the episode ``(...)`` and score state ``(..., 3)``, from the truth.
+        """Reward ``(...)``, end ``(...)`` and score state ``(..., 3)``, from the truth.
 
-        A step is worth the share of the channel that it is the first to cover, times how well the
-        ship keeps to the axis and to its direction over ground, and how little steering that takes:
-        the score is at most 1, and neither loitering nor ending early pays.
+        The reward is the share of the channel that a step is the first to cover, times factors for
+        the distance from the axis, the course over ground and the steering. The score is at most 1,
+        and neither loitering nor ending early pays.
         """
         scenario, farthest = self.scenario_of(reference), score_state[..., 0]
         place = self._nearest(scenario, state[..., :2])

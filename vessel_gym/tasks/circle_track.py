@@ -1,4 +1,4 @@
-"""Hold a turning circle as a place on the map: straight on, into the turn and round, whatever sets the ship."""
+"""Hold a turning circle over ground: a straight, a clothoid and rounds."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,16 +13,16 @@ from vessel_gym.tasks.turning_circle import TurningCircle
 HEADING, RATE, CURVATURE, SPEED = range(4)
 """Columns of a scenario."""
 RATE_FINALLY = 3
-"""Column of a reference beside those of `vessel_gym.tasks.track`."""
+"""Column of a reference with the final yaw rate, besides `vessel_gym.tasks.track`."""
 _ABSURD = 1e9  # m: the square of a diverged position stays finite
 
 
 def _clothoid(
     length: np.ndarray, total: np.ndarray, curvature: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """Place and direction on a clothoid whose curvature rises to ``curvature`` over its ``total`` length.
+    """Position and direction on a clothoid whose curvature rises to ``curvature`` over ``total``.
 
-    Series of the Fresnel integrals: to 1e-5 of the length, as it turns by 0.6 rad at most.
+    Series of the Fresnel integrals, with errors of 1e-5 of the length for turns up to 0.6 rad.
     """
     angle = 0.5 * curvature * length * length / total
     square = angle * angle
@@ -32,14 +32,14 @@ def _clothoid(
 
 @dataclass(frozen=True)
 class CircleTrack(Track, TurningCircle, verified=True):
-    """The commanded track leads into a circle: a straight, a clothoid, rounds; a current does not shift it.
+    """The commanded track leads into a circle over ground: a straight, a clothoid, rounds.
 
-    It begins where the ship is put. A scenario (the episode's parameters, drawn at reset) is
-    ``(initial heading [rad], yaw rate of the turn [rad/s], its curvature [1/m], its speed [m/s])``;
-    a reference is that of the track's point nearest to where the ship is believed to be: ``(heading
-    to steer in still water [rad], yaw rate now, yaw rate PREVIEW seconds ahead, final yaw rate,
-    distance to starboard of the track [m], its direction [rad], surge of the steady turn [m/s],
-    believed heading [rad])``.
+    The track begins at the ship's start. A scenario (the episode's parameters, drawn at reset) is
+    ``(initial heading [rad], yaw rate of the turn [rad/s], its curvature [1/m], its speed [m/s])``.
+    A reference belongs to the track's point nearest to the estimated position. It is ``(heading to
+    steer in still water [rad], yaw rate now, yaw rate PREVIEW seconds ahead, final yaw rate
+    [rad/s], distance to starboard of the track [m], its direction [rad], surge of the steady turn
+    [m/s], estimated heading [rad])``.
     """
 
     def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
@@ -48,13 +48,13 @@ class CircleTrack(Track, TurningCircle, verified=True):
 
     @compiled(axes=(0, 0))
     def _turn(self, heading: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """The scenario ``(..., 4)`` of a steady turn with a yaw rate."""
+        """Scenario ``(..., 4)`` of a steady turn with a yaw rate."""
         curvature = np.copysign(np.interp(np.abs(rate), *self._turns[::-1]), rate)
         return np.stack([heading, rate, curvature, rate / curvature], -1)
 
     @compiled(axes=(1, 0, 1))
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """The reference ``(..., 8)`` at a step ``(...)`` of a ship in a state ``(..., 6)``, as in the prior."""
+        """Reference ``(..., 8)`` at a step ``(...)`` for a ship in a state ``(..., 6)``."""
         rate, curvature, slower = (
             scenario[..., RATE],
             scenario[..., CURVATURE],
@@ -75,13 +75,16 @@ class CircleTrack(Track, TurningCircle, verified=True):
         )
 
     def _lengths(self, scenario: np.ndarray) -> tuple[float, np.ndarray]:
-        """Length [m] of the straight, and of the clothoid behind it."""
+        """Lengths [m] of the straight and of the clothoid."""
         return self.lead * self.ship.speed, 0.5 * self.ramp * (
             self.ship.speed + scenario[..., SPEED]
         )
 
     def _nominal_distance(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Distance along the track [m] of a ship that keeps to it, and to its speed, which falls over the ramp."""
+        """Distance [m] along the track of a ship that keeps to track and speed.
+
+        The speed falls over the ramp.
+        """
         elapsed = np.maximum(step * self.dt, 0.0)
         ramping = np.clip(elapsed - self.lead, 0.0, self.ramp)
         turning = 0.5 * ramping * ramping / self.ramp + np.maximum(
@@ -93,36 +96,36 @@ class CircleTrack(Track, TurningCircle, verified=True):
     def _nearest(
         self, scenario: np.ndarray, place: np.ndarray, guess: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        """The point of the track nearest to a place ``(..., 2)``.
+        """Point of the track nearest to a place ``(..., 2)``.
 
         Args:
             scenario: ``(..., 4)``.
-            place: North and east of where the track begins [m].
-            guess: Approximate distance along the track [m]: it tells the rounds from each other and
-                from the way in.
+            place: North and east of the track's beginning [m].
+            guess: Approximate distance along the track [m], which selects among rounds and the
+                approach.
 
         Returns:
-            Distance along the track [m], of the place to starboard of it [m], its direction [rad]
-            and curvature [1/m].
+            Distance along the track [m], distance of the place to starboard of the track [m],
+            direction [rad] and curvature [1/m] of the track.
         """
         heading, curvature = scenario[..., HEADING], scenario[..., CURVATURE]
         lead, ramp = self._lengths(scenario)
         sin, cos = sincos(heading)
         north, east = (np.clip(place[..., i], -_ABSURD, _ABSURD) for i in range(2))
         ahead, aside = north * cos + east * sin, east * cos - north * sin
-        # The circle, where the nearest point lies in the direction next to that of the guess.
+        # The circle: among the rounds, take the nearest point that is closest to the guess.
         forward, sideways, turned = _clothoid(ramp, ramp, curvature)
         sin, cos = sincos(turned)
         x, y = (
             ahead - (lead + forward - sin / curvature),
             aside - (sideways + cos / curvature),
-        )  # from its centre
+        )  # relative to the circle's centre
         expected = turned + curvature * (guess - (lead + ramp))
         round_to = expected + wrapped(np.arctan2(x * curvature, -y * curvature) - expected)
         along = lead + ramp + (round_to - turned) / curvature
         on_circle, off_circle = along >= lead + ramp, 1.0 / np.abs(curvature) - np.sqrt(x**2 + y**2)
-        # The clothoid by Newton's method; before it begins this stays at 0, where it continues the
-        # straight.
+        # The clothoid by Newton's method; before its beginning the length stays at 0, where the
+        # clothoid continues the straight.
         length = np.clip(ahead - lead, 0.0, ramp)
         for _ in range(4):
             forward, sideways, direction = _clothoid(length, ramp, curvature)
@@ -141,14 +144,14 @@ class CircleTrack(Track, TurningCircle, verified=True):
 
     @compiled(axes=(1, 0))
     def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Place and heading of a ship that keeps to the track and its speed, as a state ``(..., 6)`` of velocity 0."""
+        """State ``(..., 6)`` of a ship that keeps to track and speed; its velocities are 0."""
         place, direction = self.track(scenario, self._nominal_distance(scenario, step))
         zero = np.zeros_like(direction)
         return np.stack([place[..., 0], place[..., 1], direction, zero, zero, zero], -1)
 
     @compiled(axes=(1, 0))
     def track(self, scenario: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places ``(..., 2)`` north and east [m], and directions ``(...)``, so far ``along (...)`` [m] the tracks."""
+        """Positions ``(..., 2)`` [m] and directions at distances ``along (...)`` [m] of tracks."""
         curvature = scenario[..., CURVATURE]
         lead, ramp = self._lengths(scenario)
         forward, sideways, turned = _clothoid(np.clip(along - lead, 0.0, ramp), ramp, curvature)
@@ -162,11 +165,11 @@ class CircleTrack(Track, TurningCircle, verified=True):
         return place, scenario[..., HEADING] + direction
 
     def scenario_of(self, reference: np.ndarray) -> np.ndarray:
-        """The scenarios ``(..., 4)`` to which references at their start ``(..., 8)`` belong."""
+        """Scenarios ``(..., 4)`` from references at the start ``(..., 8)``."""
         return self._turn(reference[..., TRACK], reference[..., RATE_FINALLY])
 
     def on_track(self, scenario: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances [m] along their tracks, and to starboard of them, of ships on their way ``(T, B, 2)``."""
+        """Distances along and to starboard of the tracks [m], of positions ``(T, B, 2)``."""
         found, along = [], np.zeros(len(scenario))
         for now in place:
             along, off, _, _ = self._nearest(scenario, now, along)
@@ -175,7 +178,7 @@ class CircleTrack(Track, TurningCircle, verified=True):
         return each, off_track
 
     def path(self, scenario: np.ndarray) -> np.ndarray:
-        """The track ``(k, 2)`` of a scenario ``(4,)``, one circle long."""
+        """Track ``(k, 2)`` of a scenario ``(4,)``, one circle long."""
         lead, circle = (
             self.ship.speed * (self.lead + self.ramp),
             2.0 * np.pi / abs(scenario[CURVATURE]),
@@ -188,21 +191,21 @@ class CircleTrack(Track, TurningCircle, verified=True):
     def observe_mission(
         self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
-        """The rudder and the yaw rate of the turn ``(..., 2)``."""
+        """Rudder and yaw rate of the turn ``(..., 2)``."""
         return np.concatenate([actuators, scenario[..., [RATE]]], -1) / self._known_scales[:2]
 
     # --- how it is scored -------------------------------------------------------------------------
 
-    DISTANCE_TOLERANCE = 10.0  # m from the track, that halves the reward
+    DISTANCE_TOLERANCE = 10.0  # m from the track that halve the reward
     COURSE_TOLERANCE = (
-        0.05  # rad between the track and the course over ground, that halves its share
+        0.05  # rad between track and course over ground that halve its share of the reward
     )
-    COURSE_SHARE = 0.6  # of the factor of course and yaw rate
-    FAR = 3.0  # ship lengths from the track, at which the turn is lost
-    ENOUGH = 0.85  # of the nominal progress that counts as all
+    COURSE_SHARE = 0.6  # share of the course in the factor of course and yaw rate
+    FAR = 3.0  # ship lengths from the track at which the turn is lost
+    ENOUGH = 0.85  # share of the nominal progress that earns the full reward
 
     def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
-        """The scenario, the distance along the track, the farthest one so far, rudder and its rate: ``(..., 8)``."""
+        """Scenario, distance along the track and farthest one, rudder and rate: ``(..., 8)``."""
         return np.concatenate([scenario, np.zeros_like(scenario)], -1)
 
     @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
@@ -210,11 +213,11 @@ class CircleTrack(Track, TurningCircle, verified=True):
         self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., 8)``, from the truth.
+        """Reward in [0, 1] ``(...)``, end ``(...)`` and score state ``(..., 8)``, from the truth.
 
-        Four factors: the distance of the true ship from the track; course over ground and yaw rate,
-        six tenths and four tenths of one factor; the steering; progress along the track. Neither
-        loitering nor ending early pays.
+        The reward has four factors: distance from the track, motion, steering, and progress along
+        the track. The factor of motion is six tenths for the course over ground and four tenths for
+        the yaw rate. Neither loitering nor ending early pays.
         """
         scenario, before, farthest = score_state[..., :4], score_state[..., 4], score_state[..., 5]
         psi, u, v, r = (state[..., i] for i in range(2, 6))

@@ -1,4 +1,4 @@
-"""Dive along a smooth path to a goal, and say when you are there."""
+"""Dive along a smooth path to a goal, and recognise the arrival from the estimate."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -47,27 +47,27 @@ def to_body_axes(vector: Vector, roll: np.ndarray, pitch: np.ndarray, yaw: np.nd
 
 @dataclass(frozen=True)
 class Dive(Task, verified=True):
-    """Common part of all dives: the path, how it is drawn, and how a dive is scored.
+    """Common part of all dives: path, scenarios and score.
 
-    The path is `vessel_gym.guidance.dive_path`'s. A scenario (the episode's parameters, drawn at
-    reset) is ``(angle, length, depth)`` of the path; a reference is where the vehicle believes to
-    be on it, ``(B, 11)``: progress, cross-track and depth error [m], heading and slope of the path
+    The path is that of `vessel_gym.guidance.dive_path`. A scenario (the episode's parameters, drawn
+    at reset) is ``(angle, length, depth)`` of the path. A reference ``(B, 11)`` is the estimated
+    position on the path: progress, cross-track and depth error [m], heading and slope of the path
     there, the vector to the path's point ``ahead`` (north, east, down), and the scenario. The dive
-    is over when the vehicle believes to have covered the path, or has covered it where nobody sees
-    what it believes (see `vessel_gym.core.Core`).
+    ends when the estimated position has covered the path; if no estimate is observed, the true
+    position counts (see `vessel_gym.core.Core`).
     """
 
     auv: AUVParameters
     goal: tuple[float, float, float]  # m north, east and down of the start
-    goal_spread: tuple[float, float, float]  # m, half of the interval from which each is drawn
+    goal_spread: tuple[float, float, float]  # m, half widths of the intervals of random goals
     ahead: float  # m, look-ahead distance
     horizon: int  # steps
     dt: float = 0.1  # s
     launch_depth: float = 2.0  # m of water above the start
     margin: float = 3.0  # m below the goal at which the vehicle is too deep
-    tightest: float = 4.0  # vehicle lengths, least radius that may be asked for
-    widest: float = 1.5 * np.pi  # rad, widest turn that may be asked for
-    steepest: float = np.deg2rad(35.0)  # rad, steepest path that may be asked for
+    tightest: float = 4.0  # vehicle lengths, least radius of an option
+    widest: float = 1.5 * np.pi  # rad, widest turn of an option
+    steepest: float = np.deg2rad(35.0)  # rad, steepest path of an option
 
     def __post_init__(self) -> None:
         title = type(self).__name__
@@ -81,11 +81,11 @@ class Dive(Task, verified=True):
         check_numbers(self, direction="widest", deflection="steepest")
 
     uniforms = 3
-    """Uniform numbers that `scenario` needs."""
+    """Number of uniform random numbers that `scenario` needs."""
     end_reasons = END_REASONS
     success = "arrived"
     perfect = 1.0
-    """Rewards are shares of the score."""
+    """A perfect episode has the score 1."""
 
     # --- what is drawn ----------------------------------------------------------------------------
 
@@ -93,7 +93,7 @@ class Dive(Task, verified=True):
         """Draw scenarios ``(B, 3)`` from uniforms ``(B, 3)``.
 
         Args:
-            uniforms: for the goal.
+            uniforms: Random numbers for the goal.
             options: ``{"goal": (x, y, z)}`` sets the goal [m]: north, east and down of the start.
 
         Raises:
@@ -112,7 +112,7 @@ class Dive(Task, verified=True):
         )
 
     def _checked(self, value: object) -> np.ndarray:
-        """A goal that can be dived to."""
+        """A goal within the vehicle's reach."""
         goal = three_numbers("goal", value, "metres north, east and down", "of the start each way")
         angle, length, depth = (
             arc_to(goal) if np.hypot(goal[0], goal[1]) > 0.0 else (0.0, 0.0, goal[2])
@@ -143,24 +143,24 @@ class Dive(Task, verified=True):
         return goal
 
     def prior(self, scenario: np.ndarray) -> Gaussian:
-        """Prior, level at the path's beginning at cruising speed: mean ``(B, n)``, covariance."""
+        """Prior at the beginning of the path, level at cruise speed."""
         mean = np.zeros((len(scenario), len(self.prior_sd)))
         mean[:, 0] = self.auv.cruise_speed
         return self._spread.about(mean)
 
     @compiled(axes=(1, 0, 1))
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Position relative to the path of a vehicle in a state ``(..., n)``, and the scenario, ``(..., 11)``."""
+        """Position ``(..., 11)`` relative to the path, and scenario, for states ``(..., n)``."""
         return np.concatenate([locate(self.position(state), scenario, self.ahead), scenario], -1)
 
     # --- what the agent sees ----------------------------------------------------------------------
 
     observed: ClassVar[dict[str, float]]
-    """Components of an observation of mode ``"mean"`` with the size that counts as 1 [SI]; actuators follow."""
+    """Components of an observation of mode ``"mean"`` with their scales [SI]; actuators follow."""
 
     @cached_property
     def _gains(self) -> np.ndarray:
-        """Offset and one over the scale of an observation, then of the actuators, ``(2, k)``."""
+        """Offsets and inverse scales ``(2, k)`` of an observation, then of the actuators."""
         fin, thrust = self.auv.fin_limit, 0.5 * self.auv.thrust_limit
         zeros = [self.auv.cruise_speed * (name == "surge error") for name in self.observed]
         sizes = [*self.observed.values(), *(fin,) * (self.actuators - 1), thrust]
@@ -169,26 +169,26 @@ class Dive(Task, verified=True):
     def errors(
         self, state: np.ndarray, flow: np.ndarray, reference: np.ndarray
     ) -> list[np.ndarray]:
-        """The components of ``observed``, ``(...)`` each, in SI, from an estimated state and current."""
+        """Components of ``observed``, ``(...)`` each in SI, from an estimated state and current."""
         raise NotImplementedError
 
     def observe(
         self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
-        """The observation ``(..., k)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
+        """Observation ``(..., k)`` of mode ``"mean"``: errors, estimates, actuators."""
         seen = np.stack(self.errors(estimate.state, estimate.flow, reference), -1)
         offset, gain = self._gains
         return (np.concatenate([seen, actuators], -1) - offset) * gain
 
     def named(self, observations: np.ndarray) -> dict[str, np.ndarray]:
-        """Components of observations ``(B, k)`` of mode ``"mean"`` by name, see ``observed``, ``(B,)`` each in SI."""
+        """Components of observations ``(B, k)`` of mode ``"mean"`` by name, ``(B,)`` each in SI."""
         return {
             name: scale * observations[:, i]
             for i, (name, scale) in enumerate(self.observed.items())
         }
 
     def sizes(self, measurements: int, states: int) -> dict[str, int]:
-        """The lengths of the parts of observations."""
+        """Lengths of the parts of an observation."""
         known = len(self.mission_scale) + self.actuators
         return {
             "guided": len(self.observed) + self.actuators,
@@ -201,32 +201,32 @@ class Dive(Task, verified=True):
     actuators: ClassVar[int]
     """Number of actuators: fins, then thrust."""
     ambient_flows: ClassVar[int]
-    """Components of the current."""
+    """Number of components of the current."""
     mission_scale: ClassVar[tuple[float, ...]]
-    """Sizes that count as 1 of the last components of a scenario, which an observation of raw measurements holds."""
+    """Scales of the last components of a scenario in an observation of raw measurements."""
 
     def observe_mission(
         self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
-        """The scenario and the actuators ``(..., k)``."""
+        """Scenario and actuators ``(..., k)``."""
         mission = scenario[..., -len(self.mission_scale) :] / self.mission_scale
         return np.concatenate([mission, self.scaled(actuators)], -1)
 
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
-        """The estimated state and current ``(..., n + f)``, without guidance."""
+        """Estimated state and current ``(..., n + f)``, without guidance."""
         return np.concatenate([estimate.state / self.state_scale, estimate.flow / 0.25], -1)
 
     where: ClassVar[np.ndarray]
-    """Indices of north, east and down [m] and the pitch [rad] in a state; -1: there is none, it is 0."""
+    """Indices of north, east, down [m] and pitch [rad] in a state; -1: the component is 0."""
 
     def position(self, state: np.ndarray) -> np.ndarray:
-        """North, east and down [m] of a state, ``(..., 3)``."""
+        """North, east and down [m] ``(..., 3)`` of states."""
         return np.stack(
             [state[..., i] if i >= 0 else np.zeros_like(state[..., 0]) for i in self.where[:3]], -1
         )
 
     def scaled(self, actuators: np.ndarray) -> np.ndarray:
-        """Fins relative to their limit and thrust from -1 (none) to 1 (all)."""
+        """Fins relative to their limits, and thrust from -1 (none) to 1 (full)."""
         thrust = 2.0 * actuators[..., -1:] / self.auv.thrust_limit - 1.0
         return np.concatenate([actuators[..., :-1] / self.auv.fin_limit, thrust], -1)
 
@@ -235,36 +235,36 @@ class Dive(Task, verified=True):
     TRACKING = (
         0.7  # share of the score that following the path is worth; arriving is worth the rest
     )
-    TRACK_TOLERANCE = 0.25  # m off the path that halve what a metre of it is worth
+    TRACK_TOLERANCE = 0.25  # m off the path that halve the reward of a metre
     FIN_PRICE = (
         1.0 / 3.0
     )  # of effort; full rate takes a fin from limit to limit in 0.7 s, a ship's rudder in 14 s
     GOAL_TOLERANCE = (
-        0.5  # m off the goal that still count as arrived, and halve what arriving is worth
+        0.5  # m off the goal that still count as arrived, and halve the reward of arriving
     )
-    LOST = 5.0  # m off the path at which it is lost
+    LOST = 5.0  # m off the path at which the episode ends
     PITCH_LIMIT = np.deg2rad(75.0)  # rad: Euler angles have their pole at 90 deg
     HOTEL = (
-        2.0  # power of everything but the propeller, relative to the propeller's at cruising speed
+        2.0  # power of everything but the propeller, relative to the propeller's at cruise speed
     )
-    FASTEST = 3.0  # progress that counts, relative to cruising speed
+    FASTEST = 3.0  # largest progress that counts, relative to cruise speed
 
     def scenario_of(self, reference: np.ndarray) -> np.ndarray:
-        """The scenario ``(..., 3)`` out of references ``(..., 11)``."""
+        """Scenarios ``(..., 3)`` from references ``(..., 11)``."""
         return reference[..., 8:]
 
     def over(self, reference: np.ndarray) -> np.ndarray:
-        """Is the path covered? ``(...)``."""
+        """Has the position covered the path ``(...)``?"""
         return reference[..., 0] >= reference[..., 9]
 
     def power(self, actuators: np.ndarray) -> np.ndarray:
-        """Power ``(...)`` of propeller and hotel load for actuators ``(..., a)``, relative to cruising."""
+        """Power ``(...)`` of propeller and hotel load relative to cruise."""
         propeller = (actuators[..., -1] / self.auv.cruise_thrust) ** 1.5
         return (self.HOTEL + propeller) / (self.HOTEL + 1.0)
 
     @compiled
     def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
-        """The farthest progress [m], energy used [s at cruising power], fins [rad] and their rates, ``(..., k)``."""
+        """Farthest progress [m], energy [s of cruise], fins [rad] and their rates ``(..., k)``."""
         progress = locate(self.position(state), scenario, 0.0)[..., 0]
         used = np.stack([np.clip(progress, 0.0, scenario[..., 1]), np.zeros_like(progress)], -1)
         return np.concatenate([used, np.zeros_like(state[..., : 2 * (self.actuators - 1)])], -1)
@@ -274,12 +274,12 @@ class Dive(Task, verified=True):
         self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., k)``, from the truth.
+        """Reward in [0, 1] ``(...)``, end ``(...)`` and score state ``(..., k)``, from the truth.
 
-        Every metre of the path pays once, when it is first covered, and the more the closer the
-        vehicle is to the path and the steadier its fins: staying, going back and circling pay
-        nothing. Arriving pays by the distance to the goal and by the energy that a dive at cruising
-        speed would take over that used, so that waiting costs. Ending early forgoes the rest.
+        Every metre of the path pays once, when it is first covered. The pay rises with the
+        closeness to the path and the steadiness of the fins; staying, going back and circling pay
+        nothing. Arriving pays by the distance to the goal, and by the energy of a dive at cruise
+        speed over the energy used, so that waiting costs. Ending early forgoes the rest.
         """
         scenario, position, farthest = (
             self.scenario_of(reference),
@@ -324,7 +324,7 @@ class Dive(Task, verified=True):
 
 @dataclass(frozen=True)
 class SpatialDive(Dive, verified=True):
-    """A dive of a vehicle with six degrees of freedom, whose state is `vessel_gym.vehicles.segorogeni.STATE`."""
+    """Dive with six degrees of freedom; the state is `vessel_gym.vehicles.segorogeni.STATE`."""
 
     where = np.array([6, 7, 8, 10])
     prior_sd = (0.05,) * 3 + (0.02,) * 3 + (0.2,) * 3 + (0.05,) * 3
@@ -345,7 +345,7 @@ class SpatialDive(Dive, verified=True):
     def errors(
         self, state: np.ndarray, flow: np.ndarray, reference: np.ndarray
     ) -> list[np.ndarray]:
-        """The components of ``observed``: vectors to the path and ahead and the current in body axes, then the rest."""
+        """Components of ``observed``; vectors to path, ahead, and of the current come first."""
         progress, cross, depth, heading, slope, north, east, down = (
             reference[..., i] for i in range(8)
         )
@@ -370,7 +370,7 @@ class SpatialDive(Dive, verified=True):
 
 @dataclass(frozen=True)
 class VerticalDive(Dive, verified=True):
-    """A dive in the vertical plane, of a vehicle whose state is `vessel_gym.vehicles.itsunusa.STATE`."""
+    """Dive in the vertical plane; the state is `vessel_gym.vehicles.itsunusa.STATE`."""
 
     where = np.array([3, -1, 4, 5])
     prior_sd = (0.05, 0.05, 0.02, 0.2, 0.2, 0.05)
@@ -396,7 +396,7 @@ class VerticalDive(Dive, verified=True):
 
     @compiled(axes=(1, 0))
     def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """The angle of the path [rad] where a vehicle at the cruising speed would be, upwards, ``(..., 1)``."""
+        """Path angle [rad] ``(..., 1)``, upwards, at the place of a vehicle at cruise speed."""
         length, depth = scenario[..., 1], scenario[..., 2]
         share = np.minimum(step * (self.dt * self.auv.cruise_speed) / length, 1.0)
         return np.stack([-np.arctan(6.0 * depth * share * (1.0 - share) / length)], -1)
@@ -404,7 +404,7 @@ class VerticalDive(Dive, verified=True):
     def errors(
         self, state: np.ndarray, flow: np.ndarray, reference: np.ndarray
     ) -> list[np.ndarray]:
-        """The components of ``observed``: vectors to the path and ahead and the current in body axes, then the rest."""
+        """Components of ``observed``; vectors to path, ahead, and of the current come first."""
         progress, _, depth, _, slope, ahead, _, down = (reference[..., i] for i in range(8))
         surge, heave, rate, _, _, pitch = (state[..., i] for i in range(6))
         sin, cos, current = np.sin(pitch), np.cos(pitch), flow[..., 0]

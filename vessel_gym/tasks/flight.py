@@ -25,14 +25,14 @@ END_REASONS = (
 _ARRIVED, _MISSED, _HIT, _STALLED, _CRASHED, _OFF, _HEIGHT = range(1, len(END_REASONS))
 
 SEGMENTS = 16
-"""Arcs and straights of a path at most."""
+"""Largest number of arcs and straights in a path."""
 OBSTACLES = 5
-"""Obstacles at most."""
+"""Largest number of obstacles."""
 _PATH = COLUMNS * SEGMENTS
 _CENTRE_X, _CENTRE_Y, _RADIUS = (
     slice(i, None, 3) for i in range(-3 * OBSTACLES, 3 - 3 * OBSTACLES)
 )
-_WHERE = 6  # numbers of a reference before its scenario
+_WHERE = 6  # numbers of a reference before the scenario
 _NEAR = 40.0  # m
 _ALTITUDES = np.nextafter(50.0, 0.0), np.nextafter(1000.0, 2000.0)  # m, both left out
 _OPTIONS = ("start", "goal", "obstacles", "altitude")
@@ -40,27 +40,28 @@ _OPTIONS = ("start", "goal", "obstacles", "altitude")
 
 @dataclass(frozen=True)
 class Flight(Task, verified=True):
-    """A flight along a Dubins path round circular obstacles, of an aircraft whose state is `vehicles.puna.STATE`.
+    """Flight along a Dubins path round obstacles; the state is `vehicles.puna.STATE`.
 
-    A scenario (the episode's parameters, drawn at reset) is ``(97,)``: 16 segments of the path (x,
-    y, heading, curvature, length; those of length 0 fill up), its length, the commanded altitude,
-    and 5 obstacles (x, y, radius; radius 0: none). A reference is where the aircraft believes to be
-    on it, ``(103,)``: progress, cross-track and altitude error [m], heading of the path there, its
-    mean curvatures ahead (over the next 20 m, and from 20 to 60 m on), and the scenario.
+    A scenario ``(97,)`` (the episode's parameters, drawn at reset) has 16 segments of the path (x,
+    y, heading, curvature, length; padded by segments of length 0), the length of the path, the
+    commanded altitude, and 5 obstacles (x, y, radius; radius 0: none). A reference ``(103,)`` is
+    the estimated position on the path: progress, cross-track and altitude error [m], heading of the
+    path there, mean curvatures of the path ahead (over the next 20 m, and from 20 to 60 m), and the
+    scenario.
 
-    The flight is over when the aircraft believes to have covered the path, or has covered it where
-    nobody sees what it believes (see `vessel_gym.core.Core`).
+    The flight ends when the estimated position has covered the path; if no estimate is observed,
+    the true position counts (see `vessel_gym.core.Core`).
     """
 
     body: PunaParameters
     radius: float = (
         130.0  # m, turn radius of the path: 26 deg of bank in a tail wind of 5 m/s, out of 35
     )
-    margin: float = 20.0  # m, that the path keeps from obstacles
+    margin: float = 20.0  # m, distance of the path from obstacles
     distance: tuple[float, float] = (600.0, 900.0)  # m from start to goal
     altitudes: tuple[float, float] = (80.0, 120.0)  # m, commanded
     obstacle_radius: tuple[float, float] = (30.0, 60.0)  # m
-    ahead: tuple[float, float] = (20.0, 60.0)  # m: within the first, the bank follows a command
+    ahead: tuple[float, float] = (20.0, 60.0)  # m, look-ahead; in the first, the bank can follow
     horizon: int = 900  # steps
     dt: float = 0.1  # s
 
@@ -73,30 +74,29 @@ class Flight(Task, verified=True):
 
     prior_sd = (1.0, 1.0, 1.0, 0.5, 0.5, 0.3, 0.02)
     uniforms = 14
-    """Uniform numbers that `scenario` needs."""
+    """Number of uniform random numbers that `scenario` needs."""
     end_reasons = END_REASONS
     success = "arrived"
     perfect = 1.0
-    """Rewards are shares of the score."""
+    """A perfect episode has the score 1."""
 
     # --- what is drawn ----------------------------------------------------------------------------
 
     def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """Draw scenarios ``(B, 97)`` from uniforms ``(B, 14)``.
 
-        The start is the origin, on any heading. The goal lies within 90 deg of that, and is to be
-        reached on a heading within 90 deg of the direct way. Three obstacles lie along the direct
-        way, up to 80 m beside it; the last ones are left out if no path round them all is found.
+        The start is the origin, on any heading. The goal lies within 90 deg of that heading, and
+        its heading within 90 deg of the direct way. Three obstacles lie along the direct way, up to
+        80 m beside it; the last ones are left out if no path round all three is found.
 
         Args:
-            uniforms: for the poses, the altitude and the obstacles.
+            uniforms: Random numbers for the poses, the altitude and the obstacles.
             options: ``{"start": (x, y, heading), "goal": (x, y, heading), "obstacles": [(x, y,
-                radius), ...], "altitude": h}`` set what would be drawn. With obstacles but no
-                poses, these are (0, 0, 0) and (750, 0, 0).
+                radius), ...], "altitude": h}`` replace random values. With obstacles but no poses,
+                these are (0, 0, 0) and (750, 0, 0).
 
         Raises:
-            ValueError: for an unknown option, a value out of its range, or poses that no path
-                joins.
+            ValueError: for an unknown option, a value out of range, or poses that no path joins.
         """
         for option in options:
             one_of("reset option", option, _OPTIONS)
@@ -109,7 +109,7 @@ class Flight(Task, verified=True):
         altitude = None
         if "altitude" in options:
             altitude = number("altitude", options["altitude"], *_ALTITUDES, "between 50 and 1000 m")
-        if fixed is not None:  # the same for all: planned once
+        if fixed is not None:  # one scene for all rows, planned once
             scenarios, errors = self._planned(
                 given["start"][None], given["goal"][None], fixed[None]
             )
@@ -125,7 +125,7 @@ class Flight(Task, verified=True):
         return scenarios
 
     def _drawn(self, uniforms: np.ndarray, given: dict[str, np.ndarray]) -> np.ndarray:
-        """Courses ``(B, 97)`` from uniforms ``(B, 14)`` and the poses that are given."""
+        """Scenarios ``(B, 97)`` without altitudes, from uniforms ``(B, 14)`` and given poses."""
         rows, nowhere = len(uniforms), np.zeros(len(uniforms))
         start = np.stack([nowhere, nowhere, np.pi * (2.0 * uniforms[:, 0] - 1.0)], -1)
         start = np.broadcast_to(given.get("start", start), (rows, 3))
@@ -163,7 +163,7 @@ class Flight(Task, verified=True):
     def _planned(
         self, start: np.ndarray, goal: np.ndarray, obstacles: np.ndarray
     ) -> tuple[np.ndarray, dict[int, ValueError]]:
-        """Courses ``(B, 97)`` between poses ``(B, 3)`` round obstacles; by row, why one cannot be flown."""
+        """Scenarios ``(B, 97)`` between poses ``(B, 3)`` round obstacles, and errors by row."""
         rows, segments = len(start), np.zeros((len(start), SEGMENTS + 1, COLUMNS))
         planned, _, errors = plans(start, goal, self.radius, obstacles + [0.0, 0.0, self.margin])
         segments[:, : planned.shape[1]] = planned[:, : SEGMENTS + 1]
@@ -181,7 +181,7 @@ class Flight(Task, verified=True):
 
     @compiled(axes=(2, 2))
     def _listed(self, segments: np.ndarray, obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Courses ``(..., 97)`` without their altitude, and the mask of paths ``(..., 17, 5)`` that are surely fit."""
+        """Scenarios ``(..., 97)`` without altitudes, and mask of certainly valid paths."""
         heading, lengths = segments[..., 2], segments[..., 4]
         some, after, total = (
             lengths > 0.0,
@@ -190,7 +190,7 @@ class Flight(Task, verified=True):
         )
         least = np.minimum(np.where(some, heading, np.inf), np.where(some, after, np.inf)).min(-1)
         most = np.maximum(np.where(some, heading, -np.inf), np.where(some, after, -np.inf)).max(-1)
-        # So far it gets along the middle heading: it does not come back.
+        # The least way along the middle heading: beyond `_NEAR`, the path does not come back.
         away = 0.45 * np.pi * self.radius * np.cos(0.5 * np.minimum(most - least, np.pi)) > _NEAR
         fit = (total >= self.radius) & (total <= self._farthest) & ~some[..., SEGMENTS] & away
         flown = [segments[..., i, :] for i in range(SEGMENTS)]
@@ -203,7 +203,7 @@ class Flight(Task, verified=True):
 
     @cached_property
     def _farthest(self) -> float:
-        """Length [m] of the longest path."""
+        """Length [m] of the longest permitted path."""
         return 0.8 * self.horizon * self.dt * self.body.cruise_speed
 
     def _unfit(self, path: Path) -> ValueError | None:
@@ -223,7 +223,10 @@ class Flight(Task, verified=True):
         return None
 
     def _comes_back(self, path: Path) -> bool:
-        """Do two places a quarter of a circle or more apart along the path lie within 40 m, on like headings?"""
+        """Does the path come within 40 m of an earlier place on a similar heading?
+
+        Places count as different if a quarter of a circle or more lies between them.
+        """
         x, y, heading = path.sample(5.0).T
         i, j = np.nonzero((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2 < _NEAR**2)
         later = j - i > 0.1 * np.pi * self.radius
@@ -254,10 +257,9 @@ class Flight(Task, verified=True):
         return obstacles
 
     def prior(self, scenario: np.ndarray) -> Gaussian:
-        """Prior, level at the path's beginning at cruising speed: mean ``(B, 7)``, covariance.
+        """Prior at the beginning of the path, level at cruise speed: mean ``(B, 7)``, covariance.
 
-        The aircraft flies along the path through the air; the wind, which nobody knows, carries it
-        along.
+        The aircraft moves along the path through the air; an unknown wind carries it.
         """
         mean = np.zeros((len(scenario), 7))
         mean[:, :2], mean[:, 2] = scenario[:, :2], scenario[:, _PATH + 1]
@@ -267,7 +269,7 @@ class Flight(Task, verified=True):
 
     @compiled(axes=(1, 0, 1))
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Position relative to the path of an aircraft in a state ``(..., n)``, and the scenario, ``(..., 103)``."""
+        """Position ``(..., 103)`` relative to the path, and scenario, for states ``(..., n)``."""
         pose = np.stack(
             [state[..., 0], state[..., 1], np.arctan2(state[..., 4], state[..., 3])], -1
         )
@@ -284,22 +286,24 @@ class Flight(Task, verified=True):
         "wind down": (0.0, 1.0), "bank": (0.0, 0.5), "obstacles ahead": (0.0, 1.0),
         "obstacles to starboard": (0.0, 1.0), "remaining": (0.0, 500.0),
     }  # fmt: skip
-    """Components of an observation of mode ``"mean"``: what counts as 0 and the size that counts as 1 [SI];
-    actuators follow."""
+    """Components of an observation of mode ``"mean"`` with offsets and scales [SI].
+
+    Actuators follow.
+    """
 
     @cached_property
     def _gains(self) -> np.ndarray:
-        """Offset and one over the scale of an observation ``(2, 15)``."""
+        """Offsets and inverse scales ``(2, 15)`` of an observation."""
         offsets, scales = np.array(list(self.observed.values())).T
         return np.array([offsets, 1.0 / scales])
 
     def named(self, observations: np.ndarray) -> dict[str, np.ndarray]:
-        """Components of observations ``(B, k)`` of mode ``"mean"`` by name, see ``observed``, ``(B,)`` each in SI."""
+        """Components of observations ``(B, k)`` of mode ``"mean"`` by name, ``(B,)`` each in SI."""
         listed = enumerate(self.observed.items())
         return {name: offset + scale * observations[:, i] for i, (name, (offset, scale)) in listed}
 
     def sizes(self, measurements: int, states: int) -> dict[str, int]:
-        """The lengths of the parts of observations."""
+        """Lengths of the parts of an observation."""
         known = _PATH + 1 + 3 * OBSTACLES + 3
         return {
             "guided": len(self.observed) + 3, "unguided": len(self.std_scale) + 3 + known, "std": states,
@@ -307,7 +311,7 @@ class Flight(Task, verified=True):
         }  # fmt: skip
 
     def scaled(self, actuators: np.ndarray) -> np.ndarray:
-        """Thrust, angle of attack and bank command as the action has them: 0 cruising, -1 and 1 at their limits."""
+        """Thrust, angle of attack and bank command in the scale of the action: 0 for cruise."""
         return self.body.actions(actuators)
 
     std_scale: ClassVar[tuple[float, ...]] = (1.0,) * 3 + (0.2,) * 3 + (0.02,)
@@ -321,7 +325,7 @@ class Flight(Task, verified=True):
     def observe(
         self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
-        """The observation ``(..., 18)`` of mode ``"mean"``, before clipping: errors, estimates, actuators."""
+        """Observation ``(..., 18)`` of mode ``"mean"``: errors, estimates, actuators."""
         north, east, climb, bank = (estimate.state[..., i] for i in range(3, 7))
         wind_north, wind_east, wind_down = (estimate.flow[..., i] for i in range(3))
         progress, cross, above, heading, curvature, later = (
@@ -354,34 +358,34 @@ class Flight(Task, verified=True):
         return np.concatenate([mission, self.scaled(actuators)], -1)
 
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
-        """The estimated state and wind ``(..., 10)``, without guidance."""
+        """Estimated state and wind ``(..., 10)``, without guidance."""
         state = (estimate.state - self.STATE_OFFSET) / self.STATE_SCALE
         return np.concatenate([state, estimate.flow / 5.0], -1)
 
     STATE_SCALE = np.array([100.0, 100.0, 20.0, 20.0, 20.0, 1.0, 0.5])
     STATE_OFFSET = np.array([0.0, 0.0, 100.0, 0.0, 0.0, 0.0, 0.0])
-    """Sizes that count as 1 of the state's components, and what counts as 0, where they are observed as they are."""
+    """Offsets and scales of the state in observations without guidance."""
 
     # --- how it is scored -------------------------------------------------------------------------
 
     TRACKING = (
         0.7  # share of the score that following the path is worth; arriving is worth the rest
     )
-    TRACK_TOLERANCE = 3.0  # m off the path in plan that halve what a metre of it is worth
-    ALTITUDE_TOLERANCE = 1.5  # m off the commanded altitude that do so
-    BERTH = 10.0  # m from an obstacle, within which a metre is worth less and less
+    TRACK_TOLERANCE = 3.0  # m off the path in plan that halve the reward of a metre
+    ALTITUDE_TOLERANCE = 1.5  # m off the commanded altitude that halve the reward of a metre
+    BERTH = 10.0  # m from an obstacle within which the reward of a metre falls to 0
     GOAL_TOLERANCE = (
-        8.0  # m off the goal in plan that still count as arrived, and halve what arriving is worth
+        8.0  # m off the goal in plan that still count as arrived, and halve the reward of arriving
     )
-    LOST = 100.0  # m off the path in plan at which it is lost
-    HEIGHT_LOST = 40.0  # m off the commanded altitude at which it is
+    LOST = 100.0  # m off the path in plan at which the episode ends
+    HEIGHT_LOST = 40.0  # m off the commanded altitude at which the episode ends
     STALL = 10.0  # m/s of airspeed: level flight takes 9
-    FASTEST = 2.0  # progress that counts, relative to cruising speed
-    WINDOW = 50.0  # m of path about the farthest progress where the aircraft is looked for
+    FASTEST = 2.0  # largest progress that counts, relative to cruise speed
+    WINDOW = 50.0  # m of path about the farthest progress in which the nearest point is sought
 
     @compiled
     def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
-        """The farthest progress [m], the last commands and their changes, ``(..., 7)``."""
+        """Farthest progress [m], last commands and their changes ``(..., 7)``."""
         zero = np.zeros_like(state[..., 0])
         progress = np.maximum(self.track(state, scenario, zero)[..., 0], 0.0)
         return np.stack([progress, *(zero,) * 6], -1)
@@ -391,12 +395,12 @@ class Flight(Task, verified=True):
         self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., 7)``, from the truth.
+        """Reward in [0, 1] ``(...)``, end ``(...)`` and score state ``(..., 7)``, from the truth.
 
-        Every metre of the path pays once, when it is first covered, and the more the closer the
-        aircraft is to the path and to its altitude, the smoother its commands and the clearer of
-        obstacles: waiting, circling and short cuts pay nothing. Arriving pays by the distance to
-        the goal and the share of the path that was covered.
+        Every metre of the path pays once, when it is first covered. The pay rises with the
+        closeness to path and altitude, the smoothness of commands and the distance from obstacles;
+        waiting, circling and short cuts pay nothing. Arriving pays by the distance to the goal and
+        the covered share of the path.
         """
         scenario, farthest, last = (
             self.scenario_of(reference),
@@ -434,7 +438,7 @@ class Flight(Task, verified=True):
 
     @compiled(axes=(1, 1, 0))
     def track(self, state: np.ndarray, scenario: np.ndarray, farthest: np.ndarray) -> np.ndarray:
-        """Positions of states ``(..., n)`` on the path near the farthest progress [m]."""
+        """Positions of states ``(..., n)`` on the path, near the farthest progress [m]."""
         x, y, zero = state[..., 0], state[..., 1], np.zeros_like(state[..., 0])
         window = np.stack([farthest - self.WINDOW, farthest + self.WINDOW, zero], -1)
         return locate(
@@ -442,24 +446,24 @@ class Flight(Task, verified=True):
         )
 
     def over(self, reference: np.ndarray) -> np.ndarray:
-        """Is the path covered? ``(...)``."""
+        """Has the position covered the path ``(...)``?"""
         return reference[..., 0] >= reference[..., _WHERE + _PATH]
 
     def scenario_of(self, reference: np.ndarray) -> np.ndarray:
-        """The scenario ``(..., 97)`` out of references ``(..., 103)``."""
+        """Scenarios ``(..., 97)`` from references ``(..., 103)``."""
         return reference[..., _WHERE:]
 
     def length_of(self, scenario: np.ndarray) -> np.ndarray:
-        """The length [m] of the path of scenarios, ``(...)``."""
+        """Length [m] of the path of scenarios ``(...)``."""
         return scenario[..., _PATH]
 
     def altitude_of(self, scenario: np.ndarray) -> np.ndarray:
-        """The commanded altitude [m] of courses, ``(...)``."""
+        """Commanded altitude [m] of scenarios ``(...)``."""
         return scenario[..., _PATH + 1]
 
     @compiled
     def clearance(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
-        """Distance [m] of states ``(..., n)`` from the nearest obstacle's edge, ``(...)``; infinite without."""
+        """Distance [m] of states ``(..., n)`` from the nearest obstacle; infinite without one."""
         radius = scenario[..., _RADIUS]
         distance = (
             np.hypot(
@@ -472,7 +476,7 @@ class Flight(Task, verified=True):
 
     @compiled
     def goal(self, scenario: np.ndarray) -> np.ndarray:
-        """The end of the path, ``(..., 3)``: x, y [m], heading [rad]."""
+        """End of the path ``(..., 3)``: x, y [m], heading [rad]."""
         final = scenario[..., :COLUMNS]
         for k in range(COLUMNS, _PATH, COLUMNS):
             segment = scenario[..., k : k + COLUMNS]
@@ -481,7 +485,10 @@ class Flight(Task, verified=True):
 
 
 def _obstacles_near(state: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Sums of vectors to obstacles, ahead and to starboard: the nearer the edge, the longer, and 0 beyond 100 m."""
+    """Sums of vectors to obstacles, ahead and to starboard.
+
+    A vector is the longer the nearer the obstacle's edge is, and 0 beyond 100 m.
+    """
     x, y, radius = (reference[..., columns] for columns in (_CENTRE_X, _CENTRE_Y, _RADIUS))
     dx, dy, scenario = (
         x - state[..., :1],

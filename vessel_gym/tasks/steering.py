@@ -1,4 +1,4 @@
-"""Base of the tasks of a ship: her time scale, the yaw rates of her steady turns, and the scales of observations."""
+"""Base of the tasks of a ship: time scale, yaw rates of steady turns, scales of observations."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +14,7 @@ from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 
 def wrapped(angle: np.ndarray) -> np.ndarray:
-    """An angle in (-pi, pi]; one within half a turn of 0 keeps its digits."""
+    """Angle in (-pi, pi]; angles within half a turn of 0 keep all digits."""
     return angle + 2.0 * np.pi * np.floor(0.5 - angle / (2.0 * np.pi))
 
 
@@ -23,7 +23,7 @@ class Steering(Task):
     """Base of the tasks in which a ship is steered by her rudder."""
 
     ship: CorvetteParameters
-    pace: float = 1.0  # how many times as long as the corvette the ship takes to sail its length
+    pace: float = 1.0  # time to sail the ship's own length, relative to the corvette's
     horizon: int = 600  # steps
 
     def __post_init__(self) -> None:
@@ -38,15 +38,15 @@ class Steering(Task):
 
     @property
     def preview(self) -> float:
-        """Time [s] by which the command is seen ahead."""
+        """Time [s] by which the observed command is ahead."""
         return 10.0 * self.pace
 
     def yaw_rate(self, radius: np.ndarray) -> np.ndarray:
-        """The yaw rate [rad/s] of the steady turn with a signed radius [m]."""
+        """Yaw rate [rad/s] of the steady turn with a signed radius [m]."""
         return self.turning(1.0 / radius)
 
     def turning(self, curvature: np.ndarray) -> np.ndarray:
-        """The yaw rate [rad/s] of the steady turn with a signed curvature [1/m]."""
+        """Yaw rate [rad/s] of the steady turn with a signed curvature [1/m]."""
         return np.copysign(np.interp(np.abs(curvature), *self._turns), curvature)
 
     @cached_property
@@ -56,11 +56,11 @@ class Steering(Task):
         return 1.0 / turns.radius, turns.yaw_rate
 
     def smooth(self, actuators: np.ndarray, before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Factor of the reward for the steering ``(...)``, and the score state of the next step ``(..., 2)``.
+        """Factor of the reward for the steering ``(...)``, and next score state ``(..., 2)``.
 
         Args:
-            actuators: The rudder [rad] ``(..., 1)``.
-            before: The rudder after the step before and its rate then, as a share of the full one
+            actuators: Rudder [rad] ``(..., 1)``.
+            before: Rudder [rad] after the step before, and its rate as a share of the full rate
                 ``(..., 2)``.
         """
         rate = (actuators - before[..., :1]) / (self.ship.rudder_rate * self.dt)
@@ -75,12 +75,12 @@ class Steering(Task):
 
     @property
     def rate_scale(self) -> float:
-        """Of errors and uncertainty of the yaw rate [rad/s]."""
+        """Scale [rad/s] of errors and standard deviations of the yaw rate."""
         return 0.01 / self.pace
 
     @property
     def command_scale(self) -> float:
-        """Of the commanded yaw rate [rad/s]."""
+        """Scale [rad/s] of the commanded yaw rate."""
         return 0.04 / self.pace
 
     @cached_property

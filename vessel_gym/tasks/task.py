@@ -1,4 +1,4 @@
-"""The interface of a task, with defaults for all but its score: the start of one of your own (docs/own-task.md)."""
+"""The interface of a task, with defaults for all but the score; see docs/own-task.md."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +14,7 @@ from vessel_gym.vehicles.vehicle import Vehicle
 from vessel_gym.verified import Verified
 
 FARTHEST = 1e5
-"""m: a place beyond is a slip, in the unit or the origin."""
+"""Farthest place [m]: a larger number is an error of the unit or the origin."""
 
 
 @dataclass(slots=True, eq=False)
@@ -22,13 +22,14 @@ class Estimate:
     """Part of a belief that a task observes.
 
     Attributes:
-        state: ``(B, n)`` the vehicle's state, as in the prior.
-        flow: ``(B, f)`` what carries it; 0 where the filter knows of none.
-        input_mean: ``(B, q)`` the unknown input; None: the filter estimates none.
-        sd: ``(B, m)`` standard deviations of the state, then of all else that the filter estimates;
-            like the next two only where they are observed.
-        input_sd: ``(B, q)`` of the unknown input.
-        scale: ``(m - n,)`` sizes of all else that count as 1.
+        state: ``(B, n)`` state of the vehicle, with the components of the prior.
+        flow: ``(B, f)`` ambient flow; 0 where the filter estimates none.
+        input_mean: ``(B, q)`` unknown input; None if the filter estimates none.
+        sd: ``(B, m)`` standard deviations of all that the filter estimates, the state first; None
+            unless observed.
+        input_sd: ``(B, q)`` standard deviations of the unknown input; None unless observed.
+        scale: ``(m - n,)`` standard deviations that count as 1 behind those of the state; None
+            unless observed.
     """
 
     state: np.ndarray
@@ -40,46 +41,50 @@ class Estimate:
 
 
 class Task(Verified):
-    """A mission. This one draws nothing, guides nobody and goes on until time is up.
+    """Base class of missions; its defaults draw nothing, give no guidance and never end an episode.
 
-    `score` is yours, and so is the rest. Where no others are given, observations are the estimate
-    or the measurements, the scenario and the actuators, as they are but for the scales. ``observe``
-    has no parameter through which truth could come; ``score`` alone reads it.
+    A subclass must define `score` and may override all else. Default observations are the estimate
+    or the measurements, the scenario and the actuators, divided by their scales. The truth enters
+    ``score`` alone; no argument of an ``observe`` method carries it.
 
-    A task may have ``exogenous(scenario, step)``, too: what it adds to the increments and flows of
-    the disturbance over the coming step ``(B, f)``.
+    A task may also have ``exogenous(scenario, step)``, which returns an addition ``(B, f)`` to the
+    disturbance's increments and flows over the coming step.
     """
 
     vehicle: Vehicle
     horizon: int = 500
     """Steps of a full episode."""
     uniforms: int = 0
-    """Uniform numbers that `scenario` needs."""
+    """Number of uniform random numbers that `scenario` needs."""
     end_reasons: tuple[str, ...] = ("",)
-    """Reasons for an episode's end by number; number 0 is that it goes on."""
+    """Reasons for an episode's end by number; number 0 means that the episode goes on."""
     success: str = ""
-    """The one of ``end_reasons`` that means success; empty where success is to go on to the time limit."""
+    """Entry of ``end_reasons`` that means success; empty if reaching the time limit is success."""
     commanding: ClassVar[slice | list[int] | None] = None
-    """Columns of a reference that hold what is `commanded`, for verified tasks; None: none do."""
+    """Columns of a reference that hold `commanded`, for verified tasks; None: no commands."""
     BOUND = 10.0
     """Observations are scaled to be of order 1 and clipped to +-10."""
     prior_sd: ClassVar[tuple[float, ...]]
-    """Standard deviations of what filters estimate of the vehicle, at the start."""
+    """Standard deviations of the vehicle's estimated components at the start."""
     state_scale: ClassVar[tuple[float, ...]]
-    """Sizes that count as 1 of these."""
+    """Sizes of the vehicle's estimated components that count as 1."""
     std_scale: ClassVar[tuple[float, ...]]
-    """Standard deviations of them that count as 1."""
+    """Standard deviations of the vehicle's estimated components that count as 1."""
 
     @property
     def perfect(self) -> float:
-        """Sum of the rewards of a perfect episode: 1 a step."""
+        """Sum of the rewards of a perfect episode; default: 1 for each step of the horizon."""
         return float(self.horizon)
 
     def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
-        """Draw scenarios at reset, ``(B, k)``: the uniform numbers ``(B, uniforms)`` themselves; there are no options.
+        """Scenarios ``(B, k)``, drawn at reset; default: the uniform numbers ``(B, uniforms)``.
+
+        Args:
+            uniforms: ``(B, uniforms)`` random numbers in [0, 1].
+            options: Reset options; the default has none.
 
         Raises:
-            ValueError: for an option.
+            ValueError: for an option that the task does not have.
         """
         for option in options:
             raise ValueError(unknown("reset option", option, ()))
@@ -87,32 +92,38 @@ class Task(Verified):
 
     @cached_property
     def _spread(self) -> Gaussian:
-        """The prior's covariance, about zero."""
+        """Prior about zero."""
         return Gaussian(np.zeros(len(self.prior_sd)), np.diag(self.prior_sd) ** 2)
 
     def prior(self, scenario: np.ndarray) -> Gaussian:
-        """Prior of the vehicle's state: mean ``(B, n)``, covariance ``(n, n)``.
+        """Prior of the vehicle's state: mean ``(B, n)`` and covariance ``(n, n)``.
 
-        Where it cruises, within ``prior_sd``.
+        Default: the cruising vehicle, with standard deviations ``prior_sd``.
         """
         mean, _ = self.vehicle.cruise
         return Gaussian(np.tile(mean, (len(scenario), 1)), np.diag(self.prior_sd) ** 2)
 
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Reference at a step, for a vehicle that is (or is estimated to be) in a state ``(B, n)``, as in the prior.
+        """Reference ``(B, r)`` at a step, for a vehicle in a true or estimated state ``(B, n)``.
 
-        The scenario ``(B, k)``.
+        Default: the scenario ``(B, k)``. The state has the components of the prior.
         """
         return scenario
 
     def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray | None:
-        """Commands that filters know besides the actuators; None: none."""
+        """Commands ``(B, c)`` that filters know besides the actuators; default: None."""
         return None
 
     def sizes(self, measurements: int, states: int) -> dict[str, int]:
-        """Lengths of the parts of observations, by what follows, of so many measurements and states of the filter.
+        """Lengths of the parts of an observation; the default evaluates each part once.
 
-        By looking at them.
+        Args:
+            measurements: Number of measurements.
+            states: Number of the filter's states.
+
+        Returns:
+            Lengths of ``"guided"``, ``"unguided"``, ``"std"``, ``"measurements"`` and
+            ``"mission"``.
         """
         vehicle = self.vehicle
         scenario = self.scenario(np.full((1, self.uniforms), 0.5), {})
@@ -133,24 +144,29 @@ class Task(Verified):
     def observe(
         self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
-        """``"guided"``: how to go on from the estimate, and the actuators.
+        """Part ``"guided"`` ``(B, k)``: guidance from the estimate, and the actuators.
 
-        The estimated state and flow, the reference and the actuators.
+        Default: the estimated state and flow, the reference and the actuators.
+
+        Args:
+            estimate: Estimate of the filter.
+            reference: ``(B, r)`` as `reference` returns it.
+            actuators: ``(B, a)``.
         """
         return np.concatenate([self.observe_state(estimate, reference), reference, actuators], -1)
 
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
-        """The estimate as it is, which together with the mission is ``"unguided"``.
+        """First part ``(B, k)`` of ``"unguided"``: the estimate; the mission follows.
 
-        The estimated state, scaled, and the flow.
+        Default: the scaled state, and the flow.
         """
         scale = getattr(self, "state_scale", np.ones(estimate.state.shape[-1]))
         return np.concatenate([estimate.state / scale, estimate.flow], -1)
 
     def observe_std(self, estimate: Estimate) -> np.ndarray:
-        """``"std"``: what mode ``"mean+std"`` appends.
+        """Part ``"std"`` ``(B, k)``, which mode ``"mean+std"`` appends.
 
-        The standard deviations ``(B, m)`` of all that the filter estimates, scaled.
+        Default: the scaled standard deviations ``(B, m)`` of all that the filter estimates.
         """
         assert estimate.sd is not None
         assert estimate.scale is not None
@@ -165,36 +181,52 @@ class Task(Verified):
         scenario: np.ndarray,
         step: np.ndarray,
     ) -> np.ndarray:
-        """``"measurements"``: as they come, with their mask, ``(B, 2 p)``: no filter."""
+        """Part ``"measurements"`` ``(B, 2 p)``: scaled measurements and their mask.
+
+        Args:
+            sensors: Sensors of the environment.
+            measurements: ``(B, p)``, 0 where missing.
+            available: ``(B, p)`` mask.
+            scenario: ``(B, k)``.
+            step: ``(B,)`` steps since the episode's start.
+        """
         return np.concatenate([measurements / sensors.scale, available], -1)
 
     def observe_mission(
         self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
-        """``"mission"``: what is asked, which is the scenario, and the actuators."""
+        """Part ``"mission"`` ``(B, k)``; default: the scenario and the actuators."""
         return np.concatenate([scenario, actuators], -1)
 
     def over(self, reference: np.ndarray) -> np.ndarray:
-        """Is the mission complete? ``(...)``. Default: never, it goes on until time is up."""
+        """Is the mission complete ``(...)``? Default: never."""
         return np.zeros(reference.shape[:-1], bool)
 
     def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
-        """Initial score state ``(..., k)``: empty."""
+        """Score state ``(..., k)`` at the start; default: empty."""
         return np.zeros((*state.shape[:-1], 0))
 
     def score(
         self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Score of a step, from the truth: yours.
+        """Reward of a step, from the truth; every subclass must define this method.
 
         The score of an episode, in ``info``, is the sum of its rewards over ``perfect``, clipped to
-        [0, 1]: of a cost that is subtracted it would be 0, so make it a factor such as ``1 / (1 +
-        cost)``.
+        [0, 1]. Negative sums count as 0, so express a cost as a factor such as ``1 / (1 + cost)``.
+
+        Args:
+            state: ``(B, n)`` true state of the vehicle.
+            exogenous: ``(B, f)`` true exogenous input over the coming step.
+            reference: ``(B, r)`` as `reference` returns it.
+            over: ``(B,)`` as `over` returns it.
+            actuators: ``(B, a)``.
+            action: ``(B, a)``, clipped.
+            score_state: ``(B, k)`` of the step before.
 
         Returns:
-            Reward ``(B,)``, the number in ``end_reasons`` of why the episode ends (0: it goes on)
-            ``(B,)``, and the next score state.
+            Reward ``(B,)``, number of the end reason ``(B,)`` (0: the episode goes on), and the
+            next score state.
         """
         raise NotImplementedError(
             f"{type(self).__name__} needs a method score: what is a step worth?"
@@ -202,11 +234,11 @@ class Task(Verified):
 
 
 def three_numbers(name: str, value: object, what: str, within: str) -> np.ndarray:
-    """A place or a pose ``(3,)`` that somebody asks for.
+    """A place or a pose ``(3,)`` from a reset option.
 
     Raises:
-        ValueError: if it is none, saying ``what`` it must be, or lies beyond `FARTHEST`, saying
-            ``within`` what.
+        ValueError: if the value is not three finite numbers (the message adds ``what`` they must
+            be) or lies beyond `FARTHEST` (the message adds ``within`` what).
     """
     three = numbers(value)
     if three is None or three.shape != (3,) or not np.isfinite(three).all():

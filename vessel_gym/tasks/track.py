@@ -1,4 +1,4 @@
-"""Base of the tasks in which a ship is held on a track: the prior, the course to steer and the observations."""
+"""Base of tasks in which a ship follows a track: prior, course to steer and observations."""
 
 from functools import cached_property
 from typing import ClassVar
@@ -16,13 +16,16 @@ from vessel_gym.vehicles.corvette import steady_turns
 HEADING = 0
 """Column of a scenario with the first direction of the track."""
 WANTED, RATE_NOW, RATE_AHEAD, _, OFF, TRACK, SURGE, BELIEVED = range(8)
-"""Columns of a reference: heading to steer in still water [rad], yaw rate now and `Steering.preview` seconds ahead
-[rad/s], one of the task's own, distance to starboard of the track [m], its direction [rad], surge
-of the steady turn [m/s], estimated heading [rad]."""
+"""Columns of a reference.
+
+They are heading to steer in still water [rad], yaw rate now and `Steering.preview` seconds ahead
+[rad/s], a column of the task's own, distance to starboard of the track [m], direction of the track
+[rad], surge of the steady turn [m/s], and estimated heading [rad].
+"""
 
 
 def in_frame(scenario: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """North and east ``(..., 2)`` as ahead and to starboard of the track's first direction."""
+    """North and east ``(..., 2)`` turned to ahead and to starboard of the first direction."""
     sin, cos = np.sin(scenario[..., HEADING]), np.cos(scenario[..., HEADING])
     north, east = place[..., 0], place[..., 1]
     return np.stack([north * cos + east * sin, east * cos - north * sin], -1)
@@ -32,7 +35,7 @@ class Track(Steering):
     """A track over ground, which begins at the origin.
 
     Attributes:
-        MISSION: How many numbers `observe_mission` gives.
+        MISSION: Number of components that `observe_mission` returns.
     """
 
     commanding: ClassVar[slice | list[int]] = [RATE_NOW, BELIEVED]
@@ -54,9 +57,9 @@ class Track(Steering):
     def steady_course(
         self, rate: np.ndarray, direction: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Heading [rad] and surge [m/s] ``(...)`` of a ship in a steady turn whose course is a direction.
+        """Heading [rad] and surge [m/s] ``(...)`` of a steady turn with a given course.
 
-        The heading adds the drift of the steady turn to the direction of the track.
+        The heading is the direction of the track plus the drift angle of the steady turn.
         """
         rates, speeds, sways = self._steady
         at = np.minimum(np.abs(rate) / rates[-1], 1.0) * (len(rates) - 1.0)
@@ -64,12 +67,12 @@ class Track(Steering):
         return direction - np.arctan2(np.where(rate >= 0.0, sway, -sway), surge), surge
 
     def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """The state ``(..., 6)`` at a step ``(...)`` of a ship that keeps to the track."""
+        """State ``(..., 6)`` at a step ``(...)`` of a ship that keeps to the track."""
         raise NotImplementedError
 
     @compiled(axes=(1, 0))
     def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """The commanded yaw rate and heading of who keeps to the track ``(..., 2)``."""
+        """Commanded yaw rate and heading ``(..., 2)`` of a ship that keeps to the track."""
         return self.reference(scenario, step, self.nominal(scenario, step))[..., self.commanding]
 
     # --- what the agent sees ----------------------------------------------------------------------
@@ -79,7 +82,7 @@ class Track(Steering):
     FLOW_SCALE = 1.0  # m/s
 
     def sizes(self, measurements: int, states: int) -> dict[str, int]:
-        """The lengths of the parts of observations."""
+        """Lengths of the parts of an observation."""
         mission = self.MISSION
         return {
             "guided": 11, "unguided": 10 + mission, "std": 6, "measurements": 2 * measurements, "mission": mission,
@@ -93,11 +96,11 @@ class Track(Steering):
     def observe(
         self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
-        """The observation ``(..., 11)`` of mode ``"mean"``, before clipping.
+        """Observation ``(..., 11)`` of mode ``"mean"`` before clipping.
 
-        Errors to the heading that holds the track in the estimated current, and of the yaw rate;
-        sway, d, rudder, the yaw rate commanded now and ahead, distance to starboard of the track,
-        surge above that of the steady turn, and the current along the track and to starboard.
+        Error of the heading that holds the track in the estimated current, error of the yaw rate,
+        sway, d, rudder, commanded yaw rate now and ahead, distance to starboard of the track, surge
+        minus that of the steady turn, and current along the track and to starboard.
         """
         psi, u, v, r = (estimate.state[..., i] for i in range(2, 6))
         north, east = (estimate.flow[..., i] for i in range(2))
@@ -112,9 +115,9 @@ class Track(Steering):
         return np.stack(seen, -1) * self._view_gains
 
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
-        """The estimate itself ``(..., 10)``, in the frame of the first heading: no guidance.
+        """Estimate ``(..., 10)`` in the frame of the first heading, without guidance.
 
-        Place, sine and cosine of the heading, surge above service speed, sway, yaw rate, d and
+        Position, sine and cosine of the heading, surge minus service speed, sway, yaw rate, d and
         current.
         """
         psi, u, v, r = (estimate.state[..., i] for i in range(2, 6))
@@ -134,11 +137,11 @@ class Track(Steering):
 
     @property
     def _place_scale(self) -> float:
-        """Of a place on the map [m]."""
+        """Scale of a position on the map [m]."""
         return 2.0 * self.ship.length
 
     def observe_std(self, estimate: Estimate) -> np.ndarray:
-        """The standard deviations ``(..., 6)`` of place, heading, sway, yaw rate and unknown input, scaled."""
+        """Scaled standard deviations ``(..., 6)`` of position, heading, sway, yaw rate and d."""
         assert estimate.sd is not None
         sd = estimate.sd[..., [0, 1, 2, 4, 5]]
         known = (
@@ -163,7 +166,7 @@ class Track(Steering):
         scenario: np.ndarray,
         step: np.ndarray,
     ) -> np.ndarray:
-        """Measurements and their mask ``(..., 2 p)``, no filter; heading and place relative to the first heading."""
+        """Measurements and mask ``(..., 2 p)``; heading and position relative to the first."""
         gives, measured = list(sensors.gives), measurements / sensors.scale
         turned = wrapped(measurements - scenario[..., :1])
         measured = np.where([state == "psi" for state in gives], turned, measured)

@@ -19,7 +19,9 @@ from vessel_gym.vehicles.corvette import steady_turns
 def dead_reckoned(
     heading: np.ndarray, surge: np.ndarray, sway: np.ndarray, dt: float
 ) -> np.ndarray:
-    """Positions ``(k, 2)`` north and east [m] from the origin, by the trapezoidal rule through the water.
+    """Positions ``(k, 2)`` north and east [m] by dead reckoning from the origin, through the water.
+
+    The integral is the trapezoidal rule.
 
     Args:
         heading: ``(k,)`` rad.
@@ -39,13 +41,13 @@ class TurningCircle(Steering, verified=True):
     """The commanded heading leads into a steady turn: straight, a ramp of the yaw rate, a circle.
 
     A scenario (the episode's parameters, drawn at reset) is ``(initial heading [rad], commanded yaw
-    rate [rad/s])``; a reference is ``(heading [rad], yaw rate now, yaw rate PREVIEW seconds ahead,
-    final yaw rate)``.
+    rate [rad/s])``. A reference is ``(heading [rad], yaw rate now, yaw rate PREVIEW seconds ahead,
+    final yaw rate [rad/s])``.
     """
 
-    radius: tuple[float, float] = (3.0, 6.0)  # commanded radius in ship lengths, either side
+    radius: tuple[float, float] = (3.0, 6.0)  # commanded radius in ship lengths, to either side
     tightest: float = (
-        2.5  # that may be asked for; nearly the whole rudder, without a margin against gusts
+        2.5  # ship lengths, least radius of an option: nearly full rudder, no margin for gusts
     )
 
     def __post_init__(self) -> None:
@@ -55,7 +57,7 @@ class TurningCircle(Steering, verified=True):
 
     prior_sd: ClassVar[tuple[float, ...]] = (0.2, 0.002, 0.03, 0.2)
     uniforms = 3
-    """Uniform numbers that `scenario` needs."""
+    """Number of uniform random numbers that `scenario` needs."""
     commanding: ClassVar[slice | list[int]] = slice(1, 2)
 
     @property
@@ -65,16 +67,16 @@ class TurningCircle(Steering, verified=True):
 
     @property
     def ramp(self) -> float:
-        """Time [s] in which the full yaw rate comes to be commanded."""
+        """Time [s] in which the commanded yaw rate rises to its final value."""
         return 25.0 * self.pace
 
-    WIDEST = 1e5  # m: a commanded radius beyond is a slip in the unit
+    WIDEST = 1e5  # m, largest commanded radius; a larger number is an error of the unit
 
     def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """Draw scenarios ``(B, 2)`` from uniforms ``(B, 3)``.
 
         Args:
-            uniforms: for the initial heading, the radius and the side.
+            uniforms: Random numbers for the initial heading, the radius and the side.
             options: ``{"radius": r}`` sets the commanded radius [m], positive to starboard.
 
         Raises:
@@ -99,7 +101,7 @@ class TurningCircle(Steering, verified=True):
 
     @compiled
     def _drawn(self, uniforms: np.ndarray) -> np.ndarray:
-        """Courses ``(..., 2)`` without options."""
+        """Scenarios ``(..., 2)`` without options."""
         shortest, longest = self.radius
         radius = self.ship.length * (shortest + (longest - shortest) * uniforms[..., 1])
         rate = self.yaw_rate(np.copysign(radius, uniforms[..., 2] - 0.5))
@@ -112,12 +114,12 @@ class TurningCircle(Steering, verified=True):
         return self._spread.about(mean)
 
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """The reference ``(..., 4)`` at a step ``(...)``: it moves with time, wherever the ship is."""
+        """Reference ``(..., 4)`` at a step ``(...)``, independent of the ship's position."""
         return self.command(scenario, step)
 
     @compiled(axes=(1, 0))
     def command(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """The reference ``(..., 4)`` at a step ``(...)``: the yaw rate rises linearly over the ramp."""
+        """Reference ``(..., 4)`` at a step ``(...)``; the yaw rate rises linearly over the ramp."""
         heading, rate = scenario[..., 0], scenario[..., 1]
         elapsed = step * self.dt - self.lead
         share = np.clip(elapsed / self.ramp, 0.0, 1.0)
@@ -127,13 +129,14 @@ class TurningCircle(Steering, verified=True):
 
     @compiled(axes=(1, 0))
     def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """The commanded yaw rate ``(..., 1)``."""
+        """Commanded yaw rate ``(..., 1)``."""
         return self.command(scenario, step)[..., self.commanding]
 
     def path(self, scenario: np.ndarray) -> np.ndarray:
-        """The path ``(k, 2)`` of a scenario ``(2,)``, one circle long: of the reference heading, at the turn's drift.
+        """Path ``(k, 2)`` of a scenario ``(2,)``, one circle long, through the water.
 
-        It is that through the water: a current carries the true ship away from it.
+        The path has the reference heading and the drift of the steady turn; a current carries the
+        true ship away from it.
         """
         steps, turns = np.arange(self.horizon + 1), steady_turns(self.ship)
         reference = self.command(np.tile(scenario, (len(steps), 1)), steps)
@@ -147,7 +150,7 @@ class TurningCircle(Steering, verified=True):
     # --- what the agent sees ----------------------------------------------------------------------
 
     def sizes(self, measurements: int, states: int) -> dict[str, int]:
-        """The lengths of the parts of observations."""
+        """Lengths of the parts of an observation."""
         return {
             "guided": 7,
             "unguided": 8,
@@ -165,9 +168,9 @@ class TurningCircle(Steering, verified=True):
     def observe(
         self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
-        """The observation ``(..., 7)`` of mode ``"mean"``, before clipping.
+        """Observation ``(..., 7)`` of mode ``"mean"`` before clipping.
 
-        Errors of heading and yaw rate, sway, d, rudder, yaw rates commanded now and ahead.
+        Errors of heading and yaw rate, sway, d, rudder, commanded yaw rates now and ahead.
         """
         v, r, psi = (estimate.state[..., i] for i in range(3))
         heading, rate, rate_ahead = (reference[..., i] for i in range(3))
@@ -192,10 +195,9 @@ class TurningCircle(Steering, verified=True):
         scenario: np.ndarray,
         step: np.ndarray,
     ) -> np.ndarray:
-        """Measurements and their mask ``(..., 2 p)``, no filter.
+        """Measurements and mask ``(..., 2 p)``.
 
-        A measured heading is shown as the error to the commanded one, on the scale of such an
-        error.
+        A measured heading becomes its error to the commanded one, on the scale of such an error.
         """
         heading = self.command(scenario, step)[..., :1]
         error = wrapped(heading - measurements) / self.HEADING_SCALE
@@ -207,14 +209,14 @@ class TurningCircle(Steering, verified=True):
     def observe_mission(
         self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
-        """The rudder, and the commanded yaw rate now and ahead ``(..., 3)``."""
+        """Rudder, and commanded yaw rates now and ahead ``(..., 3)``."""
         return (
             np.concatenate([actuators, self.command(scenario, step)[..., 1:3]], -1)
             / self._known_scales
         )
 
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
-        """Sway, yaw rate, sine and cosine of the heading relative to the first one, d ``(..., 5)``: no guidance."""
+        """Sway, yaw rate, sine and cosine of the heading relative to the first, d ``(..., 5)``."""
         v, r, psi = (estimate.state[..., i] for i in range(3))
         d = np.zeros_like(v) if estimate.input_mean is None else estimate.input_mean[..., 0]
         turned = psi - scenario[..., 0]
@@ -229,12 +231,12 @@ class TurningCircle(Steering, verified=True):
 
     # --- how it is scored -------------------------------------------------------------------------
 
-    HEADING_TOLERANCE = 0.05  # rad, error that halves the reward
-    RATE_TOLERANCE = 0.15  # of the commanded yaw rate, error that halves the yaw rate's fifth of it
+    HEADING_TOLERANCE = 0.05  # rad of heading error that halve the reward
+    RATE_TOLERANCE = 0.15  # relative error that halves the yaw rate's fifth of the reward
     LOST = 0.5 * np.pi  # rad, heading error at which the turn is lost
 
     end_reasons = ("", "turn lost")
-    """Success is to hold the turn until time is up, a perfect reward 1 at every step."""
+    """Success is holding the turn until time is up; a perfect reward is 1 in every step."""
 
     def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
         """Rudder and its rate ``(..., 2)``."""
@@ -245,11 +247,11 @@ class TurningCircle(Steering, verified=True):
         self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
         action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Reward in [0, 1] ``(...)``, end of the episode ``(...)`` and score state ``(..., 2)``, from the truth.
+        """Reward in [0, 1] ``(...)``, end ``(...)`` and score state ``(..., 2)``, from the truth.
 
-        The kernels are sharp on purpose: with wide ones an agent trades heading for rudder.
-        Rewards are never negative, so ending early never pays; the reference moves with time, so
-        neither does loitering.
+        The kernels are narrow because with wide ones an agent trades heading for rudder. Rewards
+        are never negative, so ending early never pays; the reference moves with time, so loitering
+        does not pay either.
         """
         heading = wrapped(reference[..., 0] - state[..., 2])
         rate = (reference[..., 1] - state[..., 5]) / reference[..., 3]

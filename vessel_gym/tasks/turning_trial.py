@@ -1,7 +1,7 @@
-"""The turning circle trial of the thesis: the helm is put over, and the heading of the trial is followed.
+"""The turning circle trial of the thesis: follow the heading of a ship with a constant rudder.
 
-Angle of the helm, time step, switch of d and prior variance are inferred:
-docs/environments/thesis-corvette.md has what the thesis prints instead.
+Rudder angle, time step, switch of d and prior variance are inferred;
+docs/environments/thesis-corvette.md states what the thesis prints instead.
 """
 
 from dataclasses import dataclass
@@ -19,35 +19,39 @@ from vessel_gym.vehicles.corvette_thesis import SIMULATIONS, ThesisCorvette
 SAMPLES = 195
 """Samples of the thesis' record (Section 4.5): one at reset, one after each step."""
 SWITCH = 98
-"""Sample from which d is negative: halfway, inferred. The thesis prints a switch after one sample (Section 4.3.1)."""
+"""First sample with negative d, halfway.
+
+Inferred: the thesis prints a switch after one sample (Section 4.3.1).
+"""
 
 
 @dataclass(frozen=True)
 class TurningTrial(TurningCircle, verified=True):
-    """Follow the heading of a trial in which the rudder was put over to ``helm`` from a straight course.
+    """Follow the heading of a trial in which the rudder was put over to ``helm``.
 
-    A scenario is ``(initial heading [rad], final yaw rate [rad/s], simulation)``; a reference is
-    that of `TurningCircle` and the simulation.
+    The trial begins on a straight course. A scenario is ``(initial heading [rad], final yaw rate
+    [rad/s], simulation)``; a reference is that of `TurningCircle`, then the simulation.
     """
 
     pace: float = 1.6  # for steps of 0.8 s
     horizon: int = SAMPLES - 1
     helm: float = float(
         np.deg2rad(28.0)
-    )  # rad, inferred: beyond it the ship hardly turns faster; printed are 35 deg
+    )  # rad, inferred: with more the ship hardly turns faster; the thesis prints 35 deg
     prior_variance: float = (
-        1e-3  # of sway, yaw rate and heading, as the filter assumes it; inferred: that of Q
+        1e-3  # filter's variance of sway, yaw rate and heading; inferred: equal to Q's
     )
 
     uniforms = 0
     commanding: ClassVar[slice | list[int]] = [3, 4]
 
     def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
-        """Courses ``(B, 3)``; nothing is drawn.
+        """Scenarios ``(B, 3)`` without random values.
 
         Args:
             uniforms: ``(B, 0)``.
-            options: ``{"simulation": "II"}``, one of `SIMULATIONS`; the first if there is none.
+            options: ``{"simulation": "II"}`` chooses one of `SIMULATIONS`; the default is the
+                first.
 
         Raises:
             ValueError: for another option or simulation.
@@ -68,7 +72,7 @@ class TurningTrial(TurningCircle, verified=True):
 
     @cached_property
     def record(self) -> np.ndarray:
-        """State of the ship in the trial at every sample, and until the preview ends ``(k, 8)``."""
+        """States ``(k, 8)`` of the ship in the trial, up to the end of the preview."""
         vessel = ThesisCorvette(self.ship, self.dt)
         parameters, still = vessel.parameters(0.0, np.zeros((1, vessel.normals))), np.zeros((1, 1))
         state, rudder = vessel.start(np.zeros((1, 3)))
@@ -88,7 +92,7 @@ class TurningTrial(TurningCircle, verified=True):
 
     @compiled(axes=(1, 0))
     def command(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """The reference ``(..., 5)`` at a step ``(...)``, that of the trial."""
+        """Reference ``(..., 5)`` at a step ``(...)`` of the trial."""
         heading, rate = self.record.T[[2, 5]]
         rate_ahead = lookup(rate, step + float(self._ahead))
         return np.stack(
@@ -103,11 +107,11 @@ class TurningTrial(TurningCircle, verified=True):
         )
 
     def path(self, scenario: np.ndarray) -> np.ndarray:
-        """Places of the ship in the trial ``(195, 2)``."""
+        """Positions of the ship in the trial ``(195, 2)``."""
         return self.record[: self.horizon + 1, :2]
 
     @compiled(axes=(1, 0))
     def exogenous(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """The step d [rad] ``(..., 1)``: up at first, down from `SWITCH` on."""
+        """The step d [rad] ``(..., 1)``: positive at first, negative from `SWITCH` on."""
         size = lookup(np.array([each.size for each in SIMULATIONS.values()]), scenario[..., 2])
         return np.where(step < SWITCH, size, -size)[..., None]

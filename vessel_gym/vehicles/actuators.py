@@ -1,4 +1,4 @@
-"""Actuators within their limits and rates, those of all vehicles alike."""
+"""Actuators with limits, rates and lags."""
 
 from typing import NamedTuple
 
@@ -8,14 +8,15 @@ import numpy as np
 class Actuator(NamedTuple):
     """Response of an actuator to an action in [-1, 1] over a step.
 
-    It asks for ``kept * before + base + gain (offset + action)``. The actuator follows as a lag
-    leaves of what is missing the share ``lag``, turns by ``turn`` at most, and stays within limits.
+    The command is ``kept * before + base + gain (offset + action)``. A lag leaves the share ``lag``
+    of the difference between actuator and command. A step changes the actuator by at most ``turn``,
+    and its limits are +-``limit``.
     """
 
     above: float
-    """The gain of an action from 0 on."""
+    """Gain of actions from 0 on."""
     below: float | None = None
-    """That of a negative one; None: the same."""
+    """Gain of negative actions; None: as ``above``."""
     offset: float = 0.0
     base: float = 0.0
     kept: float = 0.0
@@ -25,7 +26,7 @@ class Actuator(NamedTuple):
 
 
 def actuator_parameters(*actuators: Actuator) -> np.ndarray:
-    """Parameters of actuators for `actuated`, ``(a, 8)``."""
+    """Parameters ``(a, 8)`` of actuators for `actuated`."""
     return np.array(
         [each if each.below is not None else each._replace(below=each.above) for each in actuators],
         float,
@@ -33,7 +34,7 @@ def actuator_parameters(*actuators: Actuator) -> np.ndarray:
 
 
 def actuated(before: np.ndarray, action: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-    """Actuators ``(..., a)`` a step after those ``before``, of which `actuator_parameters` are known."""
+    """Actuators ``(..., a)`` after a step from ``before``, with `actuator_parameters`."""
     above, below, offset, base, kept, lag, turn, limit = parameters.T
     asked = kept * before + base + np.where(action < 0.0, below, above) * (offset + action)
     asked = np.where(lag > 0.0, asked + (before - asked) * lag, asked)

@@ -1,8 +1,8 @@
-"""Common part of the torpedo-shaped underwater vehicles: particulars, uncertain coefficients, actuators, filter model.
+"""Common part of torpedo-shaped underwater vehicles: particulars, coefficients and actuators.
 
-Both are bodies of revolution with four equal stern fins, a centre of gravity right below the centre
-of buoyancy, which is the origin, and a propeller. Body axes: x forward, y starboard, z down; earth
-axes: north, east, down.
+The vehicles are bodies of revolution with four equal stern fins and a propeller. The centre of
+gravity is below the centre of buoyancy, which is the origin. Body axes: x forward, y starboard, z
+down; earth axes: north, east, down.
 """
 
 from collections.abc import Iterator
@@ -38,33 +38,33 @@ _FACTORS = {
 UNCERTAIN = tuple(_FACTORS)
 """Parameters that `mismatch` spreads; the first `VERTICAL` act in the vertical plane.
 
-One factor scales all coefficients of a kind. Those of the cross-flow share one integral along the
-hull, and so do those of lift: scaled together they still only take energy. Terms in the vertical
-and horizontal plane stay equal, as they are on any body of revolution.
+One factor scales all coefficients of a kind. Cross-flow coefficients share one integral along the
+hull, and so do those of lift: with one factor they remain dissipative. Coefficients of the vertical
+and horizontal plane stay equal, as for any body of revolution.
 """
 VERTICAL = 7
 
 
 @dataclass(frozen=True)
 class AUVParameters(Particulars):
-    """Particulars of a torpedo-shaped vehicle, SI units: what a vehicle file gives, each number there with its source.
+    """Particulars of a torpedo-shaped vehicle in SI units: the content of a vehicle file.
 
-    What has a default may be left out. ``given`` holds measured or computed coefficients by name,
-    which replace those that follow from the dimensions: any of `Coefficients`, with K_up, and the
-    body's mass and inertias.
+    A file states a source for each number, and may leave out numbers with a default. ``given``
+    holds measured or computed coefficients by name, which replace estimates from the dimensions:
+    any of `Coefficients`, K_up, and the body's mass and inertias.
     """
 
     length: float  # m
     diameter: float  # m
-    fin_area: float  # m2, of each of the four
-    fin_position: float  # m, x of the middle of their chord
+    fin_area: float  # m2, of each of four fins
+    fin_position: float  # m, x of the middle of the fins' chord
     z_g: float  # m, centre of gravity below the centre of buoyancy
     thrust_limit: float  # N
     cruise_speed: float  # m/s
     axial_drag: float | None = (
-        None  # coefficient on the frontal area; None: of the bare hull at cruising speed
+        None  # coefficient on the frontal area; None: of the bare hull at cruise speed
     )
-    buoyancy_excess: float = 0.0  # N, buoyancy less weight
+    buoyancy_excess: float = 0.0  # N, buoyancy minus weight
     fin_limit: float = float(np.deg2rad(20.0))  # rad, assumed: below stall
     fin_rate: float = 1.0  # rad/s, of a small servo, assumed
     thrust_lag: float = 0.5  # s, time constant of the thrust, assumed
@@ -74,7 +74,7 @@ class AUVParameters(Particulars):
     gravity: float = 9.81  # m/s2
     given: tuple[tuple[str, float], ...] = ()  # coefficients by name
     with_added_mass: bool = (
-        False  # given Y_ur, Z_uq, M_uw, N_uv, M_uq, N_ur hold Kirchhoff's terms, as Prestero's do
+        False  # do given Y_ur, Z_uq, M_uw, N_uv, M_uq, N_ur include Kirchhoff's terms (Prestero)?
     )
 
     TABLES: ClassVar = {
@@ -86,11 +86,11 @@ class AUVParameters(Particulars):
         "propulsion": ("cruise_speed", "thrust_limit", "thrust_lag"),
         "coefficients": ("with_added_mass", "axial_drag", *(each.name for each in fields(Coefficients)), "K_up"),
     }  # fmt: skip
-    """Keys of a vehicle file by table; those that are no fields of this class go to ``given``."""
+    """Keys of a vehicle file by table; keys that are no fields of this class go to ``given``."""
 
     @cached_property
     def torpedo(self) -> Torpedo:
-        """The shape: a prolate spheroid with its fins."""
+        """Shape: a prolate spheroid with fins."""
         span = np.sqrt(0.5 * self.fin_aspect * self.fin_area)  # the hull mirrors the fin
         fins = Fins(self.fin_area, span, self.fin_position, self.fin_taper)
         hull, drag = Spheroid(self.length, self.diameter), self.axial_drag
@@ -100,7 +100,7 @@ class AUVParameters(Particulars):
 
     @cached_property
     def coefficients(self) -> Coefficients:
-        """Hydrodynamic coefficients: those given, and the others from the dimensions."""
+        """Hydrodynamic coefficients: given ones, and estimates from the dimensions."""
         names = {each.name for each in fields(Coefficients)}
         given = {name: x for name, x in self.given if name in names}
         c = replace(self.torpedo.coefficients(), **given)
@@ -114,7 +114,7 @@ class AUVParameters(Particulars):
 
     @cached_property
     def roll_lift(self) -> float:
-        """Moment K_up per |u| p [kg m]: lift of the four fins, which roll meets at an angle, as sway and yaw do."""
+        """Moment K_up per |u| p [kg m] by the lift of four fins, which roll meets at an angle."""
         if "K_up" in dict(self.given):
             return dict(self.given)["K_up"]
         root, tip = self.torpedo.root, self.torpedo.tip
@@ -122,35 +122,38 @@ class AUVParameters(Particulars):
 
     @cached_property
     def buoyancy(self) -> float:
-        """Weight [N] of the water displaced: what a given mass implies, else that of the prolate spheroid."""
+        """Weight [N] of the displaced water, from a given mass or else from the spheroid."""
         if "mass" in dict(self.given):
             return dict(self.given)["mass"] * self.gravity + self.buoyancy_excess
         return self.water_density * self.gravity * np.pi / 6.0 * self.length * self.diameter**2
 
     @cached_property
     def mass(self) -> float:
-        """Mass [kg] of a vehicle that is neutrally buoyant but for ``buoyancy_excess``, if not given."""
+        """Mass [kg]; if not given, that of neutral buoyancy, apart from ``buoyancy_excess``."""
         return dict(self.given).get("mass", (self.buoyancy - self.buoyancy_excess) / self.gravity)
 
     @cached_property
     def roll_inertia(self) -> float:
-        """About the origin [kg m2]; that of a homogeneous spheroid if not given."""
+        """Inertia in roll about the origin [kg m2]; if not given, of a homogeneous spheroid."""
         return dict(self.given).get("roll_inertia", 0.1 * self.mass * self.diameter**2)
 
     @cached_property
     def pitch_inertia(self) -> float:
-        """In pitch and in yaw, about the origin [kg m2]; that of a homogeneous spheroid if not given."""
+        """Inertia in pitch and in yaw [kg m2]; if not given, of a homogeneous spheroid."""
         return dict(self.given).get(
             "pitch_inertia", 0.05 * self.mass * (self.length**2 + self.diameter**2)
         )
 
     @cached_property
     def cruise_thrust(self) -> float:
-        """Thrust [N] that the axial drag takes at ``cruise_speed``."""
+        """Thrust [N] that balances the axial drag at ``cruise_speed``."""
         return -self.coefficients.X_uu * self.cruise_speed**2
 
     def values(self, factors: np.ndarray) -> dict[str, Any]:
-        """Numbers of the equations of motion by name, with factors ``(..., f)`` on the first f of `UNCERTAIN`."""
+        """Parameters of the equations of motion by name, with factors on the first of `UNCERTAIN`.
+
+        The factors are ``(..., f)``.
+        """
         c: dict[str, Any] = vars(self.coefficients) | {"K_up": self.roll_lift}
         f = dict(zip(UNCERTAIN, np.moveaxis(factors, -1, 0), strict=False))
         for kind, factor in f.items():
@@ -166,7 +169,7 @@ class AUVParameters(Particulars):
         return c | _inverse("uwq", vertical) | _inverse("vpr", lateral)
 
     def _with_body(self, c: dict[str, Any]) -> dict[str, Any]:
-        """Hydrodynamic coefficients by name, with what body and added mass weigh together."""
+        """Coefficients by name, with masses and inertias of body and added mass together."""
         return c | {
             "surge_mass": self.mass - c["X_udot"],
             "sway_mass": self.mass - c["Y_vdot"],
@@ -182,7 +185,7 @@ class AUVParameters(Particulars):
         }
 
     def mistakes(self) -> Iterator[tuple[str, str]]:
-        """Mistakes that no such vehicle has: the name of a number, and a sentence on it."""
+        """Errors in the particulars: the name of a number, and a sentence."""
         L, D = self.length, self.diameter
         if D >= L:
             yield "diameter", f"a torpedo of {L:g} m is not {D:g} m thick"
@@ -217,7 +220,7 @@ class AUVParameters(Particulars):
             yield "coefficients", "added mass is symmetric: Y_rdot is N_vdot, and Z_qdot is M_wdot"
 
     def stacked(self, names: tuple[str, ...], factors: np.ndarray) -> np.ndarray:
-        """The ``values`` of these names as the components of ``(..., k)``."""
+        """The ``values`` of these names as an array ``(..., k)``."""
         values = self.values(factors)
         return np.stack(np.broadcast_arrays(*(values[name] for name in names)), -1)
 
@@ -226,7 +229,7 @@ _ROW, _COLUMN = np.triu_indices(3)
 
 
 def _inertia(c: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """The two blocks ``(..., 3, 3)`` of the inertia: of surge, heave and pitch, and of sway, roll and yaw."""
+    """Inertia blocks ``(..., 3, 3)`` of surge, heave and pitch, and of sway, roll and yaw."""
     S = c["mass_z_g"]
     uppers = (  # row by row
         (c["surge_mass"], 0.0, S, c["heave_mass"], c["heave_pitch"], c["pitch_inertia"]),
@@ -242,7 +245,7 @@ def _inertia(c: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _inverse(axes: str, inertia: np.ndarray) -> dict[str, np.ndarray]:
-    """Inverse of a block ``(..., 3, 3)`` of the inertia by its axes: ``inverse_uw`` is surge from heave force."""
+    """Inverse of an inertia block by axes: ``inverse_uw`` is surge acceleration per heave force."""
     inverse = np.linalg.inv(inertia)
     return {
         f"inverse_{axes[i]}{axes[j]}": inverse[..., i, j]
@@ -252,13 +255,13 @@ def _inverse(axes: str, inertia: np.ndarray) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True)
 class AUV(FromFile, WholeState, verified=True):
-    """A torpedo-shaped vehicle in batches: actuators, state, sensors, and what filters know.
+    """A torpedo-shaped vehicle in batches: actuators, state, sensors, and filters' model.
 
-    State: velocities through the water, then position and Euler angles. Increments [m/s, rad/s]
-    change the velocities at the end of a step, a current [m/s] carries the vehicle over it.
-    Actuators: fin angles [rad], then thrust [N]. Filters estimate the whole state; their known
-    input is ``u = (actuators before, actuators after)``. Figures of the sensors are from public
-    vehicle configurations.
+    The state is velocities through the water, then position and Euler angles. Increments [m/s,
+    rad/s] change the velocities at the end of a step, and a current [m/s] carries the vehicle over
+    the step. Actuators are fin angles [rad], then thrust [N]. Filters estimate the whole state;
+    their known input is ``u = (actuators before, actuators after)``. Figures of the sensors are
+    from public vehicle configurations.
     """
 
     body: AUVParameters
@@ -267,19 +270,22 @@ class AUV(FromFile, WholeState, verified=True):
 
     @property
     def steering(self) -> tuple[int, ...]:
-        """Indices of the fins among its actuators."""
+        """Indices of the fins among the actuators."""
         return tuple(range(len(self.action_names) - 1))
 
     @cached_property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
-        """Level at the cruising speed, fins centred: the start of a dive, and steady only for a vehicle in trim."""
+        """Level at cruise speed with centred fins, the start of a dive.
+
+        The motion is steady only for a vehicle in trim.
+        """
         x, still = np.zeros(len(self.state_names)), np.zeros(len(self.action_names))
         x[0], still[-1] = self.body.cruise_speed, self.body.cruise_thrust
         return x, np.concatenate([still, still])
 
     @cached_property
     def _actuators(self) -> np.ndarray:
-        """Fins at their rate, thrust with its lag: action -1 stops the propeller, 1 asks for all its thrust."""
+        """Fins with rate limits, thrust with a lag; action -1 stops the propeller."""
         body = self.body
         fin = Actuator(body.fin_limit, turn=body.fin_rate * self.dt)
         thrust = Actuator(

@@ -1,6 +1,6 @@
-"""Steady turns of a ship, the linear models that filters have about them, and the thesis' two sensors.
+"""Steady turns of a ship, filters' linear models about them, and the thesis' two sensors.
 
-Particulars and equations of motion, with their frames and sources:
+For particulars and equations of motion, with frames and sources, see
 `vessel_gym.vehicles.corvette_equations`.
 """
 
@@ -22,7 +22,7 @@ from vessel_gym.verified import verified
 
 @dataclass(frozen=True, eq=False)
 class SteadyTurn:
-    """Steady turns at rising yaw rates: what helm, speed and drift hold them, shape ``(k,)`` each."""
+    """Steady turns at rising yaw rates, with speeds, drift and rudder, ``(k,)`` each."""
 
     yaw_rate: np.ndarray  # rad/s
     speed: np.ndarray  # surge, m/s
@@ -31,7 +31,7 @@ class SteadyTurn:
     radius: np.ndarray  # m, of the track; infinite for the straight course
 
     def interpolated(self, values: np.ndarray, yaw_rate: np.ndarray) -> np.ndarray:
-        """Values ``(k,)`` of each turn, linearly interpolated at yaw rates ``(...)`` to either side."""
+        """Values ``(k,)`` of the turns, interpolated at yaw rates ``(...)`` of either sign."""
         return interpolated(
             values, np.minimum(np.abs(yaw_rate) / self.yaw_rate[1], len(values) - 1.0)
         )
@@ -39,10 +39,9 @@ class SteadyTurn:
 
 @cache
 def steady_turns(ship: CorvetteParameters, points: int = 165) -> SteadyTurn:
-    """Steady turns at equal steps of yaw rate, up to the one that 80 % of the rudder holds.
+    """Steady turns at equal steps of yaw rate, up to the turn at 80 % of the rudder limit.
 
-    Beyond, the yaw rate hardly rises with the rudder any more, and a command there could not be
-    steered to.
+    With more rudder the yaw rate hardly rises, and could not be controlled.
 
     Raises:
         RuntimeError: if the ship has no steady turns (it is directionally unstable).
@@ -86,8 +85,7 @@ def sway_yaw_jacobian(
 ) -> tuple[np.ndarray, np.ndarray]:
     """d(v', r')/d(v, r) ``(..., 2, 2)`` and d(v', r')/d(rudder) ``(..., 2, 1)`` at ``(u, v, r)``.
 
-    Central differences of the compiled equations: the linear models cannot drift away from the
-    truth.
+    Central differences of the compiled equations, so that linear models agree with the truth.
     """
     instance("ship of sway_yaw_jacobian", ship, CorvetteParameters)
     state, rudder = finite_array("state", state, "...", 3), finite_array("rudder", rudder, "...")
@@ -108,10 +106,10 @@ def sway_yaw_jacobian(
 def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Discrete ``A (k, 3, 3)`` and ``B (k, 3, 1)`` of (v, r, psi) for each of `steady_turns`.
 
-    The linear model at the service speed is badly wrong in a hard turn, where the ship has lost a
-    third of its speed and most of the hull force is cross-flow drag. The secant model is the mean
-    Jacobian on the ray from zero to the commanded turn's equilibrium, at that turn's speed (8-point
-    Gauss-Legendre): it is exact at both ends.
+    The linear model at service speed fails in a hard turn, where the ship has lost a third of her
+    speed and most of the hull force is cross-flow drag. The secant model is the mean Jacobian on
+    the ray from zero to the equilibrium of the commanded turn, at the speed of that turn (8-point
+    Gauss-Legendre). It is exact at both ends.
     """
     instance("ship of secant_models", ship, CorvetteParameters)
     check_numbers("secant_models", {"dt": dt}, positive="dt")
@@ -130,7 +128,7 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
 
 @cache
 def surge_models(ship: CorvetteParameters, dt: float) -> np.ndarray:
-    """Share of a deviation from the speed of each of `steady_turns` that is left after a step ``(k,)``."""
+    """Share ``(k,)`` of a deviation from each turn's speed that remains after a step."""
     instance("ship of surge_models", ship, CorvetteParameters)
     check_numbers("surge_models", {"dt": dt}, positive="dt")
     turns, step = steady_turns(ship), 1e-4
@@ -146,16 +144,17 @@ def surge_models(ship: CorvetteParameters, dt: float) -> np.ndarray:
 def linear_matrices(
     ship: CorvetteParameters, dt: float, inputs: int = 2
 ) -> tuple[Schedule, Schedule]:
-    """A and B of (v, r, psi) as functions of ``u = (rudder, commanded yaw rate, ...)``: those of the commanded turn.
+    """A and B of (v, r, psi) for the commanded turn, as schedules of the known input u.
 
     Args:
-        ship: Parameters.
-        dt: Step [s].
-        inputs: Components of u, of which the rudder alone moves the ship.
+        ship: Parameters of the ship.
+        dt: Time step [s].
+        inputs: Number of components of ``u = (rudder, commanded yaw rate, ...)``; the rudder alone
+            moves the ship.
     """
     instance("ship of linear_matrices", ship, CorvetteParameters)
     A_table, B_table = secant_models(ship, dt)
-    A_table = np.concatenate([A_table[:0:-1], A_table])  # the same turn to port
+    A_table = np.concatenate([A_table[:0:-1], A_table])  # turns to port mirror those to starboard
     B_table = np.concatenate([B_table[:0:-1], B_table])
     B_table = np.pad(B_table, ((0, 0), (0, 0), (0, inputs - 1)))
     middle, scale = len(A_table) // 2 + 0.5, 1.0 / steady_turns(ship).yaw_rate[1]
@@ -175,7 +174,7 @@ COMPASS = Sensor(
 @verified
 @linear
 def _increment(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
-    """The yaw increment ``(..., 1)``: what waves and gusts did to the heading over the step that has ended."""
+    """Yaw increment ``(..., 1)`` by waves and gusts over the step that has ended."""
     return exogenous[..., :1]
 
 

@@ -1,16 +1,15 @@
-"""Ships in surge, sway, yaw and roll, particulars and equations of motion; the SIGMA-class corvette is one.
+"""Ships in surge, sway, yaw and roll: particulars and equations of motion.
 
-Frames: North-East-Down, body x forward, y starboard, origin amidships. Positive rudder turns the
-ship to starboard (yaw rate r > 0), as in the thesis' figures; Davidson and Schiff count it the
-other way, so Y'delta and N'delta change sign together. Positive roll is starboard down.
+Frames: north-east-down; body x forward, y starboard, origin amidships. Positive rudder turns the
+ship to starboard (yaw rate r > 0), as in the thesis' figures. Davidson and Schiff use the opposite
+sign, so Y'delta and N'delta change sign together. Positive roll is starboard down.
 
-Sources: Hermawan (2020), the thesis that the task comes from, for the ship's particulars; Clarke,
-Gedling & Hine (1983) for the linear derivatives (eqs. 2.19 and 2.23 of the thesis misprint two of
-them); Fossen (2011) for the structure; Fujii & Tuda (1961) for the rudder; Hoerner (1965) for
-cross-flow drag; Yasukawa & Yoshimura (2015) for what the propellers do to the rudder; Blanke &
-Christensen (1993), in Perez (2005), for roll, which follows sway and yaw and does nothing to them;
-Norrbin (1972), "On the added resistance due to steering on a straight course", for what steering
-costs.
+Sources: Hermawan (2020), the thesis of the task, for the corvette's particulars; Clarke, Gedling &
+Hine (1983) for linear derivatives (eqs. 2.19 and 2.23 of the thesis misprint two of them); Fossen
+(2011) for the structure; Fujii & Tuda (1961) for the rudder; Hoerner (1965) for cross-flow drag;
+Yasukawa & Yoshimura (2015) for the propellers' effect on the rudder; Blanke & Christensen (1993),
+in Perez (2005), for roll, which follows sway and yaw without an effect on them; Norrbin (1972), "On
+the added resistance due to steering on a straight course", for the cost of steering.
 """
 
 from collections.abc import Iterator
@@ -26,13 +25,19 @@ from vessel_gym.vehicles.files import Particulars
 from vessel_gym.waves import GRAVITY
 
 STATE = ("x", "y", "psi", "u", "v", "r", "phi", "p")
-"""State: position north, east [m], heading [rad], surge, sway through the water [m/s], yaw rate [rad/s], roll [rad] and
-its rate [rad/s]."""
+"""Components of the state.
+
+They are position north, east [m], heading [rad], surge, sway through the water [m/s], yaw rate
+[rad/s], roll [rad] and roll rate [rad/s].
+"""
 AROUND = (
     "current north", "current east", "surge force", "sway force", "yaw moment", "roll moment", "wave sway",
 )  # fmt: skip
-"""Flow and loads around a ship: a current [m/s], forces [N] and moments [N m] from outside in the ship's frame, and the
-sway velocity [m/s] of waves, which carries her sideways and does no more."""
+"""Flow and loads around a ship.
+
+They are a current [m/s], external forces [N] and moments [N m] in the ship's frame, and the sway
+velocity [m/s] of waves, which only carries her sideways.
+"""
 
 I = IntEnum("I", (
     "mass", "mass_x_g", "surge_inertia", "sway_inertia", "sway_yaw_inertia", "yaw_sway_inertia", "yaw_inertia",
@@ -46,24 +51,27 @@ COEFFICIENTS = tuple(I.__members__)
 UNCERTAIN = (
     I.Yv, I.Yr, I.Nv, I.Nr, I.cross_flow, I.resistance, I.rudder, I.straightening, I.sway_inertia, I.yaw_inertia,
 )  # fmt: skip
-"""The coefficients that `mismatch` perturbs: hydrodynamics and inertia, not geometry."""
+"""Coefficients that `mismatch` perturbs: hydrodynamics and inertia, not geometry."""
 
 
 _CROSS_FLOW = np.array([
     [0.0109, 0.177, 0.353, 0.452, 0.473, 0.493, 0.558, 0.646, 0.834, 0.988, 1.308, 1.639, 1.860, 2.313, 2.600, 3.009],
     [1.966, 1.966, 1.898, 1.787, 1.584, 1.245, 1.084, 0.999, 0.880, 0.828, 0.760, 0.691, 0.657, 0.631, 0.596, 0.587],
 ])  # fmt: skip
-"""Hoerner's curve: beam / (2 draught) and cross-flow drag; as read by Leite, Aranha, Umeda & Conti (1998)."""
+"""Hoerner's curve of cross-flow drag over beam / (2 draught).
+
+As read by Leite, Aranha, Umeda & Conti (1998).
+"""
 
 
 @dataclass(frozen=True)
 class CorvetteParameters(Particulars):
-    """Particulars of a ship, SI units: what a vehicle file gives, each number there with its source.
+    """Particulars of a ship in SI units: the content of a vehicle file.
 
-    What has a default may be left out. ``given`` holds measured or computed derivatives by name,
-    which replace the estimated ones (`GIVEN`): non-dimensional (prime I: divided by ``rho / 2``,
-    powers of L and U) as those of Clarke, without the ship's own mass (Yr, not Yr - m), rudder to
-    starboard positive.
+    A file states a source for each number, and may leave out numbers with a default. ``given``
+    holds measured or computed derivatives by name (see ``TABLES``), which replace estimates. They
+    are non-dimensional as Clarke's (prime I: divided by ``rho / 2`` and powers of L and U), and
+    exclude the ship's own mass (Yr, not Yr - m). Rudder to starboard is positive.
     """
 
     length: float  # m, between perpendiculars
@@ -100,7 +108,7 @@ class CorvetteParameters(Particulars):
     )
     gravity_height: float | None = None  # KG, m; None: 1.5 draughts, assumed
     frontal_area: float | None = None  # m2 above the water; None: 0.82 B^2, as the corvette's
-    lateral_area: float | None = None  # m2; None: 0.083 L^2, likewise
+    lateral_area: float | None = None  # m2 above the water; None: 0.083 L^2, as the corvette's
     given: tuple[tuple[str, float], ...] = ()  # derivatives by name
 
     TABLES: ClassVar = {
@@ -115,16 +123,16 @@ class CorvetteParameters(Particulars):
         "roll": ("metacentric_height", "roll_period", "gravity_height"),
         "air": ("frontal_area", "lateral_area"),
     }  # fmt: skip
-    """Keys of a vehicle file by table; those that are no fields of this class go to ``given``."""
+    """Keys of a vehicle file by table; keys that are no fields of this class go to ``given``."""
 
     @cached_property
     def block_coefficient(self) -> float:
-        """C_B that displaces the mass (the corvette's: 0.452; printed 0.65)."""
+        """Block coefficient C_B from the mass (the corvette's: 0.452; printed 0.65)."""
         return self.mass / (self.water_density * self.length * self.beam * self.draught)
 
     @cached_property
     def clarke(self) -> dict[str, float]:
-        """Non-dimensional (prime I) derivatives by Clarke et al. (1983), with m', I'z and the rudder's."""
+        """Derivatives by Clarke et al. (1983), m', I'z and the rudder's, in the prime I system."""
         L, B, T, Cb = self.length, self.beam, self.draught, self.block_coefficient
         slender = np.pi * (T / L) ** 2
         mass = self.mass / (0.5 * self.water_density * L**3)
@@ -146,10 +154,10 @@ class CorvetteParameters(Particulars):
 
     @cached_property
     def stability(self) -> float:
-        """Of the straight course, Yv' (Nr' - m' x_g') - Nv' (Yr' - m') with the rudder at rest: positive if it is.
+        """Stability of the straight course; positive for a stable ship.
 
-        The criterion of Davidson & Schiff (1946). An unstable ship turns at small helm to either
-        side.
+        The criterion of Davidson & Schiff (1946), Yv' (Nr' - m' x_g') - Nv' (Yr' - m') with the
+        rudder at rest. An unstable ship turns to either side at small rudder angles.
         """
         c, at = self.clarke | dict(self.given), dict(zip(COEFFICIENTS, self.vector(), strict=True))
         force = (
@@ -168,19 +176,19 @@ class CorvetteParameters(Particulars):
 
     @cached_property
     def stiffness(self) -> float:
-        """GM [m]."""
+        """Metacentric height GM [m]."""
         return 0.08 * self.beam if self.metacentric_height is None else self.metacentric_height
 
     @cached_property
     def period_of_roll(self) -> float:
-        """The natural one [s]."""
+        """Natural period of roll [s]."""
         if self.roll_period is not None:
             return self.roll_period
         radius = 0.373 + 0.023 * self.beam / self.draught - 0.043 * self.length / 100.0
         return 2.0 * radius * self.beam / np.sqrt(self.stiffness)
 
     def vector(self) -> np.ndarray:
-        """The coefficients of the equations of motion, dimensional, in the order of `COEFFICIENTS`."""
+        """Dimensional coefficients of the equations of motion, in the order of `COEFFICIENTS`."""
         given, L, rho = dict(self.given), self.length, self.water_density
         c = self.clarke | given
         volume = self.mass / rho
@@ -240,24 +248,26 @@ class CorvetteParameters(Particulars):
             "roll_damping_speed": damping[1],
             "hull_arm": (
                 height - 0.5 * self.draught
-            ),  # of hull and rudders below the centre of gravity
+            ),  # arms of hull and rudders below the centre of gravity
             "rudder_arm": height - 0.34 * self.draught,
         }
         return np.array([values[name] for name in COEFFICIENTS])
 
     def accelerations(self, motion: np.ndarray, rudder: np.ndarray) -> np.ndarray:
-        """Accelerations ``(..., 3)`` of surge, sway [m/s2] and yaw [rad/s2], upright, without current and forces.
+        """Accelerations ``(..., 3)`` of an upright ship without current and external loads.
+
+        They are those of surge, sway [m/s2] and yaw [rad/s2].
 
         Args:
             motion: Surge, sway [m/s] and yaw rate [rad/s] ``(..., 3)``.
-            rudder: [rad] ``(..., 1)``.
+            rudder: Rudder angle [rad] ``(..., 1)``.
         """
         state = np.zeros((*motion.shape[:-1], len(STATE)))
         state[..., 3:6] = motion
         return corvette_rates(state, rudder, np.zeros(len(AROUND)), self.vector())[..., 3:6]
 
     def mistakes(self) -> Iterator[tuple[str, str]]:
-        """Mistakes that no ship has: the name of a number, and a sentence on it."""
+        """Errors in the particulars: the name of a number, and a sentence."""
         L, B, T = self.length, self.beam, self.draught
         if B >= L:
             yield "beam", f"a ship of {L:g} m is not {B:g} m wide"
@@ -316,7 +326,7 @@ def _cross_flow(v: np.ndarray, r: np.ndarray, a: np.ndarray) -> tuple[np.ndarray
     cubic, quartic = (bow_cubed - stern_cubed) / 3.0, (bow * bow_cubed - stern * stern_cubed) / 4.0
     turning = np.where(
         np.abs(r) * a >= 1e-12, r, 1e150
-    )  # slower, nothing moves, and r * r would underflow
+    )  # at slower rates r * r would underflow, and the effect is negligible
     both_sway, both_yaw = cubic / turning, (quartic - v * cubic) / (turning * turning)
     one_sign = np.abs(r) * a <= np.abs(v)
     return np.where(one_sign, sway, both_sway), np.where(one_sign, yaw, both_yaw)
@@ -326,11 +336,10 @@ def _propelled_rudder(
     u: np.ndarray, v: np.ndarray, r: np.ndarray, rudder: np.ndarray, c: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Load of the propellers, normal force on the rudder [N], sine and cosine of its angle."""
-    # A propeller of constant revolutions pushes the more, and races the faster, the slower the
-    # ship.
+    # At constant revolutions, thrust and race of a propeller grow as the ship slows down.
     load = np.maximum(1.0 + c[I.thrust_rise] * (1.0 - u / c[I.service_speed]), 0.0)
     race = np.sqrt(u * u + c[I.race_power] * load) - np.abs(u)
-    # What flows to the rudder: drift and yaw rate in a turn reduce its angle of attack.
+    # Inflow to the rudder: drift and yaw rate in a turn reduce the angle of attack.
     inflow, side = (
         c[I.slipstream] * u + c[I.race] * race,
         c[I.straightening] * (v - c[I.half_length] * r),
@@ -338,7 +347,7 @@ def _propelled_rudder(
     sin_rudder, cos_rudder = sincos(rudder)
     attacking = (
         inflow * sin_rudder + side * cos_rudder
-    )  # all of the inflow times the sine of that angle
+    )  # the whole inflow times the sine of the angle of attack
     return (
         load,
         c[I.rudder] * np.sqrt(inflow * inflow + side * side) * attacking,
@@ -350,11 +359,12 @@ def _propelled_rudder(
 def propulsion(
     state: np.ndarray, rudder: np.ndarray, c: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Load of the propellers and added resistance of steering ``(...)``, each as a share of a straight course's thrust.
+    """Load of the propellers and added resistance of steering ``(...)``, as shares of a thrust.
 
-    The surge equation's terms: the load is the thrust, and the added resistance is the rudder's
-    drag with the centripetal terms of drift and turning (Norrbin 1972). On a straight course at
-    service speed in calm water the load is 1 and the added resistance 0.
+    The unit is the thrust on a straight course at service speed. The load is the thrust in the
+    surge equation, and the added resistance is the rudder's drag with the centripetal terms of
+    drift and turning (Norrbin 1972). On a straight course at service speed in calm water the load
+    is 1 and the added resistance 0.
 
     Args:
         state: ``(..., 8)``, `STATE`.
@@ -368,10 +378,10 @@ def propulsion(
 
 
 def straight_course(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Speed [m/s] on a straight course in calm water, and load of the propellers there, ``(...)`` each.
+    """Speed [m/s] and load of the propellers ``(...)`` on a straight course in calm water.
 
-    The service speed and 1, unless ``mismatch`` has changed the ship's resistance: the thrust then
-    balances the resistance at another speed.
+    They are the service speed and 1, unless ``mismatch`` has changed the ship's resistance: thrust
+    and resistance then balance at another speed.
 
     Args:
         c: ``(..., k)``, `COEFFICIENTS`.
@@ -389,11 +399,13 @@ def straight_course(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def corvette_rates(
     state: np.ndarray, control: np.ndarray, around: np.ndarray, c: np.ndarray
 ) -> np.ndarray:
-    """Rates ``(..., 8)`` of position, heading, velocities through the water (3-DOF) and roll, which follows.
+    """Rates ``(..., 8)`` of position, heading, velocities through the water, roll and roll rate.
+
+    Roll follows from sway and yaw.
 
     Args:
         state: ``(..., 8)``, `STATE`.
-        control: The rudder ``(..., 1)``.
+        control: Rudder [rad] ``(..., 1)``.
         around: ``(..., 7)``, `AROUND`.
         c: ``(..., k)``, `COEFFICIENTS`.
     """
@@ -417,8 +429,8 @@ def corvette_rates(
         c[I.thrust] * load - c[I.resistance] * u * np.abs(u) + m_vv * v * r + m_vr * r * r - force * sin_rudder
         + forces[0]
     )  # fmt: skip
-    # The derivatives hold Kirchhoff's terms, which turn their sign astern, and lift, which there
-    # still takes energy.
+    # The derivatives include Kirchhoff's terms, which change sign astern, and lift, which remains
+    # dissipative astern.
     astern, surge_added = np.abs(u) - u, c[I.surge_inertia] - c[I.mass]
     munk = surge_added - (m_vv - c[I.mass])
     Y = (
@@ -432,8 +444,8 @@ def corvette_rates(
     )  # fmt: skip
     determinant = m_vv * m_rr - m_vr * m_rv
     sway, yaw = (m_rr * Y - m_vr * N) / determinant, (m_vv * N - m_rv * Y) / determinant
-    # What pushes the ship's mass sideways: at the rudder, and what is left, but for forces from
-    # outside, at the hull.
+    # Side force on the ship's mass without external forces; the part without the rudder's acts on
+    # the hull.
     side_force = c[I.mass] * (sway + u * r) + c[I.mass_x_g] * yaw - forces[1] + force * cos_rudder
     sin_roll, _ = sincos(phi)
     K = (

@@ -1,9 +1,9 @@
-"""The ship of A. E. Hermawan's thesis (ITS Surabaya, 2020): eqs. 4.3 to 4.6 and the five simulations of Section 4.5.
+"""The ship of A. E. Hermawan's thesis (ITS Surabaya, 2020), eqs. 4.3 to 4.6 and Section 4.5.
 
 A linear filter of three states (sway, yaw rate, heading) follows a ship that turns under a constant
 rudder, while a deterministic step d, the unknown input, enters both measurements ``(psi + d, d)``.
 There is no sea. As printed, d(k) is in the measurements of step k and moves the heading of the
-filter's model from k to k + 1: this compass foresees it.
+filter's model from k to k + 1: this compass foresees d.
 """
 
 from dataclasses import dataclass, field, replace
@@ -28,9 +28,9 @@ class Simulation:
     """One of the five simulations of Section 4.5.
 
     Attributes:
-        Q: Process noise variance that the filter assumes, times identity.
-        R: Measurement noise variance that it assumes, times identity.
-        size: Height of the step d [rad]: up by ``size``, then down to ``-size``; inferred, see
+        Q: Assumed variance of process noise, a multiple of the identity.
+        R: Assumed variance of measurement noise, a multiple of the identity.
+        size: Height of the step d [rad], which is ``size`` first and ``-size`` later; inferred, see
             `SIMULATIONS`.
     """
 
@@ -46,19 +46,22 @@ SIMULATIONS = {
     "IV": Simulation(1.0, 1.0, 0.01),
     "V": Simulation(1e-3, 1e-3, 0.1),
 }
-"""Simulations by number; sizes are inferred. V prints 0.1 and 0.2, and calls them larger than the 1 and 2 of I to IV,
-which are therefore read as 0.01."""
+"""Simulations by number, with inferred sizes.
+
+The thesis prints 0.1 and 0.2 for V and calls these larger than the 1 and 2 of I to IV, which are
+therefore read as 0.01.
+"""
 NOISE = 6e-4
-"""Standard deviation [rad] of both measurements, inferred from the error of d in simulation II, which shows it."""
+"""Standard deviation [rad] of both measurements, inferred from the error of d in simulation II."""
 A = np.array([[0.4159, 0.1811, 0.0], [5.4795e-10, 1.0, 0.0], [0.0, 0.5, 1.0]])
 B = np.array([[-2.6189e-7], [2.4075e-7], [0.0]])
-"""Eq. 4.3 to the digit, B of the rudder [rad]: neither the ship's nor consistent in units."""
+"""Eq. 4.3 to the digit, B of the rudder [rad]; neither the ship's nor consistent in units."""
 
 
 @verified
 @linear
 def _foreseeing(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
-    """The heading with the d of the coming step ``(..., 1)``, eq. 4.5."""
+    """Heading plus the d of the coming step ``(..., 1)``, eq. 4.5."""
     return state[..., 2:3] + exogenous[..., :1]
 
 
@@ -66,11 +69,11 @@ def _foreseeing(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
 class ThesisCorvette(Ship, verified=True):
     """The ship in her turning circle trial, and the thesis' filter.
 
-    The truth is this package's nonlinear ship: the recorded trial is not public. The action is the
-    rudder angle. Filters estimate (v, r, psi); their known input is ``u = (rudder, commanded yaw
-    rate, simulation)``, and the simulation chooses Q and R. They take d for a yaw increment that
-    also moves the heading, ``psi+ = psi + dt r + d`` (eq. 4.4). It does not move the ship, as the
-    thesis' record was made without it: a level, not an increment.
+    The truth is this package's nonlinear ship, because the recorded trial is not public. The action
+    is the rudder angle. Filters estimate (v, r, psi). Their known input is ``u = (rudder, commanded
+    yaw rate, simulation)``, and the simulation chooses Q and R. Filters assume that d is a yaw
+    increment that also moves the heading, ``psi+ = psi + dt r + d`` (eq. 4.4). d does not move the
+    ship, because the thesis' record was made without d.
     """
 
     ship: CorvetteParameters = field(
@@ -91,17 +94,17 @@ class ThesisCorvette(Ship, verified=True):
     cruise: ClassVar[Any] = (np.zeros(3), np.zeros(3))  # straight on
 
     def estimated(self, kind: str) -> tuple[str, ...]:
-        """(v, r, psi)."""
+        """Components (v, r, psi)."""
         return ("v", "r", "psi")
 
     @property
     def process_sd(self) -> np.ndarray:
-        """Standard deviations of simulation I's process noise, where ``noise`` does not apply."""
+        """Standard deviations of simulation I's process noise, for models without ``noise``."""
         return np.sqrt(np.full(3, SIMULATIONS["I"].Q))
 
     @cached_property
     def noise(self) -> dict[str, Schedule]:
-        """Q ``(3, 3)`` and R ``(2, 2)`` of the simulation, the known input's last component."""
+        """Q ``(3, 3)`` and R ``(2, 2)`` by simulation, the last component of the known input."""
         sizes = {"Q": 3, "R": 2}
         return {
             name: Schedule(
@@ -114,7 +117,7 @@ class ThesisCorvette(Ship, verified=True):
         }
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Straight on to the north at service speed, whatever the prior, which is the filter's alone."""
+        """Straight on to the north at service speed; the prior is the filter's alone."""
         return super().start(
             np.broadcast_to([0.0, 0.0, 0.0, self.ship.speed, 0.0, 0.0], (*x.shape[:-1], 6))
         )
@@ -134,7 +137,7 @@ class ThesisCorvette(Ship, verified=True):
         exogenous: np.ndarray,
         parameters: np.ndarray,
     ) -> np.ndarray:
-        """The state one step later, in calm water; d does not move the ship."""
+        """State one step later, in calm water; d does not move the ship."""
         calm = np.zeros((*exogenous.shape[:-1], len(Ship.ambient_flows)))
         return super().step(state, before, after, calm, parameters)
 
@@ -146,14 +149,17 @@ class ThesisCorvette(Ship, verified=True):
     def known_input(
         self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None
     ) -> np.ndarray:
-        """The mean rudder over a step, the yaw rate of the commanded turn, and the simulation."""
+        """Mean rudder over a step, yaw rate of the commanded turn, and simulation."""
         rudder = 0.5 * (before + after)
         if commanded is None:
             commanded = np.concatenate([self._turning(rudder), np.zeros_like(rudder)], -1)
         return np.concatenate([rudder, commanded], -1)
 
     def linear(self, kind: str) -> tuple[Any, ...]:
-        """A, B and what d does: ``"corrected"``, those of the commanded turn, or ``"as-printed"``, eqs. 4.3 and 4.4."""
+        """A, B and the effect of d.
+
+        The kind ``"corrected"`` is about the commanded turn, ``"as-printed"`` is eqs. 4.3 and 4.4.
+        """
         printed = A, np.pad(B, ((0, 0), (0, 2)))
         own = printed if kind == "as-printed" else linear_matrices(self.ship, self.dt, 3)
         return *own, np.array([[0.0], [0.0], [1.0]])

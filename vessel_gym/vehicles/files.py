@@ -1,7 +1,7 @@
-"""Vehicles as data: a TOML file holds what is known of a ship, an underwater vehicle or an aircraft (docs/vehicles.md).
+"""Vehicles as data: TOML files of ships, underwater vehicles and aircraft (docs/vehicles.md).
 
-A file only holds numbers: nothing in it is executed. What is wrong with it is said in one sentence,
-with the line.
+A file holds numbers only, and nothing in it is executed. Errors are reported in one sentence with
+the line.
 """
 
 import re
@@ -27,12 +27,12 @@ _KINDS = {
     "fixed-wing": {3: ("puna", "PunaParameters")},
     "rov": {6: ("rov", "ROVParameters")},
 }
-"""Module and class of the parameters by kind and degrees of freedom, the usual ones first."""
+"""Module and class of the parameters by kind and degrees of freedom; defaults come first."""
 
 _ANGLES = (
     "rudder_limit", "rudder_rate", "fin_limit", "fin_rate", "alpha_low", "alpha_high", "alpha_rate", "bank_limit",
 )  # fmt: skip
-"""In rad, or with ``_deg`` after the name in degrees."""
+"""Numbers in rad, or in degrees with ``_deg`` after the name."""
 _POSITIVE, _ANY, _SHARE = RANGES["positive"], RANGES["finite"], RANGES["share"]
 _NEGATIVE = (-LARGEST, np.nextafter(0.0, 1.0), "a number of at most 0: it resists the motion")
 _ACUTE = (0.0, 0.5 * np.pi, "an angle above 0 and below 90 degrees")
@@ -56,11 +56,14 @@ _RANGES = (
     | dict.fromkeys(("X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r"), _NEGATIVE)
     | dict.fromkeys(("Y_uv", "Z_uw", "M_uq", "N_ur", "K_up"), _NEGATIVE)
 )
-"""Ranges of numbers that need not be positive; other coefficients of an underwater vehicle may be anything finite."""
+"""Ranges of numbers that need not be positive.
+
+Other coefficients of an underwater vehicle may be any finite number.
+"""
 
 
 def names() -> tuple[str, ...]:
-    """The vehicles that come with the package."""
+    """Names of the vehicles of the package."""
     return tuple(sorted(path.stem for path in _DATA.glob("*.toml")))
 
 
@@ -69,18 +72,17 @@ def load(source: str | Path) -> Any: ...
 @overload
 def load(source: str | Path, expected: type[P], *, stable: bool = True) -> P: ...
 def load(source: str | Path, expected: type[Any] = object, *, stable: bool = True) -> Any:
-    """The parameters of a vehicle.
+    """Load the parameters of a vehicle.
 
     Args:
         source: A TOML file, or one of `names`.
-        expected: The class that they must be of.
-        stable: Refuse a ship that is not directionally stable: the turning-circle task needs steady
-            turns.
+        expected: Expected class of the parameters.
+        stable: Refuse a ship that is not directionally stable, because the turning-circle task
+            needs steady turns.
 
     Raises:
-        ValueError: for an unknown name, or anything wrong in the file, in one sentence with its
-            line.
-        TypeError: for what is neither a name nor a path.
+        ValueError: for an unknown name, or an error in the file, in one sentence with its line.
+        TypeError: for anything but a name or a path.
         OSError: if the file cannot be read.
     """
     if not isinstance(source, str | Path):
@@ -103,7 +105,7 @@ def _shipped(path: Path) -> Any:
 
 
 class _File(TomlFile):
-    """A file being read."""
+    """Reader of a vehicle file."""
 
     otherwise = ("kind",)
 
@@ -127,7 +129,7 @@ class _File(TomlFile):
         return parameters
 
     def _class(self, expected: type[Any]) -> type[Any]:
-        """The class of the file's kind."""
+        """Class of the file's kind."""
         if "kind" not in self.data:
             raise self.fault((), f"a vehicle file needs a 'kind': {', '.join(_KINDS)}")
         kind = self.data["kind"]
@@ -152,7 +154,7 @@ class _File(TomlFile):
         return cls
 
     def _values(self, cls: type[Any]) -> dict[str, Any]:
-        """The file's numbers by name, in the units of the class."""
+        """Numbers of the file by name, in the units of the class."""
         tables, values = cls.TABLES, {}
         for table, content in self.data.items():
             if table in ("kind", "degrees_of_freedom"):
@@ -194,7 +196,7 @@ class _File(TomlFile):
         return values
 
     def _where(self, cls: type[Any], name: str) -> tuple[str, ...]:
-        """Table and key of a number; of a table that is told apart from a number by its name, the table."""
+        """Table and key of a number, or the table alone if ``name`` is a table."""
         if name in cls.TABLES:
             return (name,)
         table = next(table for table, keys in cls.TABLES.items() if name in keys)
@@ -203,7 +205,7 @@ class _File(TomlFile):
 
 
 def _value(cls: type[Any], name: str, key: str, value: object) -> Any:
-    """A number in the units of the class, or the tuple of numbers or the truth value that it wants."""
+    """Checked number, tuple of numbers or truth value, in the units of the class."""
     kind = next((each.type for each in fields(cls) if each.name == name), float)
     low, high, what = _RANGES.get(name, _ANY if re.match(r"[XYZKMN]_", name) else _POSITIVE)
     if kind is bool:
@@ -227,7 +229,7 @@ def _value(cls: type[Any], name: str, key: str, value: object) -> Any:
 
 
 def _numbers(name: str, value: object, size: int, low: float, high: float) -> tuple[float, ...]:
-    """Numbers of a list of a given size."""
+    """Checked numbers of a list of a given size."""
     what = f"a list of {size} finite numbers"
     if not isinstance(value, list | tuple) or len(value) != size:
         raise ValueError(f"{name} must be {what}, got {short_repr(value)}")
@@ -235,14 +237,14 @@ def _numbers(name: str, value: object, size: int, low: float, high: float) -> tu
 
 
 class Particulars:
-    """Base of a vehicle's parameters: a record of numbers, refused as files with them are.
+    """Base of a vehicle's parameters, checked as numbers of a vehicle file.
 
     Raises:
-        ValueError: naming a number that no vehicle has.
+        ValueError: naming an invalid number.
     """
 
     TABLES: ClassVar[dict[str, tuple[str, ...]]]
-    """Keys of a vehicle file by table; those that are no fields of the record go to ``given``."""
+    """Keys of a vehicle file by table; keys that are no fields of the class go to ``given``."""
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     def __post_init__(self) -> None:
@@ -266,9 +268,9 @@ class Particulars:
 
 
 class FromFile:
-    """Base of vehicles of which a file gives the parameters: their first field.
+    """Base of vehicles whose first field is the parameters from a file.
 
-    Others are ``dt`` and, unless they follow from the parameters, ``substeps``.
+    Further fields are ``dt`` and, unless derived from the parameters, ``substeps``.
 
     Raises:
         TypeError: for parameters of another class.

@@ -1,10 +1,10 @@
 """Hydrodynamic coefficients of a torpedo-shaped vehicle from its dimensions.
 
-The vehicle is cut into strips across its axis. Each formula stands by itself, with its source;
-``docs/hydrodynamics.md`` compares them with two vehicles whose coefficients are published.
+The vehicle is divided into strips across its axis. Each formula is a function with its source;
+``docs/hydrodynamics.md`` compares them with two vehicles of published coefficients.
 
-Sources: Prestero (2001), in whose thesis on REMUS most of these formulas stand together; Lamb
-(1932) and Fossen (2011) for the added mass of a spheroid; Blevins (1979) for that of sections;
+Sources: Prestero (2001), whose thesis on REMUS collects most of these formulas; Lamb (1932) and
+Fossen (2011) for the added mass of a spheroid; Blevins (1979) for the added mass of sections;
 Hoerner (1965, 1975) for drag and lift; Triantafyllou & Amzallag (1984) for axial drag.
 """
 
@@ -27,17 +27,17 @@ class Hull:
     stern: float
     """Aftmost x [m]."""
     joints: tuple[float, ...] = ()
-    """Places x [m] at which pieces of different curvature meet."""
+    """Positions x [m] at which pieces of different curvature meet."""
 
     def radius(self, x: np.ndarray) -> np.ndarray:
         """Radius [m] at ``x``, zero beyond the ends."""
         raise NotImplementedError
 
     def strips(self, *cuts: float) -> tuple[np.ndarray, np.ndarray]:
-        """Middles and widths [m] of strips from end to end, none of which crosses a joint, the origin or a cut.
+        """Middles and widths [m] of strips that cross no joint, no cut and not the origin.
 
-        Quadrature by Gauss and Legendre after x = sin, which takes the root out of a blunt end.
-        Cuts beyond the ends lengthen the range.
+        Gauss-Legendre quadrature after x = sin, which removes the root at a blunt end. Cuts beyond
+        the ends lengthen the range.
         """
         edges = np.unique([self.stern, *self.joints, 0.0, self.bow, *cuts])
         t, weight = np.polynomial.legendre.leggauss(24)
@@ -49,7 +49,7 @@ class Hull:
 
 @dataclass(frozen=True)
 class Spheroid(Hull):
-    """A prolate spheroid about its middle."""
+    """A prolate spheroid with the origin in its middle."""
 
     length: float  # m
     diameter: float  # m
@@ -69,7 +69,7 @@ class Spheroid(Hull):
 
 @dataclass(frozen=True)
 class Fins:
-    """Four equal stern fins in a cross: two are the rudder, two the stern planes. Dimensions of ONE."""
+    """Four equal stern fins in a cross, two rudders and two stern planes; dimensions of one fin."""
 
     area: float  # m2
     span: float  # m, from the hull to the tip
@@ -86,16 +86,16 @@ class Fins:
 
     @property
     def aspect_ratio(self) -> float:
-        """Effective aspect ratio: the hull mirrors the fin. Hoerner (1965)."""
+        """Effective aspect ratio, doubled by the mirror effect of the hull; Hoerner (1965)."""
         return 2.0 * self.span**2 / self.area
 
     @property
     def ends(self) -> tuple[float, float]:
-        """X [m] of trailing and leading edge."""
+        """Positions x [m] of trailing and leading edge."""
         return self.position - 0.5 * self.chord, self.position + 0.5 * self.chord
 
     def plate_drag_coefficient(self) -> float:
-        """Of a fin across the flow. Whicker & Fehlner (1958), as in Prestero (2001)."""
+        """Drag coefficient across the flow; Whicker & Fehlner (1958), in Prestero (2001)."""
         return 0.1 + 0.7 * self.taper
 
 
@@ -103,12 +103,12 @@ class Fins:
 
 
 def lamb_factors(length: float, diameter: float) -> tuple[float, float, float]:
-    """Added mass of a prolate spheroid along and across its axis and in turning, as parts of what it displaces.
+    """Added masses of a prolate spheroid along, across and in turning, over displaced values.
 
     Lamb (1932), art. 114-115; Fossen (2011).
 
     Raises:
-        ValueError: if it is not longer than it is thick.
+        ValueError: if the length does not exceed the diameter.
     """
     check_numbers(
         "lamb_factors", {"length": length, "diameter": diameter}, positive="length diameter"
@@ -129,7 +129,10 @@ def lamb_factors(length: float, diameter: float) -> tuple[float, float, float]:
 def section_added_mass(
     radius: np.ndarray, tip: np.ndarray | float, water_density: float
 ) -> np.ndarray:
-    """Added mass of a circle across the flow [kg/m], with a fin on either side up to ``tip``. Blevins (1979)."""
+    """Added mass [kg/m] of a circle across the flow, with a fin on either side up to ``tip``.
+
+    Blevins (1979).
+    """
     radius, tip = finite_array("radius", radius, "..."), finite_array("tip", tip, "...")
     check_numbers("section_added_mass", {"water_density": water_density}, positive="water_density")
     if (radius < 0.0).any() or (tip < 0.0).any():
@@ -142,16 +145,16 @@ def section_added_mass(
 def axial_drag_coefficient(
     length: float, diameter: float, speed: float, viscosity: float = 1.19e-6
 ) -> float:
-    """Of a bare hull on its frontal area. Triantafyllou & Amzallag (1984), with the friction line of ITTC (1957).
+    """Axial drag coefficient of a bare hull on its frontal area.
 
-    Fins, antennas and gaps come on top: LAUV (da Silva et al., 2007) is credited with 1.8 times as
-    much.
+    Triantafyllou & Amzallag (1984), with the friction line of ITTC (1957). Fins, antennas and gaps
+    add to this: for LAUV (da Silva et al., 2007) the total is 1.8 times as large.
 
     Args:
-        length: of the hull [m].
-        diameter: of the hull [m].
-        speed: through the water [m/s].
-        viscosity: kinematic [m2/s], sea water of 15 degrees; ITTC (2011).
+        length: Length of the hull [m].
+        diameter: Diameter of the hull [m].
+        speed: Speed through the water [m/s].
+        viscosity: Kinematic viscosity [m2/s], of sea water at 15 degrees; ITTC (2011).
 
     Raises:
         ValueError: for a number that is not positive.
@@ -169,11 +172,11 @@ def axial_drag_coefficient(
 
 @dataclass(frozen=True)
 class Coefficients:
-    """Coefficients of an axisymmetric hull with four equal stern fins, SI units, about the centre of buoyancy.
+    """Coefficients of a hull with four equal stern fins, SI units, about the centre of buoyancy.
 
-    Body axes: x forward, y starboard, z down. Signs and names are Prestero's (2001): a positive
-    rudder angle pushes the stern to starboard, so that the vehicle turns to port, and a positive
-    stern plane angle pushes the stern up, so that it dives.
+    Body axes: x forward, y starboard, z down. Signs and names are Prestero's (2001). A positive
+    rudder angle pushes the stern to starboard, so that the vehicle turns to port. A positive stern
+    plane angle pushes the stern up, so that the vehicle dives.
     """
 
     # Added mass: force or moment per acceleration.
@@ -198,8 +201,8 @@ class Coefficients:
     M_qq: float
     N_vv: float
     N_rr: float
-    # Lift of hull and centred fins: per |u| and velocity, e.g. Y_uv |u| v; without what added mass
-    # gives.
+    # Lift of hull and centred fins: per |u| and velocity, e.g. Y_uv |u| v; without the added-mass
+    # terms.
     Y_uv: float
     Y_ur: float
     Z_uw: float
@@ -215,17 +218,17 @@ class Coefficients:
     M_uuds: float
 
     def munk_moment(self) -> float:
-        """Moment N per u v [kg] that added mass makes, and -M per u w. Munk (1924).
+        """Added-mass moment N per u v [kg], and -M per u w; Munk (1924).
 
-        Kirchhoff's equations hold it already; published coefficients such as Prestero's N_uv add it
-        to that of lift.
+        Kirchhoff's equations contain this moment; published coefficients such as Prestero's N_uv
+        add it to the moment of lift.
         """
         return self.Y_vdot - self.X_udot
 
 
 @dataclass(frozen=True)
 class Torpedo:
-    """A hull with its fins, and what geometry does not tell."""
+    """A hull with fins, and coefficients that geometry does not determine."""
 
     hull: Hull
     fins: Fins
@@ -251,7 +254,10 @@ class Torpedo:
         return self.root + self.fins.span
 
     def lateral_added_mass(self) -> tuple[float, float, float]:
-        """Integrals [kg, kg m, kg m2] of the sections' added mass times 1, x and x squared. Prestero (2001)."""
+        """Integrals [kg, kg m, kg m2] of the sections' added mass times 1, x and x squared.
+
+        Prestero (2001).
+        """
         aft, fore = self.fins.ends
         x, dx = self.hull.strips(aft, fore)
         finned = np.where((x > aft) & (x < fore), self.tip, 0.0)
@@ -259,20 +265,23 @@ class Torpedo:
         return float(mass.sum()), float(mass @ x), float(mass @ x**2)
 
     def axial_added_mass(self) -> float:
-        """Of the spheroid as long and as thick as the hull [kg]. Lamb (1932)."""
+        """Axial added mass [kg] of a spheroid of the hull's length and diameter; Lamb (1932)."""
         length, diameter = self.hull.bow - self.hull.stern, self.hull.diameter
         along, _, _ = lamb_factors(length, diameter)
         return along * self.water_density * np.pi / 6.0 * length * diameter**2
 
     def roll_added_inertia(self) -> float:
-        """Of a cross of four fins as if there were no hull [kg m2]. Blevins (1979), as in Prestero (2001)."""
+        """Roll added inertia [kg m2] of a cross of four fins without a hull.
+
+        Blevins (1979), in Prestero (2001).
+        """
         return 2.0 / np.pi * self.water_density * self.tip**4 * self.fins.chord
 
     def cross_flow_integrals(self) -> tuple[float, float, float, float]:
-        """Integrals of drag per squared cross-flow [N s2/m2], times 1, x, x |x| and |x|^3. Prestero (2001).
+        """Integrals [N s2/m2] of drag per squared cross-flow, times 1, x, x |x| and |x|^3.
 
-        Strips of the hull, and the two fins that lie across the flow. The four belong together:
-        that they come of one distribution is what makes their forces take energy in every motion.
+        Prestero (2001), with strips of the hull and the two fins across the flow. One distribution
+        for all four integrals makes the forces dissipative in every motion.
         """
         half_density = 0.5 * self.water_density
         x, dx = self.hull.strips()
@@ -287,14 +296,14 @@ class Torpedo:
         )
 
     def roll_drag(self) -> float:
-        """Moment of the four fins per squared rate [N m s2]: plate drag on strips from root to tip."""
+        """Moment [N m s2] of the four fins per squared rate, by plate drag on strips."""
         per_area = 0.5 * self.water_density * self.fins.plate_drag_coefficient()
         return per_area * self.fins.chord * (self.tip**4 - self.root**4)  # 4 fins, integral of s^3
 
     def hull_lift(self) -> tuple[float, float]:
-        """Lift [N s2/m2] per u and local cross-flow, and the x [m] where it acts.
+        """Lift [N s2/m2] per u and local cross-flow, and position x [m] of the lift.
 
-        Hoerner (1975), as in Prestero (2001): .003 per degree, on length times diameter, at 65 % of
+        Hoerner (1975), in Prestero (2001): .003 per degree, on length times diameter, at 65 % of
         the length; measured for length / diameter of 6.7 to 10.
         """
         length = self.hull.bow - self.hull.stern
@@ -302,7 +311,7 @@ class Torpedo:
         return lift, self.hull.bow - 0.65 * length
 
     def fin_lift(self) -> float:
-        """Lift [N s2/m2] of ONE fin per u squared and angle. Hoerner (1965), as in Prestero (2001)."""
+        """Lift [N s2/m2] of one fin per u squared and angle; Hoerner (1965), in Prestero (2001)."""
         slope = 1.0 / (1.0 / (1.8 * np.pi) + 1.0 / (np.pi * self.fins.aspect_ratio))
         return 0.5 * self.water_density * self.fins.area * slope
 
@@ -310,9 +319,9 @@ class Torpedo:
         """All coefficients.
 
         A surface at x with lift k meets the cross-flow v + x r in the horizontal and w - x q in the
-        vertical plane, so its force -k |u| (v + x r) never drives the motion. Prestero (2001) gives
-        the fins these four terms but the hull only the one in v: without its companions in r, lift
-        feeds a hull that turns about a point between the origin and its centre of pressure.
+        vertical plane. So its force -k |u| (v + x r) is dissipative. Prestero (2001) gives the fins
+        these four terms but the hull only the one in v. Without the terms in r, lift feeds energy
+        to a hull that turns about a point between the origin and its centre of pressure.
         """
         mass, mass_moment, mass_inertia = self.lateral_added_mass()
         drag, drag_moment, drag_turning, drag_inertia = self.cross_flow_integrals()

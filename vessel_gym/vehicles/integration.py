@@ -1,4 +1,4 @@
-"""Vehicles in time: the fourth-order method of Runge and Kutta, written once for all equations of motion."""
+"""Fourth-order Runge-Kutta integration of all equations of motion."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -8,28 +8,30 @@ import numpy as np
 from estimators.engine import Compiled, compiled
 
 Rates = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""Equations of motion: the rates ``(..., n)`` of a state ``(..., n)`` under actuators ``(..., a)``, in a flow
-``(..., f)``, with coefficients ``(..., k)``."""
+"""Equations of motion: rates ``(..., n)`` of a state ``(..., n)``.
+
+Arguments are the state, actuators ``(..., a)``, a flow ``(..., f)`` and coefficients ``(..., k)``.
+"""
 
 
 def runge_kutta(
     rates: Rates, state: np.ndarray, before: np.ndarray, after: np.ndarray, flow: np.ndarray, c: np.ndarray, dt: float,
     substeps: int = 1,
 ) -> np.ndarray:  # fmt: skip
-    """The state ``(..., n)`` a step later.
+    """State ``(..., n)`` a step later.
 
     Over the step the flow is constant. Actuators move linearly, so that their rate limits are
     integrated exactly.
 
     Args:
-        rates: The equations of motion, `estimators.engine.compiled` or plain NumPy.
+        rates: Equations of motion, `estimators.engine.compiled` or plain NumPy.
         state: ``(..., n)``.
-        before: Actuators ``(..., a)`` at the beginning of the step,
-        after: and at its end.
+        before: Actuators ``(..., a)`` at the beginning of the step.
+        after: Actuators ``(..., a)`` at the end of the step.
         flow: ``(..., f)``.
         c: Coefficients ``(..., k)``.
         dt: Length of the step [s].
-        substeps: Equal parts of it.
+        substeps: Number of equal parts of the step.
     """
     change, part = after - before, _part if isinstance(rates, Compiled) else _part.function
     for i in range(substeps):
@@ -42,9 +44,9 @@ def resolving_substeps(dt: float, fastest: float) -> int:
     """Smallest number of equal substeps in which `runge_kutta` resolves the modes of linear motion.
 
     A mode with eigenvalue ``lambda`` is resolved in substeps h with ``|lambda| h <= 1/2``. The
-    numerical solution then has an eigenvalue within 0.08 % of ``|lambda|``. An oscillation's is
-    ``(|lambda| h)^4 / 120`` too slow, at most 0.05 %, and gains ``(|lambda| h)^5 / 144``, at most
-    0.0002, in damping ratio. Beyond ``2 sqrt(2)`` an undamped oscillation would grow.
+    eigenvalue of the numerical solution is then within 0.08 % of ``|lambda|``. An oscillation is
+    ``(|lambda| h)^4 / 120`` too slow, at most 0.05 %, and its damping ratio is ``(|lambda| h)^5 /
+    144`` too large, at most 0.0002. Beyond ``2 sqrt(2)`` an undamped oscillation would grow.
 
     Args:
         dt: Length of the step [s].
@@ -58,7 +60,10 @@ def _part(
     state: np.ndarray, before: np.ndarray, change: np.ndarray, flow: np.ndarray, c: np.ndarray, h: float,
     shares: tuple[float, float, float], *, rates: Rates,
 ) -> np.ndarray:  # fmt: skip
-    """One substep of length ``h``; ``shares`` of the actuators' change are over at its start, middle and end."""
+    """One substep of length ``h``.
+
+    ``shares`` of the actuators' change have passed at its start, middle and end.
+    """
     start, middle, end = (before + share * change for share in shares)
     k1 = rates(state, start, flow, c)
     k2 = rates(state + 0.5 * h * k1, middle, flow, c)
@@ -68,7 +73,7 @@ def _part(
 
 
 def incremented(state: np.ndarray, increments: np.ndarray, components: Sequence[int]) -> np.ndarray:
-    """The state ``(..., n)`` with each of the increments ``(..., k)`` added to one of its components."""
+    """State ``(..., n)`` with increments ``(..., k)`` added to its ``components``."""
     columns = list(np.moveaxis(state, -1, 0))
     for i, component in enumerate(components):
         columns[component] = columns[component] + increments[..., i]

@@ -1,13 +1,13 @@
-"""Underwater vehicles in the vertical plane: surge, heave and pitch; the ITSUNUSA is one (data/itsunusa.toml).
+"""Underwater vehicles in surge, heave and pitch, such as the ITSUNUSA (data/itsunusa.toml).
 
-Frames: x along the course, z down, body x forward and z down, origin at the centre of buoyancy. A
-positive stern plane dives, as Prestero's (2001).
+Frames: x along the course, z down; body x forward and z down, origin at the centre of buoyancy. A
+positive stern plane makes the vehicle dive, as in Prestero (2001).
 
 Sources: the EnKF-SR paper on this vehicle (eqs. 1-3) for dimensions and structure, with its
-misprints mended: ``u^2 u^2`` is u^2 delta_s, ``z_C(q)``, ``x_C(-q)`` and ``z_C(u + wq)`` have lost
-the dots of q and u, and the pitch moment is a difference, no fraction. It prints no hydrodynamic
-coefficient. Prestero (2001) for the symbols; Fossen (2011) for Kirchhoff's equations and the
-kinematics.
+misprints corrected: ``u^2 u^2`` is u^2 delta_s, ``z_C(q)``, ``x_C(-q)`` and ``z_C(u + wq)`` have
+lost the dots of q and u, and the pitch moment is a difference, no fraction. The paper prints no
+hydrodynamic coefficient. Prestero (2001) for the symbols; Fossen (2011) for Kirchhoff's equations
+and the kinematics.
 """
 
 from dataclasses import dataclass, field
@@ -26,7 +26,10 @@ from vessel_gym.vehicles.files import load
 from vessel_gym.verified import verified
 
 STATE = ("u", "w", "q", "x", "z", "theta")
-"""State: velocity through the water [m/s], pitch rate [rad/s], position [m] and pitch [rad]."""
+"""Components of the state.
+
+They are velocities through the water [m/s], pitch rate [rad/s], position [m] and pitch [rad].
+"""
 
 I = IntEnum("I", (
     "surge_mass", "heave_mass", "pitch_inertia", "mass_z_g", "heave_pitch",
@@ -44,10 +47,10 @@ class ItsunusaParameters(AUVParameters):
     """Particulars of a vehicle in the vertical plane, SI units."""
 
     def vector(self, factors: np.ndarray | None = None) -> np.ndarray:
-        """The coefficients of the equations of motion ``(..., k)``, in the order of `COEFFICIENTS`.
+        """Coefficients of the equations of motion ``(..., k)``, in the order of `COEFFICIENTS`.
 
         Args:
-            factors: ``(..., 7)`` on the first `VERTICAL` of the uncertain ones, 1 if not given.
+            factors: Factors ``(..., 7)`` on the first `VERTICAL` uncertain ones; default: 1.
         """
         return self.stacked(COEFFICIENTS, np.ones(VERTICAL) if factors is None else factors)
 
@@ -56,19 +59,22 @@ class ItsunusaParameters(AUVParameters):
 def itsunusa_rates(
     state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray
 ) -> np.ndarray:
-    """Rates ``(..., 6)`` by eqs. (1)-(3), with lift on |u| and fins on u |u|: both also brake a vehicle going astern.
+    """Rates ``(..., 6)`` by eqs. (1)-(3).
+
+    Lift is proportional to |u| and the fins' force to u |u|, so that both also brake a vehicle
+    going astern.
 
     Args:
         state: ``(..., 6)``, `STATE`.
-        control: Stern plane and thrust ``(..., 2)``.
-        current: ``(..., 1)``.
+        control: Stern plane [rad] and thrust [N] ``(..., 2)``.
+        current: ``(..., 1)`` m/s.
         c: ``(..., k)``, `COEFFICIENTS`.
     """
     u, w, q, _, _, theta = np.moveaxis(state, -1, 0)
     (stern, thrust), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
     sin_theta, cos_theta = sincos(theta)
-    # Kirchhoff: the momentum of body and water holds the brackets and all added-mass terms of the
-    # printed equations.
+    # Kirchhoff: the momentum of body and water contains the brackets and all added-mass terms of
+    # the printed equations.
     Px = c[I.surge_mass] * u + c[I.mass_z_g] * q
     Pz = c[I.heave_mass] * w + c[I.heave_pitch] * q
     U, W, Q = np.abs(u), w * np.abs(w), q * np.abs(q)
@@ -98,16 +104,15 @@ def _over_ground(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
 
 
 _STEEPEST, _TRIMS = np.deg2rad(45.0), 91
-"""The steepest path that a linear model follows, and how many steady motions there are up to it, either way."""
+"""Steepest path of the linear model [rad], and number of steady motions from -45 to 45 degrees."""
 
 
 @dataclass(frozen=True)
 class Itsunusa(AUV, verified=True):
-    """ITSUNUSA, in the vertical plane.
+    """The ITSUNUSA in the vertical plane.
 
-    The known input of its filters is ``u = (actuators before, actuators after, path angle
-    commanded, 1)``. Linear filters follow the steady dive along the commanded path, whose angle
-    counts upwards.
+    The known input of filters is ``u = (actuators before, actuators after, commanded path angle,
+    1)``. Linear filters use the steady dive along the commanded path, whose angle counts upwards.
     """
 
     body: ItsunusaParameters = field(default_factory=lambda: load("itsunusa", ItsunusaParameters))
@@ -139,21 +144,24 @@ class Itsunusa(AUV, verified=True):
 
     @cached_property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
-        """Level at the cruising speed, fins centred."""
+        """Level at cruise speed, with centred fins."""
         x, u = super().cruise
         return x, np.concatenate([u, [0.0, 1.0]])
 
     def known_input(
         self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None
     ) -> np.ndarray:
-        """The actuators at the start of a step and at its end, the path angle commanded (level if there is none), 1."""
+        """Actuators at the start and the end of a step, commanded path angle, and 1.
+
+        Without a command the path angle is 0.
+        """
         level = np.zeros_like(before[..., :1])
         return np.concatenate(
             [before, after, level if commanded is None else commanded, level + 1.0], -1
         )
 
     def linear(self, kind: str) -> Trims:
-        """The steady dives along straight paths, at the cruising speed."""
+        """Steady dives along straight paths, at cruise speed."""
         return self._dives
 
     @cached_property

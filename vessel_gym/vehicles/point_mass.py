@@ -1,7 +1,7 @@
-"""An aircraft as a point mass with lift, drag and thrust: its constants, its forces, and when it flies level.
+"""An aircraft as a point mass with lift, drag and thrust: constants and forces.
 
 Sources: the paper on the PUNA (see `vessel_gym.vehicles.puna`) for the form of drag, lift and
-density; it prints no constant. Gryte (2018), the Skywalker X8, for those.
+density, without constants; Gryte (2018), the Skywalker X8, for the constants.
 """
 
 from dataclasses import dataclass
@@ -33,8 +33,8 @@ UNCERTAIN = tuple(_FACTORS)
 class PointMass:
     """Constants of an aircraft's equations, SI units; angles of attack in rad.
 
-    Drag ``C_D = A1 a^2 + A2 a + A3``, lift ``C_L = B1 a + B2``, density ``C1 h^2 + C2 h + C3``: eq.
-    2 of the paper.
+    Eq. 2 of the paper: drag ``C_D = A1 a^2 + A2 a + A3``, lift ``C_L = B1 a + B2``, density ``C1
+    h^2 + C2 h + C3``.
     """
 
     mass: float  # kg
@@ -52,10 +52,10 @@ class PointMass:
     )
 
     def vector(self, factors: np.ndarray | None = None) -> np.ndarray:
-        """The coefficients of the equations of motion ``(..., 13)``, in the order of `COEFFICIENTS`.
+        """Coefficients of the equations of motion ``(..., 13)``, in the order of `COEFFICIENTS`.
 
         Args:
-            factors: ``(..., 6)`` on the `UNCERTAIN` ones, 1 if not given.
+            factors: Factors ``(..., 6)`` on the `UNCERTAIN` ones; default: 1.
         """
         c = np.array(
             [
@@ -80,7 +80,7 @@ class PointMass:
 def forces(
     altitude: np.ndarray, speed: np.ndarray, alpha: np.ndarray, c: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lift and drag [N], eq. 2, with coefficients ``(k, ...)``; both change sign with that of the speed."""
+    """Lift and drag [N], eq. 2, with coefficients ``(k, ...)``; both have the sign of the speed."""
     density = (c[I.density_2] * altitude + c[I.density_1]) * altitude + c[I.density_0]
     pressure = 0.5 * density * speed * np.abs(speed) * c[I.area]
     lift = pressure * (c[I.lift_1] * alpha + c[I.lift_0])

@@ -1,16 +1,16 @@
-"""Fixed-wing unmanned aircraft: a point mass that turns coordinated, in a wind; the PUNA is one (data/puna.toml).
+"""Fixed-wing aircraft: a point mass in coordinated turns, in a wind (data/puna.toml).
 
-Frames: x north, y east, altitude h up; positive bank turns to starboard. Wind components are north,
-east, down, where it blows to.
+Frames: x north, y east, altitude h up; positive bank turns to starboard. The wind has components
+north, east and down, in its direction of motion.
 
-In the literature the state holds airspeed and the angles of the velocity through the air. Here it
-holds the velocity over ground: a gust then changes nothing but the wind, so that white noise on the
-wind is all that a filter has to be told, and there is no pole at the vertical.
+In the literature the state has airspeed and the angles of the velocity through the air. Here it has
+the velocity over ground. A gust then changes only the wind, so that filters need only white noise
+on the wind. The equations have no pole at the vertical.
 
 Sources: the paper on Dubins paths and the ensemble Kalman filter for a PUNA ("Pesawat Udara Nir
-Awak", in Indonesian) for the task and the controls (thrust and angle of attack); its own equations
-are those of `studies.papers.puna.model`. Beard & McLain (2012), ch. 9, for the point mass and the
-bank.
+Awak", in Indonesian) for the task and the controls (thrust and angle of attack);
+`studies.papers.puna.model` has the paper's own equations. Beard & McLain (2012), ch. 9, for the
+point mass and the bank.
 """
 
 from collections.abc import Iterator
@@ -31,15 +31,19 @@ from vessel_gym.vehicles.whole_state import WholeState
 from vessel_gym.verified import verified
 
 STATE = ("x", "y", "h", "north", "east", "climb", "phi")
-"""State: position and altitude [m], velocity over ground [m/s] and bank [rad]."""
+"""Components of the state: position, altitude [m], velocity over ground [m/s], bank [rad]."""
 
-# m/s2: no wing bears more lift. At 20 m/s the aircraft reaches 50; it bounds how fast a step may turn
+# m/s2, largest lift: no wing bears more. At 20 m/s the PUNA reaches 50; the bound limits the turn
+# in a step.
 HARDEST = 200.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class PunaParameters(Particulars, PointMass):
-    """An aircraft with its actuators and their limits: what a vehicle file gives, each number there with its source."""
+    """Particulars of an aircraft with its actuators and limits: the content of a vehicle file.
+
+    A file states a source for each number.
+    """
 
     cruise_speed: float  # m/s
     thrust_limit: float  # N
@@ -58,7 +62,7 @@ class PunaParameters(Particulars, PointMass):
     """Keys of a vehicle file by table."""
 
     def mistakes(self) -> Iterator[tuple[str, str]]:
-        """Mistakes that no aircraft has: the name of a number, and a sentence on it."""
+        """Errors in the particulars: the name of a number, and a sentence."""
         if self.alpha_low >= self.alpha_high:
             yield (
                 "alpha_high",
@@ -83,24 +87,24 @@ class PunaParameters(Particulars, PointMass):
 
     @cached_property
     def cruise(self) -> np.ndarray:
-        """Thrust, angle of attack and bank ``(3,)`` of level flight at the cruising speed, at sea level."""
+        """Thrust, angle of attack, bank ``(3,)`` of level flight at cruise speed and sea level."""
         steady = trim(self.cruise_speed, self)
         return np.array([steady.thrust, steady.alpha, 0.0])
 
     def commands(self, action: np.ndarray) -> np.ndarray:
-        """Thrust, angle of attack and bank ``(..., 3)`` that actions ask for: limits at -1 and 1, cruising at 0."""
+        """Thrust, angle of attack, bank ``(..., 3)`` of actions: limits at -1, 1, cruise at 0."""
         below, above = self._reach
         return self.cruise + action * np.where(action < 0.0, below, above)
 
     def actions(self, commands: np.ndarray) -> np.ndarray:
-        """The actions ``(..., 3)`` that ask for thrust, angle of attack and bank."""
+        """Actions ``(..., 3)`` that command a thrust, an angle of attack and a bank."""
         below, above = self._reach
         change = commands - self.cruise
         return change / np.where(change < 0.0, below, above)
 
     @cached_property
     def _reach(self) -> tuple[np.ndarray, np.ndarray]:
-        """From cruising to the lower limits and to the upper ones."""
+        """Distances from cruise to the lower limits and to the upper limits."""
         low = np.array([0.0, self.alpha_low, -self.bank_limit])
         return (
             self.cruise - low,
@@ -117,13 +121,13 @@ class Trim:
 
 
 def trim(speed: float, body: PunaParameters, altitude: float = 0.0, bank: float = 0.0) -> Trim:
-    """Angle of attack and thrust for level flight, in a coordinated turn if banked.
+    """Angle of attack and thrust of level flight, in a coordinated turn if banked.
 
     Args:
         speed: Airspeed [m/s].
-        body: The aircraft.
-        altitude: Of the flight [m].
-        bank: Angle [rad].
+        body: Aircraft.
+        altitude: Altitude [m].
+        bank: Bank angle [rad].
 
     Raises:
         ValueError: if the aircraft cannot fly level like this within its limits of angle and
@@ -162,12 +166,12 @@ def trim(speed: float, body: PunaParameters, altitude: float = 0.0, bank: float 
 def puna_rates(
     state: np.ndarray, control: np.ndarray, wind: np.ndarray, c: np.ndarray
 ) -> np.ndarray:
-    """Rates ``(..., 7)`` of position and altitude, velocity over ground and bank.
+    """Rates ``(..., 7)`` of position, altitude, velocity over ground and bank.
 
     Args:
         state: ``(..., 7)``, `STATE`.
-        control: Thrust, angle of attack and commanded bank ``(..., 3)``.
-        wind: North, east and down ``(..., 3)``.
+        control: Thrust [N], angle of attack and commanded bank [rad] ``(..., 3)``.
+        wind: North, east and down [m/s] ``(..., 3)``.
         c: ``(..., k)``, `COEFFICIENTS`.
     """
     _, _, altitude, *velocity, phi = np.moveaxis(state, -1, 0)
@@ -184,7 +188,7 @@ def puna_rates(
     force = c[I.thrust] * thrust
     along = (force * cos_alpha - drag) / c[I.mass]
     across = np.minimum(np.maximum((lift + force * sin_alpha) / c[I.mass], -HARDEST), HARDEST)
-    # Where nothing flies, straight up or down or at rest, directions are those of a hair beside.
+    # Avoid a division by 0 for vertical or no motion, in which no aircraft flies.
     V, level = np.maximum(V, 1e-3), np.maximum(level, 1e-3)
     above, aside = across * cos_phi / V, across * sin_phi / level
     ahead = along / V - above * up / level
@@ -235,7 +239,7 @@ def _velocity(measurements: np.ndarray, known: Known) -> Known:
 
 @verified
 def _along(measurements: np.ndarray, known: Known) -> Known:
-    """Difference of airspeed and ground speed, taken for a wind along the course."""
+    """Mean wind along the course, from the difference of ground speed and airspeed."""
     if "ground speed" not in known:
         return {}
     speed, course = known["ground speed"], known["course"]
@@ -246,12 +250,12 @@ def _along(measurements: np.ndarray, known: Known) -> Known:
 
 @dataclass(frozen=True)
 class Puna(FromFile, WholeState, verified=True):
-    """The aircraft in batches, as an environment uses it.
+    """The PUNA in batches: actuators, state, sensors, and filters' model.
 
-    Over a step the wind is constant; increments change velocities and bank at its end. Figures of
-    the sensors are from public models of small aircraft (Beard & McLain 2012, ch. 7): the GNSS has
-    white noise and a bias that wanders. Filters estimate the whole state; their known input is ``u
-    = (actuators before, actuators after)``.
+    Over a step the wind is constant; increments change velocities and bank at the end of a step.
+    Figures of the sensors are from public models of small aircraft (Beard & McLain 2012, ch. 7):
+    the GNSS has white noise and a wandering bias. Filters estimate the whole state; their known
+    input is ``u = (actuators before, actuators after)``.
     """
 
     body: PunaParameters = field(default_factory=lambda: load("puna", PunaParameters))
@@ -282,22 +286,22 @@ class Puna(FromFile, WholeState, verified=True):
     grades: ClassVar[str] = "fixed-wing"
     rates: ClassVar = {"climb": "h"}
     carried: ClassVar = np.vstack([np.zeros((3, 3)), np.diag([1.0, 1.0, -1.0]), np.zeros((1, 3))])
-    """Velocities are over ground: the wind carries the aircraft along from the first moment."""
+    """Velocities are over ground, so that the wind carries the aircraft from the first moment."""
     normals: ClassVar = len(UNCERTAIN)
-    """Normal numbers that `parameters` needs."""
+    """Number of standard normal numbers that `parameters` needs."""
 
     @cached_property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
-        """Level at 100 m and the cruising speed."""
+        """Level flight at 100 m and cruise speed."""
         x = np.array([0.0, 0.0, 100.0, self.body.cruise_speed, 0.0, 0.0, 0.0])
         return x, np.concatenate([self.body.cruise, self.body.cruise])
 
     @cached_property
     def _actuators(self) -> np.ndarray:
-        """At 0 the aircraft cruises level, at -1 and 1 every actuator is at a limit.
+        """Actuators with cruise at action 0, and limits at -1 and 1.
 
-        Thrust follows with its lag, angle of attack at its rate, commanded bank at once: the bank
-        itself lags.
+        Thrust has a lag, and the angle of attack a rate limit. The commanded bank has neither,
+        because the bank itself has a lag.
         """
         body = self.body
         of_thrust = {"lag": np.exp(-self.dt / body.thrust_lag)}

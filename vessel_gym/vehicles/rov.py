@@ -1,8 +1,8 @@
-"""Remotely operated vehicles: a rigid body in six degrees of freedom, moved by thrusters alone (kind = "rov").
+"""Remotely operated vehicles: rigid bodies in six degrees of freedom with thrusters.
 
-Frames: North-East-Down, body x forward, y starboard, z down, origin at the centre of gravity. Body,
+Frames: north-east-down; body x forward, y starboard, z down, origin at the centre of gravity. Body,
 added mass and damping are symmetric about the body's planes, so inertia and damping are diagonal.
-The vehicle may take any attitude: a step moves a quaternion, and states hold Euler angles.
+Any attitude is possible: a step moves a quaternion, and states have Euler angles.
 
 Sources: Fossen (2011), chapters 2 and 6 to 8, for the equations and the allocation of thrusters;
 von Benzon et al. (2022) for the diagonal model of a BlueROV2 Heavy (data/bluerov2-heavy.toml).
@@ -25,7 +25,7 @@ ADDED_MASS = ("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot")
 LINEAR = ("X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r")
 QUADRATIC = ("X_uu", "Y_vv", "Z_ww", "K_pp", "M_qq", "N_rr")
 UNCERTAIN = ADDED_MASS + LINEAR + QUADRATIC
-"""Coefficients that `mismatch` spreads, each on its own."""
+"""Coefficients that `mismatch` spreads, each by a factor of its own."""
 COEFFICIENTS = (
     *(f"inertia of {name}" for name in STATE[:6]),
     *LINEAR,
@@ -33,14 +33,15 @@ COEFFICIENTS = (
     "net_weight",
     "righting_moment",
 )
-"""Components of the coefficients' vector; an inertia is that of body and added mass."""
+"""Components of the coefficients' vector; an inertia includes added mass."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ROVParameters(Particulars):
-    """Particulars of a vehicle with thrusters, SI units: what a vehicle file gives, each number there with its source.
+    """Particulars of a vehicle with thrusters in SI units: the content of a vehicle file.
 
-    Coefficients have the signs of SNAME (1950), so those that resist the motion are negative.
+    A file states a source for each number. Coefficients have the signs of SNAME (1950), so those
+    that resist the motion are negative.
     """
 
     mass: float  # kg
@@ -48,14 +49,14 @@ class ROVParameters(Particulars):
     pitch_inertia: float
     yaw_inertia: float
     z_g: float  # m, centre of gravity below the centre of buoyancy
-    buoyancy_excess: float = 0.0  # N, buoyancy less weight
+    buoyancy_excess: float = 0.0  # N, buoyancy minus weight
     gravity: float = 9.81  # m/s2
     positions: tuple[
         tuple[float, float, float], ...
-    ]  # m, of each thruster from the centre of gravity
+    ]  # m, positions of the thrusters relative to the centre of gravity
     directions: tuple[
         tuple[float, float, float], ...
-    ]  # of each thruster's force on the body, of any length
+    ]  # directions of the thrusters' forces on the body, of any length
     thrust_limit: float  # N, of each thruster, either way
     thrust_lag: float = 0.1  # s, time constant of the thrust, assumed
     X_udot: float
@@ -87,16 +88,16 @@ class ROVParameters(Particulars):
 
     @cached_property
     def allocation(self) -> np.ndarray:
-        """Generalised force ``(6, n)`` of a unit of thrust of each thruster: the force, and its moment."""
+        """Force and moment ``(6, n)`` of a unit of thrust of each thruster."""
         directions = np.array(self.directions)
         force = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
         return np.concatenate([force, np.cross(self.positions, force)], -1).T
 
     def vector(self, factors: np.ndarray | None = None) -> np.ndarray:
-        """The coefficients of the equations of motion ``(..., 20)``, in the order of `COEFFICIENTS`.
+        """Coefficients of the equations of motion ``(..., 20)``, in the order of `COEFFICIENTS`.
 
         Args:
-            factors: ``(..., 18)`` on the `UNCERTAIN` ones, 1 if not given.
+            factors: Factors ``(..., 18)`` on the `UNCERTAIN` ones; default: 1.
         """
         factors = np.ones(len(UNCERTAIN)) if factors is None else factors
         c = np.array([getattr(self, name) for name in UNCERTAIN]) * factors
@@ -106,7 +107,7 @@ class ROVParameters(Particulars):
         return np.concatenate([body - c[..., :6], c[..., 6:], still], -1)
 
     def mistakes(self) -> Iterator[tuple[str, str]]:
-        """Mistakes that no such vehicle has: the name of a number, and a sentence on it."""
+        """Errors in the particulars: the name of a number, and a sentence."""
         if len(self.positions) != len(self.directions):
             yield (
                 "directions",
@@ -122,10 +123,10 @@ class ROVParameters(Particulars):
 
 
 def _rotation(quaternion: Sequence[np.ndarray]) -> tuple[tuple[np.ndarray, ...], ...]:
-    """Rows of the matrix ``(3, 3)`` that rotates body axes to North-East-Down, of a unit quaternion.
+    """Rows of the rotation matrix ``(3, 3)`` from body axes to north-east-down.
 
     Args:
-        quaternion: Four arrays ``(...)``, the real part first.
+        quaternion: Unit quaternion as four arrays ``(...)``, the real part first.
     """
     e0, e1, e2, e3 = quaternion
     return (
@@ -137,7 +138,7 @@ def _rotation(quaternion: Sequence[np.ndarray]) -> tuple[tuple[np.ndarray, ...],
 
 @compiled
 def with_quaternion(state: np.ndarray) -> np.ndarray:
-    """The state `STATE` ``(..., 12)`` with a unit quaternion in place of the Euler angles ``(..., 13)``."""
+    """State `STATE` ``(..., 12)`` with a unit quaternion instead of Euler angles ``(..., 13)``."""
     (s1, c1), (s2, c2), (s3, c3) = (sincos(0.5 * state[..., i]) for i in (9, 10, 11))
     quaternion = (
         c1 * c2 * c3 + s1 * s2 * s3, s1 * c2 * c3 - c1 * s2 * s3,
@@ -148,11 +149,11 @@ def with_quaternion(state: np.ndarray) -> np.ndarray:
 
 @compiled
 def with_euler_angles(state: np.ndarray, near: np.ndarray) -> np.ndarray:
-    """The state with a quaternion ``(..., 13)`` as a state `STATE` ``(..., 12)``.
+    """State `STATE` ``(..., 12)`` from a state with a quaternion ``(..., 13)``.
 
-    The pitch is within 90 degrees. Roll and yaw are those within half a turn of the ones in
-    ``near (..., 12)``, so that they do not jump by whole turns. As the vehicle passes the pole, at
-    90 degrees of pitch, both jump by half a turn: the attitude does not.
+    The pitch is within 90 degrees. Roll and yaw are within half a turn of those in ``near (...,
+    12)``, so that they do not jump by whole turns. As the vehicle passes the pole, at 90 degrees of
+    pitch, both jump by half a turn, while the attitude is continuous.
     """
     quaternion = [state[..., i] for i in range(9, 13)]
     norm = np.sqrt(sum(e * e for e in quaternion))
@@ -165,7 +166,7 @@ def with_euler_angles(state: np.ndarray, near: np.ndarray) -> np.ndarray:
     phi = near[..., 9] + np.arctan2(sin_change, np.where(at_pole, 1e-12, cos_change))
     sin, cos = sincos(phi)
     theta = np.arctan2(-down_x, down_y * sin + down_z * cos)
-    # The body's y axis, turned back by the roll, is level.
+    # The body's y axis, with the roll removed, is horizontal.
     sin_psi, cos_psi = north_z * sin - north_y * cos, east_y * cos - east_z * sin
     sin, cos = sincos(near[..., 11])
     psi = near[..., 11] + np.arctan2(sin_psi * cos - cos_psi * sin, cos_psi * cos + sin_psi * sin)
@@ -176,15 +177,15 @@ def with_euler_angles(state: np.ndarray, near: np.ndarray) -> np.ndarray:
 def rov_rates(
     state: np.ndarray, force: np.ndarray, current: np.ndarray, c: np.ndarray
 ) -> np.ndarray:
-    """Rates ``(..., 13)`` of the velocities through the water, the position and the attitude.
+    """Rates ``(..., 13)`` of velocities through the water, position and attitude.
 
-    Kirchhoff's equations of the momentum of body and water, which is theirs in body axes, with
-    damping. The attitude is a unit quaternion, which has no pole (Fossen 2011, sec. 2.2.2).
+    Kirchhoff's equations in body axes, with damping. The attitude is a unit quaternion, which has
+    no pole (Fossen 2011, sec. 2.2.2).
 
     Args:
-        state: ``(..., 13)``, as `with_quaternion` gives it.
-        force: Generalised force of the thrusters ``(..., 6)``.
-        current: North and east ``(..., 2)``.
+        state: ``(..., 13)``, as of `with_quaternion`.
+        force: Force and moment of the thrusters ``(..., 6)``.
+        current: North and east [m/s] ``(..., 2)``.
         c: ``(..., 20)``, `COEFFICIENTS`.
     """
     velocity, (e0, e1, e2, e3) = (
@@ -218,7 +219,7 @@ def rov_rates(
 
 @dataclass(frozen=True)
 class ROV(FromFile, WholeState, verified=True):
-    """A vehicle with thrusters in batches, with the state, the sensors and the water of `Segorogeni`.
+    """A vehicle with thrusters in batches; state, sensors and water are those of `Segorogeni`.
 
     An action is the thrust of each thruster as a share of its limit. Filters estimate the whole
     state; their known input is the thrusts before and after a step.
@@ -241,7 +242,7 @@ class ROV(FromFile, WholeState, verified=True):
 
     @cached_property
     def action_names(self) -> tuple[str, ...]:  # type: ignore[override]
-        """The thrusters, numbered from 1."""
+        """Thrusters, numbered from 1."""
         return tuple(f"thruster {i + 1}" for i in range(len(self.body.positions)))
 
     @cached_property
@@ -251,7 +252,7 @@ class ROV(FromFile, WholeState, verified=True):
 
     @cached_property
     def _actuators(self) -> np.ndarray:
-        """Thrusts with their lag."""
+        """Thrusts with a lag."""
         lag = float(np.exp(-self.dt / self.body.thrust_lag))
         return actuator_parameters(
             *(Actuator(self.body.thrust_limit, lag=lag),) * len(self.action_names)
@@ -265,7 +266,7 @@ class ROV(FromFile, WholeState, verified=True):
         flow: np.ndarray,
         parameters: np.ndarray,
     ) -> np.ndarray:
-        """The state one step later, without increments; the attitude moves as a quaternion."""
+        """State one step later, without increments; the attitude moves as a quaternion."""
         before, after = (np.matvec(self.body.allocation, thrusts) for thrusts in (before, after))
         return with_euler_angles(
             super().moved(with_quaternion(state), before, after, flow, parameters), state

@@ -1,7 +1,7 @@
-"""Effects of waves on a ship: the loads of long waves, and the first-order motion that follows.
+"""Effects of waves on a ship: loads of long waves, and first-order motion.
 
-Angles: beta is the direction in which the waves run less the heading; 0 is a following sea, 180
-degrees a head sea (Fossen 2021, ch. 10).
+The angle beta is the direction of the waves minus the heading; 0 is a following sea, 180 degrees a
+head sea (Fossen 2021, ch. 10).
 """
 
 from dataclasses import dataclass
@@ -19,34 +19,37 @@ from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, CorvetteParamet
 from vessel_gym.waves import GRAVITY, encounter_frequency
 
 SHORT_CREST = 0.15
-"""Allowance for the crests' shortness: a share of the side force that comes a quarter of a period later, so that a
-sea ahead or astern does not leave a ship entirely alone; assumed."""
+"""Allowance for short crests: a share of the side force that comes a quarter of a period later.
+
+With this allowance a sea ahead or astern moves the ship, too. The value is assumed.
+"""
 
 
 def wave_loads(
     ship: CorvetteParameters, frequency: np.ndarray, beta: np.ndarray, speed: float = 0.0
 ) -> np.ndarray:
-    """Sway force [N], yaw and roll moments [N m] per metre of a wave's amplitude ``(..., 3)``, complex.
+    """Complex sway force [N], yaw and roll moments [N m] per metre of amplitude ``(..., 3)``.
 
-    On a slender hull held in a wave ``exp(j (w t - k x))``: Froude-Krylov and diffraction forces as
-    in strip theory, Salvesen, Tuck & Faltinsen (1970). With the sway velocity and yaw rate ``n_w``
-    of the water along the hull, its mean velocity and gradient at half the draught, they are::
+    Loads on a slender hull that is fixed in a wave ``exp(j (w t - k x))``: Froude-Krylov and
+    diffraction forces of strip theory, Salvesen, Tuck & Faltinsen (1970). With the sway velocity
+    and yaw rate ``n_w`` of the water along the hull (mean velocity and gradient at half the
+    draught), they are::
 
         j w M_body n_w + j w_e M_added n_w + D(U) n_w
 
-    The wave's pressure accelerates the ship as it accelerates the water that she displaces; added
-    mass and damping act on the motion relative to the water. In waves much longer than the ship she
-    therefore moves as the water does.
+    The pressure of the wave accelerates the ship like the displaced water; added mass and damping
+    act on the motion relative to the water. In waves much longer than the ship she therefore moves
+    with the water.
 
     The roll moment about the centre of gravity is the righting moment for the slope of the waves:
-    in long ones the ship lies along the surface, Froude (1861). The moment of her motion relative
-    to the water is left out.
+    in long waves the ship follows the surface, Froude (1861). The moment of her motion relative to
+    the water is left out.
 
     Args:
-        ship: Parameters.
-        frequency: Of the wave [rad/s].
-        beta: Where it runs to, from the heading on [rad].
-        speed: Of the ship [m/s].
+        ship: Parameters of the ship.
+        frequency: Frequency of the wave [rad/s].
+        beta: Direction of the wave relative to the heading [rad].
+        speed: Speed of the ship [m/s].
     """
     instance("ship of wave_loads", ship, CorvetteParameters)
     frequency, beta, speed = _checked(frequency, beta, speed)
@@ -70,10 +73,11 @@ def wave_loads(
 def wave_response(
     ship: CorvetteParameters, frequency: np.ndarray, beta: np.ndarray, speed: float
 ) -> np.ndarray:
-    """First-order sway velocity [m/s] and yaw rate [rad/s] per metre of a wave's amplitude ``(..., 2)``, complex.
+    """Complex sway velocity [m/s] and yaw rate [rad/s] per metre of amplitude ``(..., 2)``.
 
-    Of the ship that goes straight on, linearised: no pole at an encounter frequency of 0.
-    Superposed on manoeuvring, Fossen (2021), ch. 10. Arguments as `wave_loads`.
+    Linear, first-order response of a ship on a straight course, without a pole at an encounter
+    frequency of 0. It is superposed on manoeuvring, Fossen (2021), ch. 10. Arguments as
+    `wave_loads`.
     """
     instance("ship of wave_response", ship, CorvetteParameters)
     frequency, beta, speed = _checked(frequency, beta, speed)
@@ -89,7 +93,7 @@ def wave_response(
 def _checked(
     frequency: object, beta: object, speed: object
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Finite numbers, of which frequencies are not negative."""
+    """Finite numbers; frequencies are not negative."""
     frequency, beta = finite_array("frequency", frequency, "..."), finite_array("beta", beta, "...")
     if (frequency < 0.0).any():
         raise ValueError("frequency of waves must be at least 0 [rad/s]")
@@ -99,7 +103,10 @@ def _checked(
 def sway_yaw_matrices(
     ship: CorvetteParameters, speed: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Inertia of sway and yaw with added mass and without, and damping at a ``speed`` [m/s], ``(2, 2)`` each."""
+    """Inertia of sway and yaw with and without added mass, and damping ``(2, 2)``.
+
+    The damping is for a ``speed`` [m/s].
+    """
     c = dict(zip(COEFFICIENTS, ship.vector(), strict=True))
     inertia = np.array(
         [[c["sway_inertia"], c["sway_yaw_inertia"]], [c["yaw_sway_inertia"], c["yaw_inertia"]]]
@@ -112,19 +119,19 @@ def sway_yaw_matrices(
 
 @dataclass(frozen=True, eq=False)
 class WaveMotion:
-    """`wave_response` and roll moment in real numbers, for programs, of a ship at any speed.
+    """`wave_response` and roll moment in real numbers, for compiled code, at any speed.
 
-    A ship at rest moves as the water along her hull does, ``n = (even, -j odd)``. The response,
-    which solves ``(M + j w_e I) x = (D + j w B + j w_e A) n``, is hence ``n + (M + j w_e I)^-1 U
-    c`` with ``c = j odd b + j k cos(beta) B n``, where b is the first column of B, the inertia of
-    the body, and I = A + B.
+    A ship at rest moves as the water along her hull does, ``n = (even, -j odd)``. The response
+    solves ``(M + j w_e I) x = (D + j w B + j w_e A) n``. Hence it is ``n + (M + j w_e I)^-1 U c``
+    with ``c = j odd b + j k cos(beta) B n``, where b is the first column of B, the inertia of the
+    body, and I = A + B.
     """
 
     ship: CorvetteParameters
 
     @cached_property
     def _table(self) -> np.ndarray:
-        """M by speed ``(26, 4)``: sway force and yaw moment against a unit of sway and yaw."""
+        """M by speed ``(26, 4)``: sway force and yaw moment per unit of sway and yaw."""
         tabled = []
         for speed in self.ship.speed * _SPEEDS:
             _, body, damping = sway_yaw_matrices(self.ship, speed)
@@ -132,7 +139,7 @@ class WaveMotion:
         return np.array(tabled)
 
     def at(self, speed: np.ndarray) -> "HullAtSpeed":
-        """The ship at speeds ``(...)`` [m/s], with M interpolated between tabled ones."""
+        """The ship at speeds ``(...)`` [m/s], with M interpolated between tabled speeds."""
         place = (len(_SPEEDS) - 1) / _SPEEDS[-1] / self.ship.speed * speed
         table = interpolated(self._table, np.minimum(np.maximum(place, 0.0), len(_SPEEDS) - 1.0))
         M = [[table[..., 2 * i + j] for j in range(2)] for i in range(2)]
@@ -155,11 +162,11 @@ class HullAtSpeed(NamedTuple):
     inert: list[list[Any]]  # adj(I) B
 
     def moved(self, w: Any, k_cos: Any, met: Any, side: tuple[Any, Any]) -> list[Any]:
-        """Sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] ``(...)`` at a moment.
+        """Momentary sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] ``(...)``.
 
         Args:
             w: Frequency of a wave [rad/s].
-            k_cos: Its number along the hull ``k cos(beta)`` [1/m].
+            k_cos: Wave number along the hull ``k cos(beta)`` [1/m].
             met: Frequency of encounter [rad/s].
             side: Velocity of the water to the ship's side amidships [m/s], real and imaginary part.
         """
@@ -185,11 +192,11 @@ class HullAtSpeed(NamedTuple):
 
 
 _SPEEDS = np.linspace(0.0, 1.25, 26)
-"""Speeds at which forces on the hull are tabled, in units of the service speed."""
+"""Tabled speeds in units of the service speed."""
 
 
 def _adjugate_times(M: Any, B: np.ndarray) -> list[list[Any]]:
-    """The determinant of M times its inverse times B, ``(2, 2)``."""
+    """Adjugate of M times B ``(2, 2)``: the determinant of M, times the inverse of M, times B."""
     return [
         [M[1][1] * B[0, j] - M[0][1] * B[1, j] for j in range(2)],
         [M[0][0] * B[1, j] - M[1][0] * B[0, j] for j in range(2)],

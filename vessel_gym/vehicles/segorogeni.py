@@ -1,12 +1,12 @@
-"""Underwater vehicles in six degrees of freedom; the Segorogeni ITS is one (data/segorogeni.toml).
+"""Underwater vehicles in six degrees of freedom, such as Segorogeni (data/segorogeni.toml).
 
-Frames: North-East-Down, body x forward, y starboard, z down, origin at the centre of buoyancy.
-Positive rudder turns to starboard (yaw rate r > 0), as on the corvette and against Prestero (2001);
-a positive stern plane dives, as his.
+Frames: north-east-down; body x forward, y starboard, z down, origin at the centre of buoyancy.
+Positive rudder turns to starboard (yaw rate r > 0), as for the corvette and opposite to Prestero
+(2001). A positive stern plane makes the vehicle dive, as in Prestero.
 
 Sources: the EnKF paper on this vehicle (eqs. 1-10) for dimensions and structure; it prints no
-hydrodynamic coefficient, and the inverse inertia matrix that it prints has negative eigenvalues.
-Prestero (2001) for its symbols; Fossen (2011) for Kirchhoff's equations and the kinematics.
+hydrodynamic coefficient, and its printed inverse inertia matrix has negative eigenvalues. Prestero
+(2001) for symbols; Fossen (2011) for Kirchhoff's equations and the kinematics.
 """
 
 from dataclasses import dataclass, field
@@ -22,7 +22,11 @@ from vessel_gym.vehicles.files import load
 from vessel_gym.verified import verified
 
 STATE = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
-"""State: velocity through the water [m/s], angular velocity [rad/s], position [m] and Euler angles [rad]."""
+"""Components of the state.
+
+They are velocities through the water [m/s], angular velocities [rad/s], position [m] and Euler
+angles [rad].
+"""
 
 I = IntEnum("I", (
     "surge_mass", "sway_mass", "heave_mass", "roll_inertia", "pitch_inertia", "yaw_inertia",
@@ -51,7 +55,7 @@ class SegorogeniParameters(AUVParameters):
     }
 
     def values(self, factors: np.ndarray) -> dict[str, Any]:
-        """Everything that the equations of motion need, by name."""
+        """Parameters of the equations of motion by name."""
         values = super().values(factors)
         return values | {
             "Y_rudder": -values["Y_uudr"],
@@ -61,10 +65,10 @@ class SegorogeniParameters(AUVParameters):
         }
 
     def vector(self, factors: np.ndarray | None = None) -> np.ndarray:
-        """The coefficients of the equations of motion ``(..., k)``, in the order of `COEFFICIENTS`.
+        """Coefficients of the equations of motion ``(..., k)``, in the order of `COEFFICIENTS`.
 
         Args:
-            factors: ``(..., 10)`` on the `UNCERTAIN` ones, 1 if not given.
+            factors: Factors ``(..., 10)`` on the `UNCERTAIN` ones; default: 1.
         """
         return self.stacked(COEFFICIENTS, np.ones(len(UNCERTAIN)) if factors is None else factors)
 
@@ -72,16 +76,17 @@ class SegorogeniParameters(AUVParameters):
 def _accelerations(
     velocity: list[np.ndarray], control: np.ndarray, gravity: tuple[np.ndarray, ...], c: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """Eqs. (5)-(10), with lift on |u| and fins on u |u|, so that hull and fins also brake a vehicle going astern.
+    """Accelerations by eqs. (5)-(10); ``gravity`` is the direction of down in body axes.
 
-    The fins' lift in roll, K_up, is not in print: without it the vehicle would roll for minutes
-    after a push. ``gravity`` is the direction of down in body axes.
+    Lift is proportional to |u| and the fins' force to u |u|, so that hull and fins also brake a
+    vehicle going astern. The fins' lift in roll, K_up, is not in the paper: without it the vehicle
+    would roll for minutes after a push.
     """
     u, v, w, p, q, r = velocity
     rudder, stern, thrust = control
-    # Kirchhoff: the momentum of body and water, in axes that turn and move. It holds every bracket
-    # and every added-mass term of the printed equations, X_wq to N_uv, and takes no energy to the
-    # last digit.
+    # Kirchhoff: the momentum of body and water, in axes that turn and move. It contains every
+    # bracket and every added-mass term of the printed equations, X_wq to N_uv, and conserves energy
+    # to the last digit.
     S, e, d = c[I.mass_z_g], c[I.sway_yaw], c[I.heave_pitch]
     Px, Py, Pz = (
         c[I.surge_mass] * u + S * q,
@@ -125,20 +130,23 @@ def _accelerations(
 
 
 def attitude(state: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Sine and cosine ``(...)`` of the roll, the pitch and the yaw of states ``(..., 12)``."""
+    """Sines and cosines ``(...)`` of roll, pitch and yaw of states ``(..., 12)``."""
     return [sincos(state[..., i]) for i in (9, 10, 11)]
 
 
 def kinematics(
     velocity: list[np.ndarray], angles: list[tuple[np.ndarray, np.ndarray]], current: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """Rates of position and Euler angles ``(...)``, of velocities in body axes, `attitude` and current ``(..., 2)``."""
+    """Rates ``(...)`` of position and Euler angles.
+
+    Arguments are velocities in body axes, `attitude` and the current ``(..., 2)``.
+    """
     u, v, w, p, q, r = velocity
     (sin_phi, cos_phi), (sin_theta, cos_theta), (sin_psi, cos_psi) = angles
     down = v * sin_phi + w * cos_phi
     ahead, aside = u * cos_theta + down * sin_theta, v * cos_phi - w * sin_phi
-    # Euler angles have a pole at 90 deg of pitch: within 1 deg of it they turn at the rate of 1
-    # deg.
+    # Euler angles have a pole at 90 deg of pitch: within 1 deg of the pole their rates are those at
+    # 1 deg.
     bounded = np.where(
         np.abs(cos_theta) > 0.0175, cos_theta, np.where(cos_theta >= 0.0, 0.0175, -0.0175)
     )
@@ -153,12 +161,12 @@ def kinematics(
 def segorogeni_rates(
     state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray
 ) -> np.ndarray:
-    """Rates ``(..., 12)`` of the velocities through the water, then of position and Euler angles.
+    """Rates ``(..., 12)`` of velocities through the water, position and Euler angles.
 
     Args:
         state: ``(..., 12)``, `STATE`.
-        control: Rudder, stern plane, thrust ``(..., 3)``.
-        current: North and east ``(..., 2)``.
+        control: Rudder, stern plane [rad], thrust [N] ``(..., 3)``.
+        current: North and east [m/s] ``(..., 2)``.
         c: ``(..., k)``, `COEFFICIENTS`.
     """
     (north, east), c = np.moveaxis(current, -1, 0), np.moveaxis(c, -1, 0)
@@ -186,7 +194,7 @@ def _over_ground(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     ahead, aside = (
         north * cos_psi + east * sin_psi,
         east * cos_psi - north * sin_psi,
-    )  # of the current, level
+    )  # horizontal components of the current
     return np.stack([
         u + ahead * cos_theta,
         v + ahead * sin_theta * sin_phi + aside * cos_phi,
@@ -196,7 +204,7 @@ def _over_ground(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Segorogeni(AUV, verified=True):
-    """Segorogeni, in space."""
+    """The Segorogeni in six degrees of freedom."""
 
     body: SegorogeniParameters = field(
         default_factory=lambda: load("segorogeni", SegorogeniParameters)
@@ -231,6 +239,6 @@ class Segorogeni(AUV, verified=True):
     normals: ClassVar = len(UNCERTAIN)
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(..., 12)`` and actuators ``(..., 3)`` to begin with: 5 deg of rudder, as in the paper."""
+        """Initial state ``(..., 12)`` and actuators ``(..., 3)``; 5 deg of rudder, as printed."""
         state, actuators = super().start(x)
         return state, actuators + np.deg2rad([5.0, 0.0, 0.0])

@@ -1,4 +1,4 @@
-"""A ship at sea as an environment uses it: what is read of it, and the models that filters have, position included."""
+"""A ship at sea in an environment: sensors, and filters' models including the position."""
 
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -35,16 +35,16 @@ _ESTIMATED = STATE[:6]  # all but roll
 
 @dataclass(frozen=True)
 class Ship(FromFile, Simulated, verified=True):
-    """A ship whose position is measured and estimated, too, in batches.
+    """A ship at sea in batches, whose position is measured and estimated.
 
     The action is the rudder *rate*: with an angle as action, the estimate's noise would saturate
     the steering gear.
 
-    All filters estimate (x, y, psi, u, v, r); roll, which does nothing to these, is left to itself.
-    Their known input is ``u = (rudder, commanded yaw rate, believed heading, 1)``: linear ones
-    follow the commanded turn, and the track on the heading. With d the yaw increment that waves
-    give in a step, ``psi+ = psi + dt r + d``; the compass reads psi, and the rate gyro ``r + d /
-    dt`` with the d of the step that has ended.
+    All filters estimate (x, y, psi, u, v, r); roll, which has no effect on these, is not estimated.
+    Their known input is ``u = (rudder, commanded yaw rate, estimated heading, 1)``: linear models
+    follow the commanded turn, and the track along the heading. With d the yaw increment by waves in
+    a step, ``psi+ = psi + dt r + d``; the compass reads psi, and the rate gyro ``r + d / dt`` with
+    the d of the step that has ended.
     """
 
     ship: CorvetteParameters = field(default_factory=lambda: load("corvette", CorvetteParameters))
@@ -64,10 +64,10 @@ class Ship(FromFile, Simulated, verified=True):
     kinds: ClassVar[tuple[str, ...]] = ("nonlinear", "linear")
     linear_kinds: ClassVar[tuple[str, ...]] = ("linear",)
     normals = len(UNCERTAIN)
-    """Normal numbers that `parameters` needs."""
+    """Number of standard normal numbers that `parameters` needs."""
 
     def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
-        """Coefficients ``(B, k)`` of the truth: the filter's, with a relative spread on the uncertain ones."""
+        """True coefficients ``(B, k)``: the filter's, with a relative spread of uncertain ones."""
         c = np.tile(self.ship.vector(), (len(normals), 1))
         c[:, UNCERTAIN] *= 1.0 + mismatch * np.clip(normals, -2.0, 2.0)
         return c
@@ -80,7 +80,7 @@ class Ship(FromFile, Simulated, verified=True):
 
     @cached_property
     def sensors(self) -> tuple[Sensor, ...]:
-        """Gyro compass, rate gyro, and a receiver that reads every other step."""
+        """Gyro compass, rate gyro, and a receiver with a measurement in every other step."""
         return (
             COMPASS,
             Sensor(
@@ -95,11 +95,12 @@ class Ship(FromFile, Simulated, verified=True):
 
     @property
     def process_sd(self) -> np.ndarray:
-        """Of (x, y, psi, u, v, r) in a step: the sway of waves, and wind, of which no model knows.
+        """Standard deviations of the model error of (x, y, psi, u, v, r) in a step.
 
-        White noise, so its variance grows with the length of the step. The figures are the
-        corvette's in 0.5 s; another ship's are those in 0.5 s times her `pace`, with the yaw rate
-        in proportion to the rate at which she turns.
+        The error is the waves' sway and the wind, which no model contains. It is white noise, whose
+        variance grows with the length of the step. The figures are the corvette's in 0.5 s. Another
+        ship's are those in 0.5 s times her `pace`, with the yaw rate in inverse proportion to her
+        pace.
         """
         slower = pace(self.ship)
         in_half_second = np.array([0.2, 0.2, 1e-4, 0.03, 0.04, 6e-4 / slower])
@@ -107,14 +108,14 @@ class Ship(FromFile, Simulated, verified=True):
 
     @cached_property
     def _plane_mode(self) -> float:
-        """Largest modulus of the eigenvalues of sway and yaw at service speed [1/s]."""
+        """Largest modulus [1/s] of the eigenvalues of sway and yaw at service speed."""
         ahead = np.array([self.ship.speed, 0.0, 0.0])
         jacobian, _ = sway_yaw_jacobian(ahead, np.array(0.0), self.ship)
         return float(np.abs(np.linalg.eigvals(jacobian)).max())
 
     @cached_property
     def substeps(self) -> int:  # type: ignore[override]
-        """RK4 steps in a step of the truth, which resolve roll, sway and yaw: the corvette's is 1.
+        """RK4 steps in a step of the truth, which resolve roll, sway and yaw; the corvette has 1.
 
         Roll is the fastest mode of slow ships, whose steps are long.
         """
@@ -122,26 +123,26 @@ class Ship(FromFile, Simulated, verified=True):
         return resolving_substeps(self.dt, max(roll, self._plane_mode))
 
     def estimated(self, kind: str) -> tuple[str, ...]:
-        """(x, y, psi, u, v, r)."""
+        """Components (x, y, psi, u, v, r)."""
         return _ESTIMATED
 
     def _placed(self, x: np.ndarray) -> np.ndarray:
-        """The state ``(..., 8)`` out of what is estimated, upright."""
+        """State ``(..., 8)`` of an upright ship from the estimated components."""
         return np.concatenate([x, np.zeros_like(x[..., :2])], -1)
 
     @property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
-        """Straight on to the north at service speed."""
+        """Straight to the north at service speed."""
         return np.array([0.0, 0.0, 0.0, self.ship.speed, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(..., 8)`` and actuators ``(..., 1)`` from what is estimated."""
+        """State ``(..., 8)`` and actuators ``(..., 1)`` from the estimated components."""
         return self._placed(x), np.zeros((*x.shape[:-1], 1))
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
-        """Estimated components one step on under ``u = (rudder, ...)``, constant over the step.
+        """Estimated components a step later under ``u = (rudder, ...)``, constant over the step.
 
-        Without roll, only sway and yaw need be resolved.
+        Without roll, the substeps need to resolve only sway and yaw.
         """
         rudder, substeps = u[..., :1], resolving_substeps(self.dt, self._plane_mode)
         moved = runge_kutta(
@@ -152,10 +153,10 @@ class Ship(FromFile, Simulated, verified=True):
     def known_input(
         self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None
     ) -> np.ndarray:
-        """The mean rudder over a step, the commanded yaw rate and believed heading, and 1.
+        """Mean rudder over a step, commanded yaw rate, estimated heading, and 1.
 
-        Where a task commands nothing: the yaw rate of the steady turn which the rudder holds, and
-        north.
+        Without commands of a task, the yaw rate is that of the steady turn at this rudder, and the
+        heading is north.
         """
         rudder, north = 0.5 * (before + after), np.zeros_like(before)
         if commanded is None:
@@ -163,14 +164,14 @@ class Ship(FromFile, Simulated, verified=True):
         return np.concatenate([rudder, commanded, north + 1.0], -1)
 
     def _turning(self, rudder: np.ndarray) -> np.ndarray:
-        """The yaw rate of the steady turn that a rudder holds."""
+        """Yaw rate of the steady turn at a rudder angle."""
         turns = steady_turns(self.ship)
         return np.copysign(np.interp(np.abs(rudder), turns.rudder, turns.yaw_rate), rudder)
 
     def linear(self, kind: str) -> tuple[Any, ...]:
-        """A, B and what flows do: sway, yaw and surge about the commanded turn, the track on the believed heading.
+        """A, B and the effect of flows: sway, yaw and surge about the commanded turn.
 
-        Of flows only the current is known.
+        The track follows the estimated heading. Of the flows, the model contains the current alone.
         """
         A, B = linear_matrices(self.ship, self.dt)
         turns, kept = steady_turns(self.ship), surge_models(self.ship, self.dt)
@@ -183,7 +184,7 @@ class Ship(FromFile, Simulated, verified=True):
             turning, zero = A(u), np.zeros_like(u[..., 0])
             sin, cos = sincos(
                 u[..., 2] + 0.5 * self.dt * u[..., 1]
-            )  # of the heading in the middle of the step
+            )  # heading in the middle of the step
             north, east, one = self.dt * cos, self.dt * sin, zero + 1.0
             surge = turns.interpolated(kept, u[..., 1])
             (v_v, v_r, v_psi), (r_v, r_r, r_psi), (psi_v, psi_r, psi_psi) = np.moveaxis(
@@ -227,5 +228,5 @@ def pace(ship: CorvetteParameters) -> float:
 
 @verified
 def _yaw_rate(dt: float, state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
-    """The yaw rate ``(..., 1)``, with the mean of that of the waves over the step that has ended."""
+    """Yaw rate ``(..., 1)``, with the waves' mean yaw rate over the step that has ended."""
     return state[..., 5:6] + exogenous[..., :1] / dt

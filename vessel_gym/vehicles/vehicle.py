@@ -1,4 +1,4 @@
-"""The interface of a vehicle to an environment: its motion, what acts on it, and the models of filters."""
+"""The interface between vehicle and environment: motion, exogenous input, and models of filters."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Protocol
@@ -9,32 +9,36 @@ from vessel_gym.sensors import Sensor
 
 
 class Trims(NamedTuple):
-    """Steady motions about which a nonlinear model is linearised: the nearest one holds, by the known input.
+    """Steady motions about which a nonlinear model is linearised; the known input selects one.
 
-    The known input's last component must be 1: what no matrix gives stands in its column of B.
+    The known input's last component must be 1: its column of B holds the constant part of the
+    model.
     """
 
-    x: np.ndarray  # (k, n) what filters estimate of the vehicle,
-    u: np.ndarray  # (k, m) and the known input
-    component: int  # of the known input that tells one from another,
-    scale: float  # how many there are to a unit of it,
-    middle: float  # and which is that of 0, and half of one more: see `estimators.Schedule`
+    x: np.ndarray  # (k, n) estimated components of the vehicle's state
+    u: np.ndarray  # (k, m) known input
+    component: int  # of the known input, selects the motion
+    scale: float  # motions to a unit of that component
+    middle: float  # index of the motion at 0, plus one half: see `estimators.Schedule`
 
 
 class Vehicle(Protocol):
-    """A vehicle in batches ``(B, ...)``: its own state and actuators, how they move, and what filters know of that.
+    """Interface of a vehicle in batches ``(B, ...)``: state, actuators, motion, filters' models.
 
-    What acts on it is an exogenous input ``(B, f)``: increments, which change its state at the end
-    of a step, then flows, which are held over it. The equations may be compiled or plain NumPy:
-    anything that broadcasts over leading axes.
+    The exogenous input ``(B, f)`` acts on the vehicle. Its first components are increments, which
+    change the state at the end of a step. Then come flows, which are constant over the step. The
+    equations may be compiled or plain NumPy; they must broadcast over leading axes.
 
-    A vehicle may have ``faults``, too, as `vessel_gym.vehicles.whole_state.WholeState` has: the
-    names of what may be added to its actuators over a step, and ``faulty``, the known input with
-    that; without them it has none. And ``noise``: schedules of Q and R by name, which its filters
-    assume instead of ``process_sd`` and the sensors' noise. And ``steering``: the indices of its
-    actuators that are angles [rad] of rudders, fins or wings, whose travel, reversals and
-    saturation `agents.metrics` measures. And ``grades``: a file of grades of its sensors, see
-    `vessel_gym.sensors.grades`.
+    Four further attributes are optional:
+
+    - ``faults``, the names of what may be added to actuators over a step, together with ``faulty``,
+      a method that returns the known input with these faults (see
+      `vessel_gym.vehicles.whole_state.WholeState`);
+    - ``noise``, schedules of Q and R by name, which filters assume instead of ``process_sd`` and
+      the sensors' noise;
+    - ``steering``, the indices of actuators that are angles [rad] of rudders, fins or wings, whose
+      travel, reversals and saturation `agents.metrics` measures;
+    - ``grades``, a file of grades of the sensors, see `vessel_gym.sensors.grades`.
     """
 
     @property
@@ -43,7 +47,7 @@ class Vehicle(Protocol):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Components of its state: of itself alone, not of what carries or shakes it."""
+        """Components of the vehicle's own state, without disturbances."""
 
     @property
     def angles(self) -> tuple[str, ...]:
@@ -55,36 +59,39 @@ class Vehicle(Protocol):
 
     @property
     def increments(self) -> tuple[str, ...]:
-        """The first parts of its exogenous input: what is added to its state at the end of a step."""
+        """First components of the exogenous input, added to the state at the end of a step."""
 
     @property
     def incremented(self) -> tuple[str, ...]:
-        """And to which component each."""
+        """Component of the state that each increment changes."""
 
     @property
     def ambient_flows(self) -> tuple[str, ...]:
-        """The other parts of its exogenous input: what carries it over a step."""
+        """Further components of the exogenous input: flows that carry the vehicle over a step."""
 
     @property
     def sensors(self) -> tuple[Sensor, ...]:
-        """Its sensors, in their nominal quality, in the order of the measurements."""
+        """Sensors in nominal quality, in the order of the measurements."""
 
     @property
     def normals(self) -> int:
-        """Number of normal numbers that `parameters` needs."""
+        """Number of standard normal numbers that `parameters` needs."""
 
     @property
     def parameter_names(self) -> tuple[str, ...]:
         """Components of the parameters."""
 
     def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
-        """The truth's parameters ``(B, k)``, spread around the filter's."""
+        """True parameters ``(B, k)``: the filter's, spread by ``mismatch``.
+
+        The random numbers are ``normals (B, normals)``.
+        """
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(B, n)`` and actuators ``(B, a)`` from what the task's prior describes, see `estimated`."""
+        """State ``(B, n)`` and actuators ``(B, a)``, from states x that the prior describes."""
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
-        """Actuators one step later, within limits and rates."""
+        """Actuators ``(B, a)`` one step after an action in [-1, 1], within limits and rates."""
 
     def step(
         self,
@@ -94,51 +101,65 @@ class Vehicle(Protocol):
         exogenous: np.ndarray,
         parameters: np.ndarray,
     ) -> np.ndarray:
-        """The state one step later, with actuators moving from ``before`` to ``after``."""
+        """State ``(B, n)`` one step later.
+
+        Args:
+            state: ``(B, n)``.
+            before: Actuators ``(B, a)`` at the beginning of the step.
+            after: Actuators ``(B, a)`` at the end of the step.
+            exogenous: Increments and flows ``(B, f)``.
+            parameters: ``(B, k)`` as of `parameters`.
+        """
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """The models that filters may have of it, the widest of nonlinear ones first."""
+        """Names of the models for filters; the nonlinear one with the most states comes first."""
 
     @property
     def linear_kinds(self) -> tuple[str, ...]:
-        """And which of them are linear."""
+        """Names of the linear ones among the models."""
 
     def estimated(self, kind: str) -> tuple[str, ...]:
-        """The components of its state that filters with a model estimate, in their order.
+        """Components of the state that filters with a model estimate, in their order.
 
-        Those of the first of ``kinds`` are what a task's prior describes; those of others are its
-        first ones.
+        The task's prior describes the components of the first model in ``kinds``; other models have
+        the first of these components.
         """
 
     @property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
-        """Estimated components and known input of a vehicle that cruises, where models are inspected."""
+        """Estimated components ``(n,)`` and known input ``(m,)`` of the cruising vehicle."""
 
     @property
     def process_sd(self) -> np.ndarray:
-        """Standard deviations of what the models leave out in a step, of what filters estimate."""
+        """Standard deviations ``(n,)`` of the model error of a step in estimated components."""
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
-        """Estimated components ``(..., n)`` a step later, under known input and flow, with the filters' parameters."""
+        """Estimated components ``(..., n)`` one step later, with the filter's parameters.
+
+        Args:
+            x: Estimated components ``(..., n)``.
+            u: Known input ``(..., m)``.
+            flow: Flows ``(..., ambient_flows)`` over the step.
+        """
 
     def known_input(
         self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None
     ) -> np.ndarray:
-        """Known input of its filters over a step ``(B, m)``: actuators, and commands of a task."""
+        """Known input of filters over a step ``(B, m)``: actuators, and commands of the task."""
 
     def linear(self, kind: str) -> tuple[Any, ...] | Trims:
         """A and B of a linear model, each a matrix or a function of the known input.
 
-        Where flows move what the model estimates, the effect of each over a step ``(n,
-        ambient_flows)`` comes third, a matrix or a function, too. Or the `Trims` about which the
-        nonlinear model is linearised.
+        If flows move the estimated components, a third entry holds the effect of each flow over a
+        step ``(n, ambient_flows)``, again a matrix or a function. For a linearised nonlinear model,
+        return `Trims`.
         """
 
     @property
     def rates(self) -> Mapping[str, str]:
-        """Components of the state by those of which they are rates, for what no sensor reads."""
+        """States by the names of their rates, from which unmeasured rates are derived."""
 
     @property
     def carried(self) -> np.ndarray | None:
-        """Effect of ambient flows at the start on the prior ``(n, flows)``, if velocities are over ground."""
+        """Effect ``(n, flows)`` of initial flows on the prior, if velocities are over ground."""

@@ -1,4 +1,4 @@
-"""Common part of our vehicles: equations of motion over a step, actuators, filters that estimate all of the state."""
+"""Common parts of vehicles: integration, actuators, and filters of the whole state."""
 
 from functools import cached_property
 from typing import Any, ClassVar
@@ -11,23 +11,23 @@ from vessel_gym.verified import Verified
 
 
 class Simulated(Verified, verified=True):
-    """Equations of motion, integrated by Runge and Kutta, with increments at the end of a step."""
+    """Equations of motion, integrated by Runge-Kutta, with increments at the end of a step."""
 
     dt: float
     substeps: int
     state_names: ClassVar[tuple[str, ...]]
     incremented: ClassVar[tuple[str, ...]]
     equations: ClassVar[Any]
-    """The equations of motion, `vessel_gym.vehicles.integration.Rates`; who overrides `moved` needs none."""
+    """Equations of motion, a `vessel_gym.vehicles.integration.Rates`, for the default `moved`."""
     carried: ClassVar[np.ndarray | None] = None
     normals: ClassVar[int]
     parameters: Any
     _actuators: Any
-    """The parameters of its actuators, see `vessel_gym.vehicles.actuators.actuator_parameters`."""
+    """Parameters of the actuators, see `vessel_gym.vehicles.actuators.actuator_parameters`."""
 
     @cached_property
     def _nominal(self) -> np.ndarray:
-        """The coefficients that filters know ``(k,)``."""
+        """Coefficients ``(k,)`` of filters' models."""
         return self.parameters(0.0, np.zeros((1, self.normals)))[0]
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
@@ -42,7 +42,7 @@ class Simulated(Verified, verified=True):
         flow: np.ndarray,
         parameters: np.ndarray,
     ) -> np.ndarray:
-        """The state one step later, without increments."""
+        """State one step later, without increments."""
         return runge_kutta(
             self.equations, state, before, after, flow, parameters, self.dt, self.substeps
         )
@@ -55,7 +55,7 @@ class Simulated(Verified, verified=True):
         exogenous: np.ndarray,
         parameters: np.ndarray,
     ) -> np.ndarray:
-        """The state one step later, with actuators moving from ``before`` to ``after``."""
+        """State one step later, while actuators move from ``before`` to ``after``."""
         increments = len(self.incremented)
         moved = self.moved(state, before, after, exogenous[..., increments:], parameters)
         return incremented(
@@ -66,14 +66,14 @@ class Simulated(Verified, verified=True):
 
 
 class WholeState(Simulated, verified=True):
-    """A vehicle of which filters have one model, the nonlinear one, that leaves out nothing.
+    """A vehicle whose filters estimate its whole state with one exact, nonlinear model.
 
-    It begins with its actuators as they are while it cruises. Increments change some of its state
-    at the end of a step, a flow carries it over the step.
+    Actuators start at their values for the cruising vehicle. Increments change components of the
+    state at the end of a step, and a flow carries the vehicle over the step.
     """
 
     body: Any
-    """Its numbers; ``body.vector(factors)`` are the coefficients of its equations of motion."""
+    """Particulars; ``body.vector(factors)`` returns the coefficients of the equations of motion."""
     action_names: ClassVar[tuple[str, ...]]
     ambient_flows: ClassVar[tuple[str, ...]]
     cruise: Any
@@ -81,36 +81,36 @@ class WholeState(Simulated, verified=True):
     linear_kinds: ClassVar[tuple[str, ...]] = ()
 
     def estimated(self, kind: str) -> tuple[str, ...]:
-        """All of the state."""
+        """All components of the state."""
         return self.state_names
 
     @property
     def process_sd(self) -> np.ndarray:
-        """The models leave out nothing."""
+        """Zeros, because the model leaves out nothing."""
         return np.zeros(len(self.state_names))
 
     def known_input(
         self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None
     ) -> np.ndarray:
-        """The actuators at the start of a step and at its end."""
+        """Actuators at the start of a step, then at the end."""
         return np.concatenate([before, after], -1)
 
     def linear(self, kind: str) -> tuple[Any, ...]:
-        """There is none."""
+        """Raise an error, because there is no linear model."""
         raise NotImplementedError
 
     @cached_property
     def increments(self) -> tuple[str, ...]:
-        """One for each component that is incremented, in its unit."""
+        """Names of the increments, one for each incremented component."""
         return tuple(f"{name} increment" for name in self.incremented)
 
     @cached_property
     def faults(self) -> tuple[str, ...]:
-        """Names of faults that may be added to its actuators over a step, in their units."""
+        """Names of the faults of actuators, which are additions in the actuators' units."""
         return tuple(f"{name} fault" for name in self.action_names)
 
     def faulty(self, u: np.ndarray, offsets: np.ndarray, losses: np.ndarray) -> np.ndarray:
-        """The known input with ``offsets (..., a)`` of the actuators, and without the share ``losses`` of them."""
+        """Known input with additions ``offsets`` to actuators and without the shares ``losses``."""
         a = len(self.action_names)
         before, after, rest = u[..., :a], u[..., a : 2 * a], u[..., 2 * a :]
         added = offsets - losses * before
@@ -118,14 +118,14 @@ class WholeState(Simulated, verified=True):
         return np.concatenate([before + added, after + added, rest], -1)
 
     def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
-        """Coefficients ``(B, k)`` of the truth: the filter's, with a relative spread on the uncertain ones."""
+        """True coefficients ``(B, k)``: the filter's, with a relative spread of uncertain ones."""
         return self.body.vector(1.0 + mismatch * np.clip(normals, -2.0, 2.0))
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(..., n)`` and actuators ``(..., a)`` to begin with."""
+        """Initial state ``(..., n)`` and actuators ``(..., a)``."""
         return x.copy(), self.cruise[1][: len(self.action_names)] + np.zeros((*x.shape[:-1], 1))
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
-        """A step without increments, as filters know it."""
+        """State one step later in filters' models."""
         a = len(self.action_names)
         return self.moved(x, u[..., :a], u[..., a : 2 * a], flow, self._nominal)

@@ -1,6 +1,6 @@
-"""Wrappers for environments that are not ours: an estimator in the loop of any Gymnasium environment.
+"""Wrappers that put an estimator into the loop of any Gymnasium environment.
 
-They may import the loop, sensors and `estimators`; nothing of the package imports them.
+They may import the loop, sensors and `estimators`; no other folder of the package imports them.
 """
 
 from vessel_gym.wrappers.estimated import EstimatedObservation

@@ -22,12 +22,12 @@ _ALL = np.ones(1, bool)
 
 
 class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
-    """An environment whose agent sees what a filter believes.
+    """Wrapper of an environment whose agent observes a filter's estimate.
 
-    The environment goes on as it is, and so do its rewards and ends, which are about the truth.
-    Sensors read its state, with noise. A filter gets these measurements and the actions, and
-    nothing else. The observation is made of its belief. So an agent that was trained on the truth
-    flies unchanged, and one that is trained here learns to live with an estimate.
+    The environment itself does not change: its rewards and ends follow from the truth. Sensors
+    measure its state, with noise. A filter receives these measurements and the actions, and nothing
+    else. The observation is a function of the estimate. So an agent that was trained on the truth
+    runs unchanged, and an agent can be trained on estimates.
 
     ::
 
@@ -37,40 +37,42 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
             observation=lambda x: [np.cos(x[..., 0]), np.sin(x[..., 0]), x[..., 1]], estimator="ukf",
         )
 
-    ``info`` has, besides the environment's own and in place of its keys of these names, ``truth``
-    and ``estimate`` ``(n,)``, ``covariance`` ``(n, n)``, ``measurement`` and ``available``
-    ``(p,)``, ``healthy``; ``sensor_faults`` where sensors may fail.
+    ``info`` has the environment's keys and ``truth`` and ``estimate`` ``(n,)``, ``covariance``
+    ``(n, n)``, ``measurement`` and ``available`` ``(p,)``, ``healthy`` and, with faults,
+    ``sensor_faults``. These replace keys of the environment with the same names.
 
     Args:
-        env: Any environment whose observations are numbers, or dictionaries of such.
-        model: What the filter knows of it: a `LinearModel` or `NonlinearModel` of one step, of your
-            own or from `simulator`. R says how well its measurements are read.
-        prior: What is known of the state at the start; None: how copies of the environment begin.
-        state: The true state ``(n,)``, a function of (env, observation); None: the observation
-            itself. Nobody but the sensors, the oracle and ``info`` gets it.
-        observation: The observation as a function of the state ``(n,)``: an array, or a dictionary;
-            None: the state.
-        passes: Keys of a dictionary, or components of an array, that pass to the agent as they are:
-            goals, say. What is not named here comes from the estimate.
-        known_input: Known input of the filter, a function of the action; None: the action as
-            numbers, within the bounds of its space.
+        env: Any environment whose observations are numbers, or dictionaries of numbers.
+        model: The filter's model of one step: a `LinearModel` or `NonlinearModel`, your own or from
+            `simulator`. Its R is the covariance of measurement noise.
+        prior: Prior of the state. None: mean and covariance of initial states of copies of the
+            environment.
+        state: Function of (env, observation) that returns the true state ``(n,)``; None: the
+            observation is the state. Only the sensors, the oracle and ``info`` receive the true
+            state.
+        observation: Function of the state ``(n,)`` that returns an observation, an array or a
+            dictionary; None: the state.
+        passes: Keys of a dictionary, or components of an array, that pass to the agent unchanged,
+            such as goals. All others come from the estimate.
+        known_input: Function of the action that returns the filter's known input; None: the action
+            as numbers, clipped to its space.
         estimator: Name of a filter, "truth", "dead-reckoning", or a function of the model that
             returns a filter.
-        estimator_options: Its options; ``late``: what is done with measurements that come late,
-            "fused" (where they belong), "as new" or "discarded".
+        estimator_options: Options of the filter; ``late`` is the use of late measurements, "fused"
+            (at the time when they were taken), "as new" or "discarded".
         sensors: "clean", "nominal" or "degraded", or a list of `Sensor` objects that read ``(state,
-            known input)``, whose noise then takes the place of the model's R. Their rates and
-            delays are in Hz and s where the environment has a time step ``dt``, as MuJoCo's have;
-            elsewhere a step is the unit of time.
-        observe: "mean"; "mean+std": with the deviations of the states behind, or as ``std`` in a
-            dictionary; or "measurement": the measurements, the mask of those that arrived, and what
-            passes.
-        sensor_faults: What goes wrong with the sensors, and when, in the same unit of time:
-            `SensorFault` objects.
+            known input)``. Their noise replaces the model's R. Rates and delays are in Hz and s if
+            the environment has a time step ``dt``, as MuJoCo's have; otherwise a step is the unit
+            of time.
+        observe: "mean"; "mean+std", with the standard deviations of the states appended, or as
+            ``std`` in a dictionary; or "measurement": measurements, mask of those that arrived, and
+            ``passes``.
+        sensor_faults: `SensorFault` objects, with times in the same unit.
 
     Raises:
-        TypeError: for what is no model, prior or estimator, or observations that are images.
-        ValueError: for names that there are not, or sizes that do not fit.
+        TypeError: for an object that is no model, prior or estimator, or observations that are
+            images.
+        ValueError: for unknown names, or inconsistent sizes.
     """
 
     def __init__(
@@ -123,14 +125,14 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode; a seed is that of the sensors and of the filter, too."""
+        """Begin an episode; a seed also seeds the sensors and the filter."""
         seen, info = self.env.reset(seed=seed, options=options)
         self.watch.seed(_ALL, [seed])
         self.watch.begin(_ALL, self._truth(seen))
         return self._observed(seen), info | self._info()
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """A step of the environment, of which the agent sees an estimate."""
+        """Step the environment, and observe the estimate."""
         seen, reward, terminated, truncated, info = self.env.step(action)
         self.watch.go_on(self._truth(seen), action, ~_ALL)
         return self._observed(seen), reward, terminated, truncated, info | self._info()
@@ -139,25 +141,21 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
     def compute_reward(self) -> Callable[..., Any]:
         """``compute_reward(achieved, desired, info)`` of an environment with goals.
 
-        Other environments have no such method.
-
-        It knows no truth: of an achieved goal that is an estimate it tells what reaching it would
-        pay.
+        Other environments have no such method. The method does not use the truth: for an estimated
+        achieved goal it returns the reward of reaching that goal.
         """
         own: Callable[..., Any] = self.env.get_wrapper_attr("compute_reward")
         return own
 
     def _truth(self, seen: Any) -> np.ndarray:
-        return np.asarray(self._state(self.env, copied(seen)))[
-            None
-        ]  # which is copied where it is checked
+        return np.asarray(self._state(self.env, copied(seen)))[None]  # the check copies the array
 
     def _observed(self, seen: Any) -> Any:
         watch = self.watch
         if isinstance(seen, dict):
             observed = watch.observe(
                 {key: [value] for key, value in seen.items()}
-            )  # of any kind, where it passes
+            )  # values of any kind may pass
         else:
             observed = watch.observe(np.asarray(seen)[None])
         return (
@@ -167,18 +165,18 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         )
 
     def _info(self) -> dict[str, Any]:
-        """Of one row; SyncVectorEnv stacks a bool, and no array of one."""
+        """Info of one row, with a bool, because SyncVectorEnv cannot stack an array of one."""
         one = {name: values[0] for name, values in self.watch.info().items()}
         return one | {"healthy": bool(one["healthy"])}
 
 
 def _of_row(observation: Callable[[np.ndarray], Any], x: np.ndarray) -> Any:
-    """The observation of a batch of one."""
+    """Observation of a batch of one."""
     return _row(observation(x[0]))
 
 
 def _row(value: Any) -> Any:
-    """Value of a function of one state, as that of a batch of one."""
+    """Value of a function of one state, as a batch of one."""
     if isinstance(value, dict):
         return {key: _row(part) for key, part in value.items()}
     array = numbers(value)

@@ -14,7 +14,7 @@ from estimators.angles import difference
 from estimators.checks import as_array, short_repr
 
 _TRIES = 8
-"""States and actions on which a simulator is tried."""
+"""Number of states and actions on which a simulator is tried."""
 
 
 def simulator(
@@ -26,27 +26,28 @@ def simulator(
     put: Callable[[gym.Env, np.ndarray], None] | None = None,
     **angles: Any,
 ) -> NonlinearModel:
-    """The model of an environment that is its own simulator.
+    """Make a filter's model that uses an environment as simulator.
 
-    A copy of the environment is set to each state and stepped. MuJoCo's environments and those of
-    classic control know how; MuJoCo's points are stepped all at once, natively. The known input is
-    the action. Where a simulator keeps its state in few digits (float32), differences of close
-    points are nothing but rounding: use `ukf`.
+    A copy of the environment is set to each state and stepped. This works for environments of
+    MuJoCo and of classic control; MuJoCo steps all points in one native call. The known input is
+    the action. If a simulator stores its state in float32, differences of close points are rounding
+    errors: use `ukf`.
 
     Args:
-        env: An environment that can be made again from its spec; it is left as it is.
-        measurement: ``h(x, u)``, which broadcasts.
-        Q: ``(n, n)``, or a number for that number times identity.
-        R: ``(p, p)``, or a number for that number times identity.
-        get: The state ``(n,)`` of an environment; None: MuJoCo's positions and velocities, classic
-            control's ``state``.
-        put: Sets the state ``(n,)`` of an environment; None: sets what ``get`` reads by itself.
+        env: An environment that can be made again from its spec; `simulator` does not change it.
+        measurement: Measurement function ``h(x, u)``, which broadcasts.
+        Q: Covariance ``(n, n)`` of process noise, or a number that multiplies the identity.
+        R: Covariance ``(p, p)`` of measurement noise, or a number that multiplies the identity.
+        get: Function that returns the state ``(n,)`` of an environment; None: MuJoCo's positions
+            and velocities, classic control's ``state``.
+        put: Function that sets the state ``(n,)`` of an environment; None: the counterpart of
+            ``get``.
         **angles: ``state_angles`` and ``measurement_angles`` of `NonlinearModel`.
 
     Raises:
-        TypeError: for an environment that cannot be copied, or whose state nobody knows how to set.
-        ValueError: if a state that is set is not the one that is found, or two steps from one state
-            differ: the simulator draws random numbers, or has a state beyond that.
+        TypeError: for an environment that cannot be copied, or whose state cannot be set.
+        ValueError: if ``get`` does not return the state that ``put`` has set, or if two steps from
+            one state differ, because the simulator draws random numbers or has further states.
     """
     if not isinstance(env, gym.Env):
         raise TypeError(f"a simulator is made of a Gymnasium environment, got {short_repr(env)}")
@@ -77,7 +78,7 @@ def simulator(
         rollout = _Rollout(base.model, base.frame_skip)
         if np.allclose(
             rollout(x, u), steps(x, u), rtol=1e-6, atol=1e-8
-        ):  # actions are MuJoCo's controls as they are
+        ):  # the actions are MuJoCo's controls
             steps = rollout
     reads = np.shape(measurement(x, u))
     if len(reads) != 2 or reads[0] != _TRIES:
@@ -91,10 +92,10 @@ def simulator(
 
 
 def square(name: str, value: np.ndarray | float, size: int) -> np.ndarray:
-    """A covariance; a number stands for that number times identity.
+    """A covariance from a matrix, or from a number that multiplies the identity.
 
     Raises:
-        ValueError: if it has another size.
+        ValueError: for a matrix of another size.
     """
     array = as_array(name, value)
     array = array * np.eye(size) if array.ndim == 0 else array
@@ -104,7 +105,7 @@ def square(name: str, value: np.ndarray | float, size: int) -> np.ndarray:
 
 
 def _tried(env: gym.Env, steps: "_Simulator") -> tuple[np.ndarray, np.ndarray]:
-    """States and actions on which the simulator was tried, and found to be one."""
+    """States and actions on which the simulator was tried and repeated its steps."""
     space = deepcopy(env.action_space)  # copies may share the environment's own
     space.seed(0)
     x, u = [], []
@@ -137,7 +138,7 @@ def _tried(env: gym.Env, steps: "_Simulator") -> tuple[np.ndarray, np.ndarray]:
 def _points(
     x: np.ndarray, u: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[int, ...]]:
-    """States and actions of points as rows, a mask of the finite ones, and the shape of the states."""
+    """Rows of states and actions, mask of finite rows, and shape of the states."""
     assert u is not None
     shape = np.broadcast_shapes(x.shape[:-1], u.shape[:-1])
     states = np.broadcast_to(x, shape + x.shape[-1:]).reshape(-1, x.shape[-1])
@@ -151,7 +152,7 @@ def _points(
 
 
 class _Simulator:
-    """``f(x, u)``: a copy is set to each point and stepped."""
+    """``f(x, u)``: a copy of the environment is set to each point and stepped."""
 
     def __init__(
         self, env: gym.Env, get: Callable[[gym.Env], Any], put: Callable[[gym.Env, Any], None]
@@ -177,23 +178,23 @@ class _Simulator:
 
 
 class _Rollout:
-    """Steps of MuJoCo: all points in one native call."""
+    """Steps of MuJoCo, all points in one native call."""
 
     def __init__(self, model: Any, substeps: int) -> None:
-        mujoco = import_module("mujoco")  # no extra of ours: who has its environments has it
+        mujoco = import_module("mujoco")  # comes with MuJoCo's environments, not with an extra
         Rollout = import_module("mujoco.rollout").Rollout
         self._model, self._substeps = model, substeps
         self._rollout, self._data = Rollout(nthread=1), [mujoco.MjData(model)]
         self._size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A copy has scratch of its own."""
+        """A copy has its own buffers."""
         return type(self), (self._model, self._substeps)
 
     def __call__(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         states, actions, finite, shape = _points(x, u)
         n = states.shape[1]
-        whole = np.zeros((len(states), self._size))  # time stands first
+        whole = np.zeros((len(states), self._size))  # the first column is the time
         whole[:, 1 : 1 + n] = np.nan_to_num(states)
         controls = np.ascontiguousarray(
             np.repeat(np.nan_to_num(actions[:, None]), self._substeps, 1)
@@ -211,7 +212,7 @@ def _mujoco_state(env: gym.Env) -> np.ndarray:
 
 def _set_mujoco(env: gym.Env, x: np.ndarray) -> None:
     base: Any = env.unwrapped
-    base.data.qacc_warmstart[:] = 0.0  # what the solver begins with, which is of the last point
+    base.data.qacc_warmstart[:] = 0.0  # the solver's initial guess, left by the last point
     base.set_state(x[: base.model.nq], x[base.model.nq :])
 
 
@@ -227,7 +228,7 @@ def _set_classic(env: gym.Env, x: np.ndarray) -> None:
 
 
 def made_again(env: gym.Env) -> gym.Env:
-    """Another environment of the same spec, which nobody looks at."""
+    """Another environment of the same spec, without rendering."""
     if env.spec is None:
         raise TypeError(
             f"a copy is made of an environment's spec, and this one has no spec: {short_repr(env)}"
@@ -240,12 +241,12 @@ def made_again(env: gym.Env) -> gym.Env:
 def sampled_prior(
     env: gym.Env, state: Callable[[gym.Env, Any], Any], angles: tuple[int, ...], resets: int = 256
 ) -> Gaussian:
-    """Prior of an environment: mean and covariance of the states in which a copy of it begins.
+    """Prior of an environment: mean and covariance of the initial states of a copy.
 
     The mean of an angle is the direction of the mean of unit vectors.
 
     Raises:
-        ValueError: if there is no way to make a copy.
+        ValueError: if the environment cannot be copied.
     """
     try:
         copy = made_again(env)

@@ -1,4 +1,4 @@
-"""An estimator in the loop of many environments at once: one batched filter for all of them."""
+"""An estimator in the loop of many environments: one batched filter for all of them."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -15,29 +15,29 @@ from vessel_gym.wrappers.watch import Watch, observed_state, time_step
 
 
 class EstimatedObservation(VectorWrapper):
-    """A vector environment whose agents see what one batched filter believes.
+    """Wrapper of a vector environment whose agents observe the estimates of one batched filter.
 
-    Environment i, seeded with s, has the sensors' and the filter's numbers of the single one seeded
-    with s + i: the same seeds give the same flights. Native batches and Gymnasium's Sync and Async
-    ones are wrapped alike.
+    Environment i of a batch with seed s has the random numbers of the single wrapper with seed s +
+    i, so that episodes are equal. Native batches, `SyncVectorEnv` and `AsyncVectorEnv` can be
+    wrapped.
 
     Args:
-        env: A vector environment that resets at the next step, or not by itself.
-        model: As for the single one.
-        prior: What is known of the state at the start, ``(n,)``.
-        state: The true states ``(B, n)``, a function of (env, observations); None: the
-            observations. Environments are rows, which nobody can check where B is n: Gymnasium's
-            native CartPole, for one, keeps them in columns.
-        observation: The observations as a function of the states ``(B, n)``, a row each; None: the
-            states.
-        **options: As for the single one: ``passes``, ``known_input`` (a function of the actions,
-            ``(B, m)``), ``estimator``, ``estimator_options``, ``sensors``, ``observe`` and
+        env: A vector environment with autoreset in the next step, or without autoreset.
+        model: As for the single wrapper.
+        prior: Prior of the state ``(n,)``.
+        state: Function of (env, observations) that returns the true states ``(B, n)``; None: the
+            observations are the states. Environments must be rows, which cannot be checked if B is
+            n: Gymnasium's native CartPole, for example, keeps them in columns.
+        observation: Function of the states ``(B, n)`` that returns observations, one row for each;
+            None: the states.
+        **options: As for the single wrapper: ``passes``, ``known_input`` (a function of the
+            actions, ``(B, m)``), ``estimator``, ``estimator_options``, ``sensors``, ``observe`` and
             ``sensor_faults``.
 
     Raises:
-        TypeError: as for the single one.
-        ValueError: as for the single one; or for an environment that resets in the
-            same step, which hides how episodes end.
+        TypeError: as for the single wrapper.
+        ValueError: as for the single wrapper, and for an environment that resets in the same step,
+            which hides the ends of episodes.
     """
 
     def __init__(
@@ -91,7 +91,7 @@ class EstimatedObservation(VectorWrapper):
         return self.watch.observe(seen), info | self._info(mask)
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """A step of all environments; those whose episode was over begin the next."""
+        """Step all environments; those whose episode has ended begin the next."""
         seen, reward, terminated, truncated, info = self.env.step(actions)
         self.watch.go_on(self._truth(seen), actions, self._over)
         self._over = (terminated | truncated) & self._restarts

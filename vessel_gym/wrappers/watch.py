@@ -1,4 +1,4 @@
-"""Common part of the wrappers of one environment and of many: a loop around somebody else's environment."""
+"""Common part of the single and the vector wrapper: a loop around any environment."""
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
@@ -34,19 +34,18 @@ from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, Sensors
 
 KNOWN = ("truth", "dead-reckoning")
-"""Estimators that only an environment can have."""
+"""Estimators besides filters that a wrapper offers."""
 
 
 class Watch:
-    """Sensors, filter and belief of B rows of an environment whose state somebody reads out.
+    """Sensors, filter and belief of B rows of an environment, from their true states.
 
     Args:
         space: Observation space of one environment.
-        action_space: Action space of one.
+        action_space: Action space of one environment.
         rows: B.
         dt: Time step [s] of the environment, see `time_step`.
-        model, prior, ...: As of `vessel_gym.wrappers.EstimatedObservation`; functions are of B
-            rows.
+        model, prior, ...: As of `vessel_gym.wrappers.EstimatedObservation`; functions take B rows.
     """
 
     def __init__(
@@ -74,7 +73,7 @@ class Watch:
         self.rows, self.n, self.prior, self.own = rows, model.n, prior, space
         self._observation, self._known = observation, known_input or plain_action(action_space)
         self._passes = _checked_passes(space, passes, observe)
-        action = deepcopy(action_space).sample()  # whose own numbers go on as they would have
+        action = deepcopy(action_space).sample()  # a copy, so that the space's own state stays
         u = np.atleast_1d(self._numbers(action))
         model.check_known_input(u)
         for name in ("transition", "measurement"):
@@ -111,9 +110,9 @@ class Watch:
     # --- one step ---------------------------------------------------------------------------------
 
     def seed(self, rows: np.ndarray, seeds: Sequence[int | None]) -> None:
-        """Begin again to count episodes in the rows of a mask ``(B,)``, with a seed each of ``(B,)``.
+        """Seed the rows of a mask ``(B,)``, and restart their count of episodes.
 
-        Where a seed is None they go on, with one of chance if there has been none yet.
+        A row whose seed is None continues; without an earlier seed it gets a random one.
         """
         for i in np.flatnonzero(rows).tolist():
             seed = seeds[i]
@@ -124,13 +123,13 @@ class Watch:
                 self._seeded[i], self.episodes[i] = True, -1
 
     def begin(self, rows: np.ndarray, state: np.ndarray) -> None:
-        """Episodes begin in the rows of a mask ``(B,)``, in states ``(B, n)``."""
+        """Begin episodes in the rows of a mask ``(B,)``, in states ``(B, n)``."""
         self.truth = np.where(rows[:, None], self._checked(state), self.truth)
         self._restart(rows)
         self._start(rows, self._measured(self._still, None if rows.all() else np.flatnonzero(rows)))
 
     def go_on(self, state: np.ndarray, action: Any, reset_mask: np.ndarray) -> None:
-        """A step of all rows, to states ``(B, n)``; in the rows of a mask ``(B,)`` an episode begins instead."""
+        """Step all rows to states ``(B, n)``; rows of ``reset_mask (B,)`` begin an episode."""
         if not self._seeded.all():
             raise ResetNeeded("call reset() before step()")
         self.truth = self._checked(state)
@@ -154,7 +153,7 @@ class Watch:
         self.loop.restart(chosen, keys[:, :-1], keys[:, -1])
 
     def _measured(self, u: np.ndarray, rows: np.ndarray | None) -> Measurements:
-        """Measurements delivered to rows (None: all) in their present states, by known inputs ``(B, m)`` of all."""
+        """Measurements delivered to some rows (None: all), given known inputs ``(B, m)``."""
         chosen: Any = slice(None) if rows is None else rows
         x, u, steps, keys = (
             self.truth[chosen],
@@ -171,7 +170,7 @@ class Watch:
         return self.loop.receive(measurements, steps, rows)
 
     def _start(self, rows: np.ndarray, measurements: Measurements) -> None:
-        """Beliefs of the rows of a mask ``(B,)`` after their first measurements."""
+        """Set beliefs of the rows of a mask ``(B,)`` after their first measurements."""
         count = len(measurements[0])
         prior = self.prior.about(np.broadcast_to(self.prior.mean, (count, self.n)))
         measurements = self._for_filter(measurements, self.truth[rows])
@@ -180,13 +179,13 @@ class Watch:
         )
 
     def observe(self, seen: Any) -> Any:
-        """Observations ``(B, ...)`` where the environment itself shows ``seen``."""
+        """Observations ``(B, ...)``, given the environment's own observations ``seen``."""
         if self.observe_mode == "measurement":
             return self._read(seen)
         belief = self.loop.belief
         mean = np.array(self.truth if self.loop.tells_truth else belief.mean)
         if self._angles and self._observation is None and not self.loop.tells_truth:
-            mean[:, self._angles] = wrap(mean[:, self._angles])  # filters count turns
+            mean[:, self._angles] = wrap(mean[:, self._angles])  # filters do not wrap angles
         value = mean if self._observation is None else self._observation(mean)
         beside: dict[str, np.ndarray] = {}
         if "std" in self.observe_mode:
@@ -203,7 +202,7 @@ class Watch:
         )
 
     def info(self) -> dict[str, np.ndarray]:
-        """Copies of what happened, one row an environment."""
+        """Copies of the last step's record, one row for each environment."""
         belief, (y, available) = self.loop.belief, self.loop.measurements
         happened = {
             "truth": self.truth, "estimate": belief.mean, "covariance": belief.cov, "measurement": y,
@@ -239,7 +238,7 @@ class Watch:
         return u
 
     def _read(self, seen: Any) -> Any:
-        """Measurements, the mask of those that arrived, and what passes."""
+        """Measurements, mask of those that arrived, and passing components."""
         measurements = np.concatenate(self.loop.measurements, -1).astype(np.float32)
         if isinstance(self.own, Dict):
             return {"measurement": measurements, **{key: seen[key] for key in self._passes}}
@@ -249,10 +248,12 @@ class Watch:
     # --- inside -----------------------------------------------------------------------------------
 
     def _check_rows(self, observation: Callable[[np.ndarray], Any]) -> None:
-        """Refuse a function of states that puts rows last: where B is the size of an observation, its shape tells not.
+        """Refuse an observation function that puts rows last.
+
+        If B is the size of an observation, the shape does not show this.
 
         Raises:
-            ValueError: if another state in one row changes what is observed in others.
+            ValueError: if a change of the state in one row changes observations of others.
         """
         states = np.broadcast_to(self.prior.mean, (self.rows, self.n)).copy()
         others = states.copy()
@@ -288,7 +289,7 @@ class Watch:
         return np.array(array, order="C")
 
     def _space(self) -> Space:
-        """The space of what is observed."""
+        """Observation space."""
         further, measuring = {}, self.observe_mode == "measurement"
         if measuring:
             further["measurement"] = Box(-np.inf, np.inf, (2 * self.sensors.size,), np.float32)
@@ -320,7 +321,7 @@ class Watch:
         return Box(low, high, dtype=np.float32)
 
     def _filled(self, value: Any, seen: dict[str, Any]) -> dict[str, Any]:
-        """A dictionary of observations: what the function gives, and what passes."""
+        """Dictionary of observations, from the function's values and the passing keys."""
         own = cast(Dict, self.own).spaces
         given = value if isinstance(value, dict) else {}
         if {*given, *self._passes} != {*own}:
@@ -337,10 +338,10 @@ class Watch:
     def _fitted(
         self, value: Any, own: Space, seen: Any = None, passes: Sequence[int] = ()
     ) -> np.ndarray:
-        """An observation as the space has it: of what the function gives, but for the components that pass.
+        """Observation in the form of the space, with passing components from ``seen``.
 
-        An estimate is kept within bounds, which the truth may be beyond; it is whole where the
-        space has whole numbers.
+        An estimate is clipped to the bounds of the space, which the truth may exceed, and rounded
+        in a space of whole numbers.
         """
         if not isinstance(own, Box):
             raise ValueError(
@@ -376,16 +377,16 @@ class Watch:
 
 
 def _parts(value: Any) -> list[np.ndarray]:
-    """Values of a function of the states, key by key."""
+    """Values of an observation function, key by key."""
     return [np.asarray(part) for part in (value.values() if isinstance(value, dict) else [value])]
 
 
 def time_step(env: Any) -> float:
-    """Time step [s] of an environment, single or vector: its ``dt``, as MuJoCo's have; 1, a step, where it has none."""
+    """Time step [s] of a single or vector environment: its ``dt``, or else 1, a step."""
     base = getattr(env, "unwrapped", env)
     if envs := getattr(base, "envs", ()):
         return time_step(envs[0])
-    if makers := getattr(base, "env_fns", ()):  # of processes of their own
+    if makers := getattr(base, "env_fns", ()):  # environments in other processes
         with closing(makers[0]()) as one:
             return time_step(one)
     dt = getattr(base, "dt", None)
@@ -393,12 +394,12 @@ def time_step(env: Any) -> float:
 
 
 def observed_state(env: Any, seen: Any) -> Any:
-    """The state of an environment that shows it."""
+    """The state of an environment whose observation is the state."""
     return seen
 
 
 def plain_action(space: Space) -> Callable[[Any], Any]:
-    """An action of a space, or a batch of them, as numbers ``(..., m)``; beyond its bounds as on them."""
+    """Function from actions of a space to numbers ``(..., m)``, clipped to the bounds."""
     if isinstance(space, Box):
         return partial(_clipped, space.low.astype(float), space.high.astype(float))
     if isinstance(space, Discrete):
@@ -412,7 +413,7 @@ def plain_action(space: Space) -> Callable[[Any], Any]:
 
 
 def _clipped(low: Any, high: Any, action: Any) -> np.ndarray:
-    """Actions within bounds, of any shape, as vectors ``(..., m)``."""
+    """Actions of any shape, clipped, as vectors ``(..., m)``."""
     clipped = np.clip(np.asarray(action, float), low, high)
     return clipped.reshape(*clipped.shape[: clipped.ndim - np.ndim(low)], -1)
 
@@ -456,9 +457,9 @@ def _sensors(
     faults: Sequence[SensorFault],
     dt: float,
 ) -> Sensors:
-    """Sensors that read what the model says that there is to read, in a quality; or somebody's own.
+    """Sensors of the model's measurements in a quality, or the user's own.
 
-    The model has so many known ``inputs``.
+    The model has ``inputs`` known inputs.
     """
     states = tuple(f"x{i}" for i in range(model.n))
     if isinstance(sensors, str):
@@ -485,7 +486,7 @@ def _sensors(
 
 
 def _expected(sensors: Sensors, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-    """Measurements of sensors without noise ``(..., p)`` in states ``(..., n)``."""
+    """Measurements without noise ``(..., p)`` in states ``(..., n)``."""
     assert u is not None
     return sensors.exact(x, np.broadcast_to(u, x.shape[:-1] + u.shape[-1:]))
 
