@@ -104,9 +104,10 @@ def columns(study: str) -> Iterator[Column]:
 
 
 def by_suite(study: str, environment: str, sea: str = "", agent: str = "autopilot") -> str:
-    """Score and steering travel of estimators in each suite; 95 % hold for all scores at once.
+    """Score and steering travel of estimators in each suite, by the score in the first.
 
-    Estimators whose scores are alike in every suite share a row, with the numbers of the first.
+    95 % hold for all scores at once. Estimators whose scores are alike in every suite share a row,
+    with the numbers of the first.
     """
     score, travel = (
         episodes(study, environment, agent, key) for key in ("score", "steering_travel")
@@ -123,8 +124,8 @@ def by_suite(study: str, environment: str, sea: str = "", agent: str = "autopilo
     for name, of in means.items():
         near = (first for first in labels if np.abs(means[first] - of).max() <= ALIKE)
         labels.setdefault(next(near, name), []).append(f"`{name}`")
-    rows = [(", ".join(label), *(cell(place, first) for place in places))
-            for first, label in labels.items()]  # fmt: skip
+    rows = [(", ".join(labels[first]), *(cell(place, first) for place in places))
+            for first in sorted(labels, key=lambda name: -means[name][0])]  # fmt: skip
     return table(("Score; steering travel [°/min]", *SUITE), rows)
 
 
