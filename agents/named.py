@@ -5,6 +5,7 @@ from types import ModuleType
 from typing import Any
 
 import gymnasium as gym
+from gymnasium.envs.registration import load_env_creator
 
 
 def named_object(name: str) -> Any:
@@ -45,8 +46,10 @@ def vector_class(env_id: str) -> type:
     Raises:
         gymnasium.error.Error: if there is no such environment.
     """
-    entry = gym.spec(env_id).vector_entry_point
-    creator: Any = (
-        gym.envs.registration.load_env_creator(entry) if isinstance(entry, str) else entry
-    )
+    creator = loaded(gym.spec(env_id).vector_entry_point)
     return creator if isinstance(creator, type) else object
+
+
+def loaded(entry: Any) -> Any:
+    """The entry point of a registered environment, imported if it is a text."""
+    return load_env_creator(entry) if isinstance(entry, str) else entry

@@ -42,13 +42,7 @@ def words(value: Interval | float | None, decimals: int, signed: bool = False) -
 
 
 def listed(items: Sequence[str]) -> str:
-    """A list in a sentence: "a, b and c".
-
-    Raises:
-        ValueError: if there is nothing to list.
-    """
-    if not items:
-        raise ValueError("a list in a sentence needs at least one item")
+    """A list of at least one item in a sentence: "a, b and c"."""
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
 
 

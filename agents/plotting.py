@@ -4,12 +4,12 @@ import base64
 import io
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-TRUE, BELIEVED, RAW, INK = "#1f4e79", "#c8590b", "#8a8f96", "#444444"
+INK = "#444444"
 PALETTE = (
     "#1f4e79",
     "#c8590b",
@@ -37,7 +37,7 @@ def styled() -> AbstractContextManager[None]:
 def data_uri(figure: "Figure") -> str:
     """The figure as an SVG data URI: nothing outside the page, and no ids that clash within it."""
     buffer = io.BytesIO()
-    nothing: dict[str, Any] = {"Date": None, "Creator": None, "Format": None, "Type": None}
+    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     with styled():
         figure.savefig(buffer, format="svg", metadata=nothing)
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()

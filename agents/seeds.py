@@ -11,11 +11,10 @@ Row i of a batch seeded s has the seed s + i, so these ranges must not overlap:
 - training: from 1,002,000,000, 100,000 apart for each training seed
 """
 
-from vessel_gym.checks import is_integer
-
 _EVALUATION = 1_000_000_000
-_TUNING = _EVALUATION + 1_000_000
-_TRAINING = _TUNING + 1_000_000
+_RANGE = 1_000_000
+_TUNING = _EVALUATION + _RANGE
+_TRAINING = _TUNING + _RANGE
 _SPACING = 100_000
 
 
@@ -23,46 +22,35 @@ def evaluation_seeds(count: int, first: int = 0) -> list[int]:
     """``count`` seeds that training and tuning never use, from number ``first`` of their range on.
 
     Raises:
-        ValueError: for what is not whole numbers, or if they would leave the evaluation range.
+        ValueError: if there are none, or they would leave the evaluation range.
     """
-    most = _TUNING - _EVALUATION
-    if not (
-        is_integer(count)
-        and is_integer(first)
-        and count >= 1
-        and first >= 0
-        and first + count <= most
-    ):
-        few = ": ask for at least 1" if not (is_integer(count) and count >= 1) else ""
-        raise ValueError(
-            f"there are {most} evaluation seeds, numbered from 0, got {count!r} from {first!r}{few}"
-        )
-    return list(range(_EVALUATION + first, _EVALUATION + first + count))
+    return _seeds("evaluation", _EVALUATION, count, first)
 
 
 def tuning_seeds(count: int) -> list[int]:
     """``count`` seeds for choosing weights, hyperparameters and policies.
 
     Raises:
-        ValueError: for what is not a whole number, or if they would leave the tuning range.
+        ValueError: if there are none, or they would leave the tuning range.
     """
-    most = _TRAINING - _TUNING
-    if not (is_integer(count) and 1 <= count <= most):
+    return _seeds("tuning", _TUNING, count)
+
+
+def _seeds(kind: str, begin: int, count: int, first: int = 0) -> list[int]:
+    if count < 1 or not 0 <= first <= _RANGE - count:
         raise ValueError(
-            f"there are {most} tuning seeds, got {count!r} of them: ask for at least 1"
+            f"there are {_RANGE} {kind} seeds, numbered from 0: ask for one or more of these, got"
+            f" {count!r} from {first!r}"
         )
-    return list(range(_TUNING, _TUNING + count))
+    return list(range(begin + first, begin + first + count))
 
 
 def training_seed(seed: int) -> int:
     """The seed of a training batch by number: batches of up to 100,000 share no environment.
 
     Raises:
-        ValueError: for a seed that is not a whole number, negative, or too great for the libraries
-            that learn.
+        ValueError: for a negative seed, or one too great for the libraries that learn.
     """
-    if not (is_integer(seed) and seed >= 0):
-        raise ValueError(f"a training seed must be >= 0, got {seed!r}")
-    if seed >= 2**32:
-        raise ValueError(f"a training seed must be below 2^32, got {seed!r}")
+    if not 0 <= seed < 2**32:
+        raise ValueError(f"a training seed must be from 0 to 2^32 - 1, got {seed!r}")
     return _TRAINING + _SPACING * seed

@@ -12,18 +12,18 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.envs.registration import load_env_creator
 
+from agents.named import loaded
 from vessel_gym.wrappers.watch import Watch, time_step
 
 _IMPLIED = {
-    "sensors": "nominal",
-    "disturbance": "moderate",
-    "mismatch": 0.0,
-    "observe": "mean",
-    "termination": "task",
+    "sensors": ("nominal",),
+    "disturbance": ("moderate",),
+    "mismatch": (0.0,),
+    "observe": ("mean",),
+    "termination": ("task", "belief"),
 }
-"""Options at which commands and studies leave an environment of others as it is registered."""
+"""Values of options with which commands and studies leave an environment of others as it is."""
 _OURS = ("disturbance", "mismatch", "termination", "latency", "faults", "guidance")
 """Options that `EstimatedObservation` does not take: they need a keyword of their own."""
 
@@ -44,22 +44,15 @@ class Wrapped:
         env: One environment of that id.
     """
 
-    disturbances: Mapping[str, Any] = {"moderate": None}
-    filter_models: Mapping[str, str] = {}
-    filter_model = "its own"
-
     def __init__(self, name: str, env: gym.Env) -> None:
         watch = watch_of(env)
-        self.name, self.env, self.system = name, env, self
+        self.name, self.system = name, self
         self.task = Episodes((env.spec and env.spec.max_episode_steps) or 0)
-        self.vehicle = SimpleNamespace(dt=time_step(env), steering=())
-        self.belief = SimpleNamespace(input_mean=None)
+        self.vehicle = SimpleNamespace(dt=time_step(env))
         self.estimator = "" if watch is None else watch.estimator
-        self.composition = SimpleNamespace(
-            names=() if watch is None else watch.sensors.state_names, inputs=()
-        )
+        names = () if watch is None else watch.sensors.state_names
+        self.composition = SimpleNamespace(names=names)
         self.filter: Any = getattr(watch, "filter", None)
-        self.loop: Any = getattr(watch, "loop", None)
         self.sensors: Any = getattr(watch, "sensors", None)
 
     def estimated(self, truth: np.ndarray) -> np.ndarray:
@@ -78,19 +71,6 @@ def watch_of(env: Any) -> Watch | None:
             return found
         env = env.env
     return None
-
-
-def takes(env_id: str, option: str) -> bool:
-    """Has the function with which an environment is registered a keyword of this name?"""
-    spec = gym.spec(env_id)
-    made: Any = (
-        load_env_creator(spec.entry_point)
-        if isinstance(spec.entry_point, str)
-        else spec.entry_point
-    )
-    parameters = signature(made).parameters
-    every = any(each.kind is Parameter.VAR_KEYWORD for each in parameters.values())
-    return option in parameters or (every and option not in _OURS)
 
 
 def wrapped_system(env_id: str) -> Wrapped:
@@ -117,18 +97,16 @@ def taken_options(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
         TypeError: for a value other than the implied one of an option that the environment does not
             take.
     """
-    implied = _IMPLIED | (
-        {"termination": "belief"} if options.get("termination") == "belief" else {}
-    )
-    taken = {
-        key: value
-        for key, value in options.items()
-        if value is not None and value != implied.get(key)
-    }
-    for key in taken:
-        if not takes(env_id, key):
+    parameters = signature(loaded(gym.spec(env_id).entry_point)).parameters
+    every = any(each.kind is Parameter.VAR_KEYWORD for each in parameters.values())
+    taken = {}
+    for key, value in options.items():
+        if value is None or value in _IMPLIED.get(key, ()):
+            continue
+        if key not in parameters and (key in _OURS or not every):
             raise TypeError(
                 f"{env_id} takes no option {key!r}: leave it out, or give the registered function a"
                 f" keyword {key}="
             )
+        taken[key] = value
     return taken

@@ -26,10 +26,10 @@ LIMITS = (
 
 def conclusion(budget: Budget) -> list[str]:
     """The answer, the conclusion first."""
-    search, share = budget.search, f"{100 * budget.keep:g} % of the score on the truth"
+    share = f"{100 * budget.keep:g} % of the score on the truth"
     suite, number, noun = budget.suites[budget.nearest], len(budget.suites), "suite"
     if budget.answer is None:
-        kept = words(search.shares.get(budget.nearest), 3)
+        kept = words(budget.shares.get(budget.nearest), 3)
         found = [
             f"No suite is confirmed to keep {share}.",
             f"The nearest, {suite}, keeps {kept} in the search.",
@@ -39,10 +39,10 @@ def conclusion(budget: Budget) -> list[str]:
         kept = words(budget.confirmed[budget.answer], 3)
         found = [
             f"The cheapest suite that is confirmed to keep {share}: {suite}.",
-            f"Its price is {suite.cost[0]:g}, and it keeps {kept} on {search.episodes} fresh"
+            f"Its price is {suite.cost[0]:g}, and it keeps {kept} on {budget.episodes} fresh"
             " seeds.",
         ]
-    verdicts = Counter(search.verdicts.get(i, "not flown") for i in range(number))
+    verdicts = Counter(budget.verdicts.get(i, "not flown") for i in range(number))
     counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
     return [*found, f"Of {many(number, noun)}: {counts}." if counts else "No suite is cheaper."]
 
@@ -52,14 +52,13 @@ def suites_table(budget: Budget, most: int = MOST) -> pd.DataFrame:
 
     If there are too many, those are left out whose prices are far from that of the answer.
     """
-    search = budget.search
-    near = sorted(search.verdicts, key=lambda i: abs(i - budget.nearest))[:most]
+    near = sorted(budget.verdicts, key=lambda i: abs(i - budget.nearest))[:most]
     rows = {
         str(budget.suites[i]): {
             "price": f"{budget.suites[i].cost[0]:g}",
-            "search": text(search.shares.get(i), 3),
+            "search": text(budget.shares.get(i), 3),
             "fresh seeds": text(budget.confirmed.get(i), 3),
-            "verdict": search.verdicts[i],
+            "verdict": budget.verdicts[i],
         }
         for i in sorted(near)
     }

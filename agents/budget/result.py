@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import pandas as pd
 
 import agents.jobs
 from agents.agent import load_agent
-from agents.budget.search import TRUTH, Request, Search, confirm
+from agents.budget.search import TRUTH, Request, Search
 from agents.budget.suites import Suite
 from agents.controllers import PPO
 from agents.policies.checkpoint import packaged, policy_path
@@ -50,32 +50,28 @@ def budget_study(
     return study
 
 
-@dataclass(eq=False)
-class Budget:
-    """A search with its confirmation.
+class Budget(Search):
+    """A search of the cheapest suite with its confirmation, whose flights are jobs.
 
-    Attributes:
+    Args:
         study: See `budget_study`.
         suites: The cheapest first; other attributes name them by their numbers.
         keep: Share of the truth's score that is asked for.
         folder: Keeps the results.
         processes: Processes on this machine.
-        search: As far as it is.
+
+    Attributes:
         tables: Results of what was flown, see `agents.studies.results.long_table`.
         refusals: Reasons of the environment against suites.
-        confirmed: After `run`: shares on fresh seeds, in the order of the confirmation.
         answer: After `run`: the cheapest suite that is confirmed; None if there is none.
     """
 
-    study: Study
-    suites: Sequence[Suite]
-    keep: float
-    folder: Path
-    processes: int = 1
-
-    def __post_init__(self) -> None:
-        costs, ranks = ([getattr(s, name) for s in self.suites] for name in ("cost", "ranks"))
-        self.search = Search(costs, np.array(ranks), self.keep, self.fly, self.study.episodes)
+    def __init__(
+        self, study: Study, suites: Sequence[Suite], keep: float, folder: Path, processes: int = 1
+    ) -> None:
+        costs, ranks = ([getattr(s, name) for s in suites] for name in ("cost", "ranks"))
+        super().__init__(costs, np.array(ranks), keep, self.flights, study.episodes)
+        self.study, self.suites, self.folder, self.processes = study, suites, folder, processes
         self.tables: list[pd.DataFrame] = []
         self.refusals: set[str] = set()
 
@@ -87,21 +83,16 @@ class Budget:
             Refusal: if a flight failed.
             OSError: if the results cannot be written.
         """
-        search, episodes = self.search, self.study.episodes
-        search.run(progress)
-        found = confirm(search.sequence, self.keep, self.fly, FRESH, episodes)
-        self.confirmed, self.answer = found
-        for suite, share in self.confirmed.items():
-            search.verdicts[suite] = "confirmed" if share.low >= self.keep else "not confirmed"
+        super().run(progress)
+        self.answer = self.confirm(FRESH)
 
     @property
     def nearest(self) -> int:
         """The answer; else the suite that is nearest to one in the search."""
-        shares = self.search.shares
-        best = max(shares, key=lambda i: shares[i].low, default=len(self.suites) - 1)
+        best = max(self.shares, key=lambda i: self.shares[i].low, default=len(self.suites) - 1)
         return best if self.answer is None else self.answer
 
-    def fly(self, requests: Sequence[Request]) -> list[Any]:
+    def flights(self, requests: Sequence[Request]) -> list[Any]:
         """Scores of each request, see `agents.budget.search.Fly`; a flight has no other metrics."""
         study, plans = self.study, []
         for suite, first, episodes in requests:

@@ -27,7 +27,9 @@ FIRST_LOOK = 32
 ROUND = 16
 """Suites that are flown before the next choice, whatever the number of processes."""
 DOES, FAILS, OPEN, REFUSED = "keeps it", "keeps less", "not decided", "refused"
-"""Verdicts on a suite. Refused: the environment cannot fly the estimator on these sensors."""
+"""Verdicts of the search. Refused: the environment cannot fly the estimator on these sensors."""
+CONFIRMED, NOT_CONFIRMED = "confirmed", "not confirmed"
+"""Verdicts of the confirmation."""
 
 
 class Request(NamedTuple):
@@ -63,9 +65,9 @@ def looks(episodes: int) -> list[int]:
     return sorted({min(FIRST_LOOK << i, episodes) for i in range(32)})
 
 
-@dataclass
+@dataclass(eq=False)
 class Search:
-    """A search over suites in order of their cost, the cheapest first.
+    """A search over suites in order of their cost, the cheapest first, and its confirmation.
 
     Attributes:
         costs: Of the suites, ascending: prices, or whatever else has an order.
@@ -76,6 +78,7 @@ class Search:
         scores: Flown so far, by suite and for the `TRUTH`.
         shares: Of each suite flown, with an interval that holds for all suites and looks at once.
         verdicts: Of each suite flown.
+        confirmed: Shares on fresh seeds, in the order of the confirmation.
     """
 
     costs: Sequence[Any]
@@ -86,6 +89,7 @@ class Search:
     scores: dict[int, np.ndarray] = field(default_factory=dict)
     shares: dict[int, Interval] = field(default_factory=dict)
     verdicts: dict[int, str] = field(default_factory=dict)
+    confirmed: dict[int, Interval] = field(default_factory=dict)
 
     def run(self, progress: Callable[[int, int], None]) -> None:
         """Fly until no further look may change the answer.
@@ -177,32 +181,25 @@ class Search:
         certain = sum(self.verdicts[i] == DOES for i in found)
         return found[max(certain - 2, 0) :]
 
+    def confirm(self, first: int) -> int | None:
+        """Confirm suites on fresh seeds in the order of `sequence`, up to the first that is not.
 
-def confirm(
-    sequence: Sequence[int], keep: float, fly: Fly, first: int, episodes: int
-) -> tuple[dict[int, Interval], int | None]:
-    """Confirm suites on fresh seeds in their order, up to the first that is not confirmed.
+        Those whose 95 % interval is not below ``keep`` are confirmed. The probability that the last
+        one confirmed keeps less is at most 2.5 %, however many are tried, since the order is fixed
+        before these seeds are flown.
 
-    Those whose 95 % interval is not below ``keep`` are confirmed. The probability that the last one
-    confirmed keeps less is at most 2.5 %, however many are tried, since the order is fixed before
-    these seeds are flown.
+        Args:
+            first: Number of the first fresh seed.
 
-    Args:
-        sequence: See `Search.sequence`.
-        keep: Share of the truth's score that is asked for.
-        fly: Flies what is asked for.
-        first: Number of the first fresh seed.
-        episodes: Number of them.
-
-    Returns:
-        Shares with their intervals, and the last suite that was confirmed, which is the cheapest of
-        them; None if there is none.
-    """
-    found: dict[int, Interval] = {}
-    answer = None
-    for suite in sequence:
-        found[suite] = share_kept(*fly([Request(i, first, episodes) for i in (suite, TRUTH)]))
-        if found[suite].low < keep:
-            break
-        answer = suite
-    return found, answer
+        Returns:
+            The last suite that was confirmed, which is the cheapest of them; None if there is none.
+        """
+        answer = None
+        for suite in self.sequence:
+            fresh = self.fly([Request(i, first, self.episodes) for i in (suite, TRUTH)])
+            share = self.confirmed[suite] = share_kept(*fresh)
+            if share.low < self.keep:
+                self.verdicts[suite] = NOT_CONFIRMED
+                break
+            self.verdicts[suite], answer = CONFIRMED, suite
+        return answer

@@ -10,9 +10,15 @@ import numpy as np
 from scipy.optimize import root
 
 from agents.controllers import AUTOPILOT, register_controller
-from agents.controllers.loops import Loop, first_order, jacobian, parts_of, regulator_gains
+from agents.controllers.loops import (
+    Controller,
+    Loop,
+    bryson,
+    first_order,
+    jacobian,
+    regulator_gains,
+)
 from estimators import wrap
-from vessel_gym.system import System
 from vessel_gym.tasks.dive import Dive
 from vessel_gym.vehicles.auv import AUV
 
@@ -71,32 +77,30 @@ def regulator(vehicle: AUV, tolerances: DiveTolerances, lateral: bool) -> Regula
     The stern plane acts on heave, pitch rate and flight path, about steady dives and climbs of up
     to 45 deg; the rudder on sway, roll, yaw rate and course, about steady level turns.
     """
-    body, names, speed = vehicle.body, vehicle.state_names, vehicle.body.cruise_speed
+    names, speed = vehicle.state_names, vehicle.body.cruise_speed
     if lateral:
-        plane, balanced, tilt = ["v", "p", "r", "phi", "psi"], ["u", "v", "p", "r"], "phi"
-        rate, fin, side = 2, 0, 1.0
-        command = np.linspace(-1.0, 1.0, 81) * (speed / (4.0 * body.length))
+        plane, rate, fin, side = ["v", "p", "r", "phi", "psi"], 2, 0, 1.0
+        command = np.linspace(-1.0, 1.0, 81) * (speed / (4.0 * vehicle.body.length))
     else:
-        plane, balanced, tilt = ["w", "q", "theta"], ["u", "w", "q"], "theta"
-        rate, fin, side = 1, -2, -1.0
+        plane, rate, fin, side = ["w", "q", "theta"], 1, -2, -1.0
         command = np.deg2rad(np.linspace(-45.0, 45.0, 91))
     index = [names.index(name) for name in plane]
+    surge, tilt, balanced = names.index("u"), index[rate + 1], index[: rate + 1]
 
     def motion(z: np.ndarray, command: float) -> tuple[np.ndarray, np.ndarray]:
         state, actuators = np.zeros(len(names)), np.zeros(len(vehicle.action_names))
-        state[[names.index("u"), index[0], names.index(tilt)]] = speed, z[0], z[1]
-        actuators[[fin, -1]] = z[2:]
+        state[[surge, index[0], tilt]], actuators[[fin, -1]] = (speed, *z[:2]), z[2:]
         if lateral:
             state[index[rate]] = command
         return state, actuators
 
     def residual(z: np.ndarray, command: float) -> np.ndarray:
         state, actuators = motion(z, command)
-        change = (_after(vehicle, state, actuators) - state) / vehicle.dt
-        balance = change[[names.index(name) for name in balanced]]
+        balance = ((_after(vehicle, state, actuators) - state) / vehicle.dt)[[surge, *balanced]]
         return balance if lateral else np.append(balance, z[1] - np.arctan2(z[0], speed) - command)
 
-    table = _steady_motions(residual, command, np.array([0.0, 0.0, 0.0, body.cruise_thrust]))
+    guess = np.array([0.0, 0.0, 0.0, vehicle.body.cruise_thrust])
+    table = _steady_motions(residual, command, guess)
     state, actuators = motion(table[len(command) // 2], 0.0)
 
     def step(x: np.ndarray) -> np.ndarray:
@@ -140,48 +144,43 @@ def _gains(
     [rad per m/s], number ``rate`` is the angular velocity, the last the angle; ``way`` [m] is that
     of a step along the path.
     """
-    direction = np.zeros((1, len(A)))
-    direction[0, 0], direction[0, -1] = drift, 1.0
-    Q = direction.T @ direction / tolerances.direction**2
-    Q[rate, rate] += tolerances.rate**-2
-    if np.isfinite(tolerances.offset):
-        A = np.block([[A, np.zeros((len(A), 1))], [way * direction, np.ones((1, 1))]])
-        B, Q = np.pad(B, ((0, 1), (0, 0))), np.pad(Q, (0, 1))
-        Q[-1, -1] = tolerances.offset**-2
-    return regulator_gains(A, B, Q, np.array([[tolerances.fin**-2]]))[0]
+    n, t = len(A), tolerances
+    direction, whole = np.zeros(n + 1), np.eye(n + 1)
+    direction[[0, n - 1]] = drift, 1.0
+    whole[:n, :n] = A
+    whole[n] += way * direction
+    Q = np.outer(direction, direction) / t.direction**2
+    Q[rate, rate] += t.rate**-2
+    Q[n, n] = t.offset**-2
+    kept = slice(n + np.isfinite(t.offset))
+    return regulator_gains(
+        whole[kept, kept], np.pad(B, ((0, 1), (0, 0)))[kept], Q[kept, kept], bryson(t.fin)
+    )[0]
 
 
 @register_controller(Dive, AUTOPILOT)
-class DiveAutopilot:
+class DiveAutopilot(Controller):
     """Line-of-sight guidance onto the path; regulators of the course and flight path it asks for.
 
     It acts on the observation alone. The guidance aims at a point on the path's tangent a
     look-ahead distance on (Fossen 2011, sec. 10.3) and adds the turn that the path makes; the
     regulators act on deviations from the steady dive and turn that fit, so that the righting moment
     and the buoyancy need no integral.
-
-    Args:
-        system: The environment's system.
-
-    Raises:
-        ValueError: if the system's task is no dive.
     """
 
+    kind, vehicle = Dive, AUV
     tolerances = DiveTolerances()  # of the design
 
-    def __init__(self, system: System) -> None:
-        self._task, vehicle = parts_of(system, Dive, AUV)
-        t, self._body = self.tolerances, vehicle.body
+    def _design(self) -> None:
+        t, vehicle = self.tolerances, self._vehicle
+        self._body = vehicle.body
         self._ahead = t.look_ahead * vehicle.body.length
         self._vertical = regulator(vehicle, t, lateral=False)
         turns = "rudder" in vehicle.action_names
         self._lateral = regulator(vehicle, t, lateral=True) if turns else None
         self._thrust_gain = vehicle.body.mass / t.speed
 
-    def reset(self, num_envs: int) -> None:
-        """Nothing to forget: the autopilot has no memory."""
-
-    def act(self, observations: np.ndarray) -> np.ndarray:
+    def _actions(self, observations: np.ndarray) -> np.ndarray:
         """Actions ``(B, a)``: fins and thrust."""
         o, body = self._observed(observations), self._body
         heave, stern, thrust = self._vertical.steady(o["wanted climb"])
@@ -196,7 +195,7 @@ class DiveAutopilot:
             feedback = self._lateral.feedback(drift, *rates, o["roll"], course, o["aside"])
             fins.insert(0, rudder - feedback)
             thrust = thrust + turning - body.cruise_thrust
-        return self._actions(fins, thrust - self._thrust_gain * o["surge error"])
+        return self._shares(fins, thrust - self._thrust_gain * o["surge error"])
 
     def _observed(self, observations: np.ndarray) -> dict[str, np.ndarray]:
         """Observed quantities in SI, ``(B,)`` each, and what the guidance makes of them.
@@ -223,11 +222,10 @@ class DiveAutopilot:
         o["course error"] = wrap(turn - sight - np.arctan2(aside, ahead))
         return o
 
-    def _actions(self, fins: list[np.ndarray], thrust: np.ndarray) -> np.ndarray:
+    def _shares(self, fins: list[np.ndarray], thrust: np.ndarray) -> np.ndarray:
         """Actions ``(B, a)`` that ask for fins [rad] and thrust [N]."""
-        actions = [fin / self._body.fin_limit for fin in fins]
-        actions.append(2.0 * thrust / self._body.thrust_limit - 1.0)
-        return np.clip(np.stack(actions, -1), -1.0, 1.0).astype(np.float32)
+        shares = [fin / self._body.fin_limit for fin in fins]
+        return np.stack([*shares, 2.0 * thrust / self._body.thrust_limit - 1.0], -1)
 
 
 def _levelled(
@@ -258,9 +256,9 @@ class DivePID(DiveAutopilot):
     linearised vehicle, reduced to first order.
     """
 
-    def __init__(self, system: System) -> None:
-        super().__init__(system)
-        t, mass, dt = self.tolerances, self._body.mass, system.vehicle.dt
+    def _design(self) -> None:
+        super()._design()
+        t, mass, dt = self.tolerances, self._body.mass, self._vehicle.dt
 
         def loop(plane: Regulator, sign: float) -> Loop:
             return Loop(sign * plane.response, plane.damping, t.direction, t.fin, dt)
@@ -269,12 +267,7 @@ class DivePID(DiveAutopilot):
         if self._lateral is not None:
             self._loops.append(loop(self._lateral, 1.0))
 
-    def reset(self, num_envs: int) -> None:
-        """Clear the integrals."""
-        for loop in self._loops:
-            loop.reset(num_envs)
-
-    def act(self, observations: np.ndarray) -> np.ndarray:
+    def _actions(self, observations: np.ndarray) -> np.ndarray:
         """Actions ``(B, a)``: fins and thrust."""
         o, body, (speed, climb, *course) = self._observed(observations), self._body, self._loops
         limits = -body.fin_limit, body.fin_limit
@@ -282,4 +275,4 @@ class DivePID(DiveAutopilot):
         for loop in course:
             fins.insert(0, loop.act(o["course error"], o["turning"] - o["yaw rate"], *limits))
         thrust = speed.act(-o["surge error"], 0.0, 0.0, body.thrust_limit, body.cruise_thrust)
-        return self._actions(fins, thrust)
+        return self._shares(fins, thrust)

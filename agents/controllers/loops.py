@@ -1,12 +1,54 @@
 """Regulators: loops of proportional, integral and derivative action, and linear-quadratic gains."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from vessel_gym.system import System
+
+
+class Controller:
+    """A controller of a kind of task: it has a design, and loops whose integrals a reset clears.
+
+    Args:
+        system: The environment's system.
+
+    Raises:
+        ValueError: if the system's task or vehicle is of another kind.
+    """
+
+    kind: type
+    vehicle: type = object
+    _loops: Sequence["Loop"] = ()
+
+    def __init__(self, system: System) -> None:
+        if not isinstance(system.task, self.kind) or not isinstance(system.vehicle, self.vehicle):
+            raise ValueError(
+                f"this controller is for a {self.kind.__name__}, not for a"
+                f" {type(system.task).__name__} of {type(system.vehicle).__name__}"
+            )
+        self._task: Any = system.task
+        self._vehicle: Any = system.vehicle
+        self._design()
+        self.reset(1)
+
+    def _design(self) -> None:
+        """Compute gains and tables."""
+
+    def reset(self, num_envs: int) -> None:
+        """Clear the integrals."""
+        for loop in self._loops:
+            loop.reset(num_envs)
+
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        """Actions ``(B, a)`` in [-1, 1] for observations ``(B, k)``."""
+        return np.clip(self._actions(observations), -1.0, 1.0).astype(np.float32)
+
+    def _actions(self, observations: np.ndarray) -> np.ndarray:
+        """Actions ``(B, a)`` without their limits."""
+        raise NotImplementedError
 
 
 class Loop:
@@ -37,7 +79,6 @@ class Loop:
             self.derivative = max(2.0 * self.frequency - damping, 0.0) / response
         self.integral = 0.1 * self.frequency * self.proportional
         self._dt = dt
-        self.reset(1)
 
     def reset(self, num_envs: int) -> None:
         """Clear the integral."""
@@ -94,6 +135,11 @@ def first_order(A: np.ndarray, B: np.ndarray, rate: int, dt: float) -> tuple[flo
     return float(end[rate] / lag), float(1.0 / lag)
 
 
+def bryson(*tolerances: float) -> np.ndarray:
+    """The diagonal cost that counts tolerated deviations alike; an infinite one does not count."""
+    return np.diag(np.array(tolerances) ** -2)
+
+
 def regulator_gains(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.ndarray:
     """Gains K ``(m, n)`` of ``u = -K x`` for ``x+ = A x + B u``.
 
@@ -107,17 +153,3 @@ def regulator_gains(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) 
     """
     P = solve_discrete_are(A, B, Q, R)
     return np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
-
-
-def parts_of(system: System, task: type, vehicle: type = object) -> tuple[Any, Any]:
-    """Task and vehicle of a system.
-
-    Raises:
-        ValueError: if they are not of these kinds.
-    """
-    if not isinstance(system.task, task) or not isinstance(system.vehicle, vehicle):
-        raise ValueError(
-            f"this controller is for a {task.__name__}, not for a {type(system.task).__name__} of"
-            f" {type(system.vehicle).__name__}"
-        )
-    return system.task, system.vehicle

@@ -9,8 +9,7 @@ from functools import cache
 import numpy as np
 
 from agents.controllers import AUTOPILOT, register_controller
-from agents.controllers.loops import Loop, first_order, parts_of, regulator_gains
-from vessel_gym.system import System
+from agents.controllers.loops import Controller, Loop, bryson, first_order, regulator_gains
 from vessel_gym.tasks.track import Track
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.tasks.turning_trial import TurningTrial
@@ -25,89 +24,66 @@ class Tolerances:
     Each weight is 1 / tolerance^2: what is infinite does not count.
     """
 
-    heading: float = 0.05  # rad, the task's own tolerance
+    sway: float = np.inf  # m/s
     yaw_rate: float = 0.02  # rad/s
-    rudder_rate: float = 0.5  # of the full rate
+    heading: float = 0.05  # rad, the task's own tolerance
+    rudder: float = np.inf  # rad
+    distance: float = np.inf  # m from the track; infinite: there is none
     integral: float = 1.0  # rad s of heading or, on a track, m s of distance; infinite: none
     integral_limit: float = 4.0
-    # rad, for which a PID asks at the tolerance of the heading: one for one, as usual on ships
-    rudder: float = 0.05
-    distance: float = np.inf  # m from the track, if there is one
-    others: float = np.inf  # m/s of sway, rad of the rudder
-
-    @property
-    def on_track(self) -> bool:
-        """True for a ship on a track."""
-        return bool(np.isfinite(self.distance))
+    rudder_rate: float = 0.5  # of the full rate
 
 
 ON_TRACK = Tolerances(
-    rudder_rate=0.7, integral=1000.0, integral_limit=2000.0, distance=10.0, others=1000.0
+    sway=1000.0,
+    rudder=1000.0,
+    distance=10.0,
+    integral=1000.0,
+    integral_limit=2000.0,
+    rudder_rate=0.7,
 )
 
 
 @cache
 def gains(ship: CorvetteParameters, dt: float, tolerances: Tolerances) -> np.ndarray:
-    """LQ gains ``(k, n)`` of the rudder rate for each of `steady_turns`.
+    """LQ gains ``(k, 6)`` of the rudder rate for each of `steady_turns`; 0 for what is not there.
 
-    The states are deviations from the steady turn in (v, r, psi, rudder), on a track the distance,
-    and their integral where there is one. The design model is the filters' secant model of the
+    The states are deviations from the steady turn in (v, r, psi, rudder), the distance from a track
+    and an integral, of that or else of psi. The design model is the filters' secant model of the
     commanded turn.
     """
-    t, per_step, K = tolerances, ship.rudder_rate * dt, []
-    scales = [t.others, t.yaw_rate, t.heading, t.others, t.distance, t.integral]
-    kept = [True, True, True, True, t.on_track, np.isfinite(t.integral)]
-    Q = np.diag((1.0 / np.array(scales)[kept]) ** 2)
-    for speed, a, b in zip(steady_turns(ship).speed, *secant_models(ship, dt), strict=True):
-        A, B = np.eye(len(Q)), np.zeros((len(Q), 1))
+    t, per_step, turns = tolerances, ship.rudder_rate * dt, steady_turns(ship)
+    scales = np.array([t.sway, t.yaw_rate, t.heading, t.rudder, t.distance, t.integral])
+    there = np.isfinite(scales) | (np.arange(6) < 4)
+    Q, R = np.diag((1.0 / scales[there]) ** 2), bryson(t.rudder_rate)
+    K = np.zeros((len(turns.speed), 6))
+    for i, (speed, a, b) in enumerate(zip(turns.speed, *secant_models(ship, dt), strict=True)):
+        A, B = np.eye(6), np.zeros((6, 1))
         A[:3, :3], A[:3, 3] = a, b[:, 0]
-        if t.on_track:
-            A[4, :3] = dt * np.array([1.0, 0.5 * dt * speed, speed])
-        if np.isfinite(t.integral):
-            A[-1, 4 if t.on_track else 2] = dt
+        A[4, :3] = dt * np.array([1.0, 0.5 * dt * speed, speed])
+        A[5, 4 if there[4] else 2] = dt
         # the rudder moves linearly within the step
         B[:3, 0], B[3, 0] = 0.5 * per_step * b[:, 0], per_step
-        K.append(regulator_gains(A, B, Q, np.array([[t.rudder_rate**-2]]))[0])
-    return np.array(K)
+        K[i, there] = regulator_gains(A[there][:, there], B[there], Q, R)[0]
+    return K
 
 
-class _Helm:
-    """A controller of the rudder; in a `TurningTrial` it asks for the angle that follows.
-
-    Args:
-        system: The environment's system (its task's scales, its ship).
-
-    Raises:
-        ValueError: if the system's task is another.
-    """
+class _Helm(Controller):
+    """A controller of the rudder; in a `TurningTrial` it asks for the angle that follows."""
 
     kind: type = TurningCircle
     tolerances = Tolerances()  # of the design
 
-    def __init__(self, system: System) -> None:
-        self._task, vehicle = parts_of(system, self.kind)
-        self._ship, self._dt, self._turns = (
-            self._task.ship,
-            vehicle.dt,
-            steady_turns(self._task.ship),
-        )
-        self._design()
-        self.reset(1)
-
     def _design(self) -> None:
-        raise NotImplementedError
+        self._ship, self._turns = self._task.ship, steady_turns(self._task.ship)
 
-    def reset(self, num_envs: int) -> None:
-        """Clear the integral."""
-        raise NotImplementedError
-
-    def act(self, observations: np.ndarray) -> np.ndarray:
+    def _actions(self, observations: np.ndarray) -> np.ndarray:
         """Share ``(B, 1)`` of the full rudder rate; in a trial, of the limit of the angle."""
         rate = np.clip(self._rate(observations), -1.0, 1.0).astype(np.float32)[:, None]
         if not isinstance(self._task, TurningTrial):
             return rate
-        turn = self._ship.rudder_rate * self._dt / self._ship.rudder_limit
-        return np.clip(observations[:, 4:5] + turn * rate, -1.0, 1.0).astype(np.float32)
+        turn = self._ship.rudder_rate * self._vehicle.dt / self._ship.rudder_limit
+        return observations[:, 4:5] + turn * rate
 
     def _rate(self, observations: np.ndarray) -> np.ndarray:
         raise NotImplementedError
@@ -127,7 +103,8 @@ class TurningAutopilot(_Helm):
     """
 
     def _design(self) -> None:
-        self._gains = gains(self._ship, self._dt, self.tolerances)
+        super()._design()
+        self._gains = gains(self._ship, self._vehicle.dt, self.tolerances)
 
     def reset(self, num_envs: int) -> None:
         """Clear the integral."""
@@ -136,21 +113,23 @@ class TurningAutopilot(_Helm):
     def _rate(self, observations: np.ndarray) -> np.ndarray:
         task, turns, t = self._task, self._turns, self.tolerances
         heading = integrated = -task.HEADING_SCALE * observations[:, 0]
+        off = np.zeros(len(observations))
+        if np.isfinite(t.distance):
+            integrated = task.TRACK_SCALE * observations[:, 7]
+            off = np.clip(integrated, -6.0 * t.distance, 6.0 * t.distance)
         deviation = [
             task.SWAY_SCALE * observations[:, 2] - self._steady(observations, turns.sway),
             -task.rate_scale * observations[:, 1],
             heading,
             self._ship.rudder_limit * observations[:, 4] - self._steady(observations, turns.rudder),
+            off,
+            self._integral,
         ]
-        if t.on_track:
-            integrated = task.TRACK_SCALE * observations[:, 7]
-            deviation.append(np.clip(integrated, -6.0 * t.distance, 6.0 * t.distance))
-        deviation.append(self._integral)
         turn = np.abs(task.command_scale * observations[:, 5]) / turns.yaw_rate[1]
         gains = self._gains[np.minimum(np.rint(turn).astype(int), len(self._gains) - 1)]
-        wanted = -np.vecdot(gains, np.stack(deviation[: gains.shape[1]], -1))
+        wanted = -np.vecdot(gains, np.stack(deviation, -1))
         # The integral waits while the steering gear is saturated, so that it cannot wind up.
-        grown = self._integral + self._dt * integrated * (np.abs(wanted) < 1.0)
+        grown = self._integral + self._vehicle.dt * integrated * (np.abs(wanted) < 1.0)
         self._integral = np.clip(grown, -t.integral_limit, t.integral_limit)
         return wanted
 
@@ -175,19 +154,17 @@ class TurningPID(_Helm):
     AHEAD = 2.0  # ship lengths
 
     def _design(self) -> None:
-        A, B = (table[0] for table in secant_models(self._ship, self._dt))
-        plant, t = first_order(A[:2, :2], B[:2, 0], 1, self._dt), self.tolerances
-        self._loop = Loop(*plant, t.heading, t.rudder, self._dt)
-        self._gear = max(0.1 / self._loop.frequency, self._dt) * self._ship.rudder_rate
-
-    def reset(self, num_envs: int) -> None:
-        """Clear the integral."""
-        self._loop.reset(num_envs)
+        super()._design()
+        dt, (A, B) = self._vehicle.dt, (m[0] for m in secant_models(self._ship, self._vehicle.dt))
+        # one for one, as usual on ships: at an error of the heading the rudder is put as far over
+        self._loop = Loop(*first_order(A[:2, :2], B[:2, 0], 1, dt), 1.0, 1.0, dt)
+        self._loops = [self._loop]
+        self._gear = max(0.1 / self._loop.frequency, dt) * self._ship.rudder_rate
 
     def _rate(self, observations: np.ndarray) -> np.ndarray:
         task, ship, limit = self._task, self._ship, self._ship.rudder_limit
         heading = task.HEADING_SCALE * observations[:, 0]
-        if self.tolerances.on_track:
+        if isinstance(task, Track):
             heading -= np.arctan2(task.TRACK_SCALE * observations[:, 7], self.AHEAD * ship.length)
         needed = self._steady(observations, self._turns.rudder)
         rate = task.rate_scale * observations[:, 1]
@@ -217,24 +194,18 @@ class TrackRegulator(TrackAutopilot):
 class TrackPID(TurningPID):
     """A heading PID behind a line of sight."""
 
-    kind, tolerances = Track, ON_TRACK
+    kind = Track
 
 
 @register_controller(TurningTrial, "constant-rudder")
-class ConstantRudder:
-    """The rudder of the trial, whatever is observed: the reference agent of ``ThesisCorvette-v0``.
+class ConstantRudder(Controller):
+    """The rudder of the trial, whatever is observed.
 
-    Args:
-        system: The environment's system.
+    It is the reference agent of ``ThesisCorvette-v0``.
     """
 
-    def __init__(self, system: System) -> None:
-        task, _ = parts_of(system, TurningTrial)
-        self._share = task.helm / task.ship.rudder_limit
+    kind = TurningTrial
 
-    def reset(self, num_envs: int) -> None:
-        """There is nothing to forget."""
-
-    def act(self, observations: np.ndarray) -> np.ndarray:
+    def _actions(self, observations: np.ndarray) -> np.ndarray:
         """Rudder angle ``(B, 1)`` as a share of its limit."""
-        return np.full((len(observations), 1), self._share, np.float32)
+        return np.full((len(observations), 1), self._task.helm / self._task.ship.rudder_limit)

@@ -3,8 +3,9 @@
 import base64
 import html
 import json
+import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ SCRIPTS = ("data", "canvas", "plan", "space", "charts", "controls")
 
 @dataclass(frozen=True, eq=False)
 class Episode:
-    """The same episode on several estimators, as a page that needs no network: a notebook shows it, `save` writes it.
+    """One episode on several estimators, as a page that a notebook shows and `save` writes.
 
     Attributes:
         page: What it shows, as JSON holds it.
@@ -53,7 +54,7 @@ class Episode:
             "".join(f"--{name}:{value};" for name, value in each.items()) for each in (LIGHT, DARK)
         )
         colours = f":root{{{light}}}@media (prefers-color-scheme: dark){{:root{{{dark}}}}}\n"
-        space = self.page["scene"] is not None and self.page["scene"]["space"]
+        space = (self.page["scene"] or {}).get("space")
         libraries = ["uplot", "three"] if space else ["uplot"]
         own = "".join(source(f"{name}.js") for name in SCRIPTS)
         scripts = [
@@ -71,10 +72,7 @@ class Episode:
             ),
             "scripts": "".join(f"<script>{script}</script>\n" for script in scripts),
         }
-        head, *rest = source("episode.html").split("{{")
-        return head + "".join(
-            parts[name] + after for name, _, after in (each.partition("}}") for each in rest)
-        )
+        return re.sub(r"{{(\w+)}}", lambda found: parts[found[1]], source("episode.html"))
 
     def save(self, path: Path | str) -> None:
         """Write the page.
@@ -93,75 +91,48 @@ class Episode:
         )
 
 
-def kept(length: int, every: int) -> np.ndarray:
-    """Indices of every so many moments of an episode, and of the last."""
-    return np.unique(np.append(np.arange(0, length, every), length - 1))
+def packed(value: Any, keep: Any = slice(None)) -> Any:
+    """A value as JSON can hold it: arrays as float32, little-endian, in base64, records by name.
+
+    Args:
+        value: An array, a number, a text or None; or a record, a list or a dictionary of such.
+        keep: Moments of each array that are kept.
+    """
+    if isinstance(value, np.ndarray):
+        values = np.asarray(value[keep], "<f4")
+        return {"shape": values.shape, "float32": base64.b64encode(values.tobytes()).decode()}
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    if isinstance(value, dict):
+        return {key: packed(each, keep) for key, each in value.items()}
+    return [packed(each, keep) for each in value] if isinstance(value, list | tuple) else value
 
 
-def curves(charts: Sequence[Chart], every: int) -> dict[str, Any]:
-    """Charts as a page holds them."""
-
-    def packing(values: np.ndarray) -> dict[str, Any]:
-        return packed(values[kept(len(values), every)])
-
-    return {
-        "charts": [
-            {
-                "title": each.title,
-                "limits": each.limits,
-                "ticks": each.ticks,
-                "series": [line._asdict() | {"value": packing(line.value)} for line in each.series],
-                "band": None if each.band is None else [packing(edge) for edge in each.band],
-                "measured": None if each.measured is None else packing(each.measured),
-            }
-            for each in charts
-        ]
-    }
-
-
-def packed(values: np.ndarray) -> dict[str, Any]:
-    """An array as JSON can hold it: float32, little-endian, in base64."""
-    return {
-        "shape": values.shape,
-        "float32": base64.b64encode(np.asarray(values, "<f4").tobytes()).decode(),
-    }
+def curves(charts: Sequence[Chart], keep: np.ndarray) -> dict[str, Any]:
+    """Charts as a page holds them, at the moments that are kept."""
+    names = ("title", "limits", "ticks", "series", "band", "measured")
+    return {"charts": [packed({n: getattr(c, n) for n in names}, keep) for c in charts]}
 
 
 def root(cov: np.ndarray) -> np.ndarray:
     """Lower triangular roots ``(T, k, k)`` of covariances, which may be singular."""
     values, vectors = np.linalg.eigh(cov)
-    upper = np.linalg.qr(
-        np.swapaxes(vectors * np.sqrt(np.maximum(values, 0.0))[:, None], -1, -2), mode="r"
-    )
-    return np.swapaxes(
-        upper * np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0.0, -1.0, 1.0)[..., None], -1, -2
-    )
-
-
-def focus(words: Sequence[tuple[str, str, float]], axes: np.ndarray) -> list[dict[str, Any]]:
-    """Components of the position, for the close-up: words as of `vessel_gym.surroundings.in_words`, axes ``(k, 3)``."""
-    return [
-        {"name": name, "unit": unit, "axis": axis}
-        for (name, unit, _), axis in zip(words, axes.tolist(), strict=True)
-    ]
+    any_root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
+    upper = np.asarray(np.linalg.qr(any_root.mT, mode="r"))
+    signs = np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0.0, -1.0, 1.0)
+    return (upper * signs[..., None]).mT
 
 
 def drawn(around: Surroundings, tracks: Sequence[np.ndarray]) -> dict[str, Any]:
-    """The map of surroundings and tracks ``(T, 6)``."""
-    values = {
-        key: packed(value) if isinstance(value, np.ndarray) else value
-        for key, value in asdict(around).items()
-    }
-    (low, high), hull = _extent(around, tracks), HULLS[around.hull]
-    return values | {"outline": hull.above.tolist(), "least": hull.least, "low": low, "high": high}
-
-
-def _extent(around: Surroundings, tracks: Sequence[np.ndarray]) -> tuple[list[float], list[float]]:
-    """Least and most north, east and down [m] of path, obstacles and tracks."""
+    """The map of surroundings and tracks ``(T, 6)``, from its least to its most coordinates [m]."""
     points = np.concatenate([around.path, *(track[:, :3] for track in tracks)])
     place, radius = around.obstacles[:, :2], around.obstacles[:, 2:]
     level = np.concatenate([points[:, :2], place - radius, place + radius])
-    return [*level.min(0).tolist(), float(points[:, 2].min())], [
-        *level.max(0).tolist(),
-        float(points[:, 2].max()),
-    ]
+    low, high = ([*end(level, 0).tolist(), float(end(points[:, 2]))] for end in (np.min, np.max))
+    hull = HULLS[around.hull]
+    return packed(vars(around)) | {
+        "outline": hull.above.tolist(),
+        "least": hull.least,
+        "low": low,
+        "high": high,
+    }

@@ -1,12 +1,12 @@
 """One episode on several estimators: flown, packed into a page, shown."""
 
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from typing import Any
 
 import numpy as np
 
-from agents.episodes.page import FRAMES, Episode, curves, drawn, focus, kept, packed, root
+from agents.episodes.page import FRAMES, Episode, curves, drawn, packed, root
 from agents.metrics import core_of, metrics, scores
 from agents.metrics.metric import core_in
 from agents.page import number
@@ -67,8 +67,8 @@ def episode(
 
     if estimators is None:
         others = [each for each in dict.fromkeys((default, *COMPARED)) if each != first]
-        others = [each for each in others if _can_be_made(env_id, chosen(each))]
-        estimators = [*([first] if first else []), *others]
+        estimators = [first] if first else []
+        estimators += [each for each in others if _can_be_made(env_id, chosen(each))]
     elif isinstance(estimators, str) or not isinstance(estimators, Sequence) or not estimators:
         raise TypeError(f"estimators must be a list of one or more, got {short_repr(estimators)}")
     names = [_name(each) for each in estimators]
@@ -82,12 +82,11 @@ def episode(
 
 
 def _can_be_made(env_id: str, options: dict[str, Any]) -> bool:
-    """Does an environment take these options?"""
-    try:
+    """True for options that an environment takes."""
+    with suppress(ValueError, TypeError):
         batch(env_id, 1, options).close()
-    except (ValueError, TypeError):
-        return False
-    return True
+        return True
+    return False
 
 
 def typical_seed(scores: np.ndarray, seeds: Sequence[int]) -> int:
@@ -112,30 +111,23 @@ def _typical_seed(agent: Any, env_id: str, worlds: list[dict[str, Any]], trust: 
 
 def _name(estimator: Any) -> str:
     """Name of an estimator; of a user's own, its ``name`` or ``__name__``."""
-    if isinstance(estimator, str):
-        return estimator
-    own = getattr(estimator, "name", None) or getattr(estimator, "__name__", None)
-    return own if isinstance(own, str) else "own"
+    own = getattr(estimator, "name", estimator)
+    return own if isinstance(own, str) else getattr(estimator, "__name__", "own")
 
 
 def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     """Data of a page, from rollouts of one seed on estimators of these names.
 
-    An environment of others has no map; its page holds charts of what its ``info`` holds of truth
-    and estimate.
-
-    Raises:
-        ValueError: if there are no estimates in an episode.
+    An environment of others has no map; its page holds charts of truth and estimate.
     """
-    env_id, env, core = flown[0].env_id, flown[0].env.unwrapped, core_of(flown[0])
-    ours, dt = hasattr(env, "core"), core.vehicle.dt
+    ours, core = hasattr(flown[0].env.unwrapped, "core"), core_of(flown[0])
+    name, dt = core.system.name, core.vehicle.dt
     every = 1 + int(max(each.length[0] for each in flown)) // FRAMES
     histories = [_first_row(each) for each in flown]
-    name = core.system.name if ours else env_id
     page: dict[str, Any] = {
         "title": f"{name}: one episode on {len(flown)} estimator{'s' * (len(flown) > 1)}",
         "name": name,
-        "environment": env_id,
+        "environment": flown[0].env_id,
         "conditions": [f"seed {flown[0].seeds[0]}"],
         "dt": dt * every,
         "unit": "s" if ours or dt != 1.0 else "steps",
@@ -145,10 +137,9 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
         "scene": None,
     }
     if not ours:
-        pairs = zip(flown, names, histories, strict=True)
         page["flights"] = [
-            _figures(each, name) | curves(_estimates(history), every)
-            for each, name, history in pairs
+            _figures(each, name) | curves(_estimates(history), _kept(each, every))
+            for each, name, history in zip(flown, names, histories, strict=True)
         ]
         return page
     assert flown[0].scenario is not None
@@ -159,10 +150,19 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
         "conditions": [*scenes[0].conditions, *page["conditions"]],
         "placed": bool({"x", "y", "z", "h"} & set(core.vehicle.state_names)),
         "located": scenes[0].located,
-        "focus": focus(first.words, first.axes),
+        "focus": [
+            {"name": name, "unit": unit, "axis": axis}
+            for (name, unit, _), axis in zip(first.words, first.axes.tolist(), strict=True)
+        ],
         "scene": drawn(around, [scene.true for scene in scenes]),
         "flights": [_flight(*each, every) for each in zip(flown, names, scenes, strict=True)],
     }
+
+
+def _kept(flown: Rollout, every: int) -> np.ndarray:
+    """Indices of every so many moments of an episode, and of the last."""
+    last = flown.length[0]
+    return np.unique(np.append(np.arange(0, last + 1, every), last))
 
 
 def _first_row(flown: Rollout) -> dict[str, np.ndarray]:
@@ -172,20 +172,12 @@ def _first_row(flown: Rollout) -> dict[str, np.ndarray]:
 
 def _estimates(history: dict[str, np.ndarray]) -> list[Chart]:
     """Charts of the first components of truth and estimate, from an environment of others."""
-    if "estimate" not in history:
-        raise ValueError(
-            "there is no estimate to show: info of the environment holds no array 'estimate'"
-        )
-    estimate, truth, cov = history["estimate"], history.get("truth"), history.get("covariance")
-    estimate, charts = estimate.reshape(len(estimate), -1), []
-    for i, line in enumerate(estimate.T[:CHARTS]):
-        label, band, series = "estimate", None, []
-        if truth is not None and truth.shape == estimate.shape:
-            series = [Series("true", "true_soft", truth[:, i], 3.5)]
-        if cov is not None and cov.shape == (*estimate.shape, estimate.shape[1]):
-            sd = np.sqrt(np.maximum(cov[:, i, i], 0.0))
-            label, band = "estimate ±2σ", (line - 2.0 * sd, line + 2.0 * sd)
-        charts.append(Chart(f"Component {i}", [*series, Series(label, "believed", line)], band))
+    charts = []
+    for i, line in enumerate(history["estimate"].T[:CHARTS]):
+        sd = np.sqrt(np.maximum(history["covariance"][:, i, i], 0.0))
+        true = Series("true", "true_soft", history["truth"][:, i], 3.5)
+        series = [true, Series("estimate ±2σ", "believed", line)]
+        charts.append(Chart(f"Component {i}", series, (line - 2.0 * sd, line + 2.0 * sd)))
     return charts
 
 
@@ -204,34 +196,38 @@ def _figures(flown: Rollout, name: str) -> dict[str, Any]:
 
 def _flight(flown: Rollout, name: str, scene: Scene, every: int) -> dict[str, Any]:
     """Data of a page about a rollout's episode, in every so many moments and the last."""
-    keep, position = kept(len(scene.true), every), scene.position
+    keep, position = _kept(flown, every), scene.position
     # of the end itself there are none
     members = None if position.members is None else position.members[:-1]
     apart = 1 + len(scene.true) // CLOUDS
+    moving = {
+        "true": scene.true,
+        "believed": scene.believed,
+        "error": position.error,
+        "root": None if position.cov is None else root(position.cov),
+        "fix": scene.fixes,
+        "ambient": ambients(scene.core, scene.history),
+    }
     return {
         **_figures(flown, name),
         "legend": scene.legend,
-        "true": packed(scene.true[keep]),
-        "believed": packed(scene.believed[keep]),
-        "error": packed(position.error[keep]),
-        "root": None if position.cov is None else packed(root(position.cov[keep])),
+        **packed(moving, keep),
         "members": None if members is None else packed(members[::apart, :MEMBERS]),
         "period": apart * scene.core.vehicle.dt,
-        "fix": packed(scene.fixes[keep]),
-        "ambient": [
-            each._asdict() | {"vector": packed(each.vector[keep])}
-            for each in ambients(scene.core, scene.history)
-        ],
-        **curves(scene.charts(CHARTS), every),
+        **curves(scene.charts(CHARTS), keep),
     }
 
 
 def _costs(flown: Rollout) -> list[dict[str, Any]]:
     """Costs of an episode to the vehicle's owner; those that it does not have are left out."""
-    figures, known = scores(flown), metrics(core_of(flown).system)
-    costs = ((m, float(figures[m.key][0])) for m in known if m.cost)
+    found = scores(flown)
     return [
-        {"label": m.label, "value": number(value, m.decimals), "unit": m.unit, "meaning": m.meaning}
-        for m, value in costs
-        if np.isfinite(value)
+        {
+            "label": m.label,
+            "value": number(found[m.key][0], m.decimals),
+            "unit": m.unit,
+            "meaning": m.meaning,
+        }
+        for m in metrics(core_of(flown).system)
+        if m.cost and np.isfinite(found[m.key][0])
     ]

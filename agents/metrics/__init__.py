@@ -9,8 +9,8 @@ They may import rollouts and statistics; studies, pages of episodes and commands
 """
 
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,22 +23,18 @@ from agents.metrics.metric import (
     STEPS,
     UNHEALTHY,
     Metric,
-    at_end,
     components,
     consistency,
     core_of,
     ended,
-    nees_in,
     nees_of,
     nis_consistency,
-    rms,
     rmse,
-    steps,
 )
 from agents.rollouts import Rollout
 from agents.statistics import Interval, crossed_interval, share_interval
 from agents.wrapped import Wrapped
-from vessel_gym.estimation import WITHOUT_COVARIANCE, build, chosen_disturbance
+from vessel_gym.estimation import build, chosen_disturbance
 from vessel_gym.registry import Registry
 from vessel_gym.system import System
 
@@ -47,99 +43,78 @@ __all__ = [
     "SCORE",
     "STEERING",
     "UNHEALTHY",
-    "WITHOUT_COVARIANCE",
     "Metric",
-    "at_end",
     "components",
     "consistency",
     "core_of",
     "ended",
     "mean",
     "metrics",
-    "nees_in",
     "nees_of",
     "nis_consistency",
     "register_metrics",
-    "rms",
     "rmse",
     "scores",
-    "steps",
 ]  # fmt: skip
-
-Computation = Callable[[Rollout], dict[str, np.ndarray]]
-"""Several metrics of every episode of a rollout, ``(N,)`` by key."""
-
-
-@dataclass(frozen=True)
-class TaskMetrics:
-    """Metrics of a kind of task, in the order in which tables show them.
-
-    Attributes:
-        metrics: All of them.
-        compute: Those that have no ``of``; None if all have one.
-    """
-
-    metrics: tuple[Metric, ...]
-    compute: Computation | None = None
 
 
 def _ours() -> None:
-    from agents.metrics import dive, flight, track, turning  # noqa: F401
+    from agents.metrics import dive, flight, turning  # noqa: F401
 
 
 _OWN_SCORE = replace(
     SCORE, meaning="The environment's own score; the return where it has none.", decimals=1
 )
 
-TASK_METRICS: Registry[TaskMetrics] = Registry("metrics", _ours)
+TASK_METRICS: Registry[tuple[Metric, ...]] = Registry("metrics", _ours)
 
 
-def register_metrics(
-    task_type: type, metrics: Sequence[Metric], compute: Computation | None = None
-) -> None:
+def register_metrics(task_type: type, metrics: Sequence[Metric]) -> None:
     """Register the metrics of a kind of task; subclasses inherit them.
 
     Args:
         task_type: The class of the task.
         metrics: Beside score, return, steps, the costs of steering, the input's error, NEES and
-            failed updates, which every task has; one with the key ``"steps"`` or ``"input_rmse"``,
-            or of a cost of steering, replaces these. Those of the parent class and one's own are
-            ``[*metrics(system), mine]``, with a system of the parent.
-        compute: The metrics that have no ``of``: a function of a `Rollout` that returns ``(N,)`` by
-            key; None: that of the parent class.
+            failed updates, which every task has; one with the key of one of these replaces it.
+            Those of the parent class and one's own are ``[*metrics(system), mine]``, with a system
+            of the parent.
 
     Raises:
-        TypeError: for a task type that is no class, or metrics that are none.
-        ValueError: for a metric without a computation, two metrics of one key, or metrics
-            registered elsewhere.
+        TypeError: for a task type that is no class.
+        ValueError: for two metrics of one key, or metrics registered elsewhere.
     """
-    own = [m for m in metrics if m not in (SCORE, RETURN, NEES, UNHEALTHY)]
-    if not all(isinstance(m, Metric) for m in own):
-        raise TypeError(f"a task is registered with objects of the class Metric, got {metrics!r}")
-    inherited = TASK_METRICS.of_class(getattr(task_type, "__base__", None) or object)
-    if compute is None and inherited:
-        compute = inherited[""].compute
-    for m in own:
-        if m.of is None and compute is None:
-            raise ValueError(
-                f"nothing computes {m.key!r}: give the metric an `of`, or register_metrics a"
-                " function"
-            )
-    named = {m.key for m in own}
-    first, last = (
-        [m for m in known if m.key not in named] for known in ((STEPS, *STEERING), (INPUT,))
-    )
-    every = (SCORE, RETURN, *first, *own, *last, NEES, UNHEALTHY)
-    keys = [m.key for m in every]
-    if len(set(keys)) < len(keys):
-        raise ValueError(f"the metrics of a task need keys of their own, got {', '.join(keys)}")
+    own = {m.key: m for m in metrics}
+    if len(own) < len(metrics):
+        keys = ", ".join(m.key for m in metrics)
+        raise ValueError(f"the metrics of a task need keys of their own, got {keys}")
+    every = {m.key: m for m in (SCORE, RETURN, STEPS, *STEERING)} | own
+    for m in (INPUT, NEES, UNHEALTHY):
+        every.setdefault(m.key, m)
     module = sys._getframe(1).f_globals.get("__name__", "")
-    TASK_METRICS.register(task_type, TaskMetrics(every, compute), module)
+    TASK_METRICS.register(task_type, tuple(every.values()), module)
 
 
 def metrics(system: System | Wrapped) -> tuple[Metric, ...]:
-    """Metrics of a system's task, in the order in which tables show them."""
-    return _of_task(system).metrics
+    """Metrics of a system's task, in the order in which tables show them.
+
+    A task without registered metrics has those of every task, and the error of every estimate.
+    """
+    steering = STEERING if getattr(system.vehicle, "steering", ()) else ()
+    if found := TASK_METRICS.of(system.task):
+        return tuple(m for m in found[""] if m not in STEERING or steering)
+    errors = [
+        Metric(
+            f"{name.replace(' ', '_')}_rmse",
+            name,
+            *("", "lower", 4, f"RMS error of the estimated {name} [SI]."),
+            of=rmse(name),
+        )
+        for name in _estimated(system)
+    ]
+    if isinstance(system, Wrapped):
+        last = (NEES, UNHEALTHY) if system.estimator else ()
+        return (_OWN_SCORE, STEPS, *errors, *last)
+    return (SCORE, RETURN, STEPS, *steering, *errors, INPUT, NEES, UNHEALTHY)
 
 
 def scores(rollout: Rollout) -> dict[str, np.ndarray]:
@@ -150,24 +125,19 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
 
     Raises:
         ValueError: if the rollout kept no history, or a metric is not one value an episode.
-        TypeError: for what is no rollout.
     """
-    if not isinstance(rollout, Rollout):
-        raise TypeError(f"scores are those of a rollout, got {rollout!r}")
-    system = core_of(rollout).system
+    system, count = core_of(rollout).system, len(rollout.seeds)
     if not rollout.history and system.estimator:
         raise ValueError("scores need the history of a rollout: fly it with record=True")
-    task = _of_task(system)
-    computed = {} if task.compute is None else task.compute(rollout)
-    found = {
-        m.key: np.asarray(computed[m.key] if m.of is None else m.of(rollout)) for m in task.metrics
-    }
-    for key, values in found.items():
-        if values.shape != (len(rollout.seeds),):
+    found = {}
+    for m in metrics(system):
+        values = m.of(rollout)
+        values = np.full(count, np.nan) if values is None else np.asarray(values, float)
+        if values.shape != (count,):
             raise ValueError(
-                f"metric {key!r} must be one value an episode, ({len(rollout.seeds)},), got"
-                f" {values.shape}"
+                f"metric {m.key!r} must be one value an episode, ({count},), got {values.shape}"
             )
+        found[m.key] = values
     return found
 
 
@@ -180,29 +150,7 @@ def mean(metric: Metric, values: np.ndarray) -> Interval | None:
     values = values[:, np.isfinite(values).all(axis=0)]
     if metric.yes_or_no and len(values) == 1 and values.size:
         return share_interval(int(np.count_nonzero(values)), values.size).times(100.0)
-    return crossed_interval(values) if values.size else None
-
-
-def _of_task(system: System | Wrapped) -> TaskMetrics:
-    """Registered metrics of a system's task, or those of every task and every estimate."""
-    steering = STEERING if getattr(system.vehicle, "steering", ()) else ()
-    found = TASK_METRICS.of(system.task)
-    if found:
-        possible = tuple(m for m in found[""].metrics if m not in STEERING or steering)
-        return TaskMetrics(possible, found[""].compute)
-    errors = [
-        Metric(
-            f"{name.replace(' ', '_')}_rmse",
-            name,
-            *("", "lower", 4, f"RMS error of the estimated {name} [SI]."),
-            of=rmse(name),
-        )
-        for name in _estimated(system)
-    ]
-    if isinstance(system, Wrapped):
-        last = (NEES, UNHEALTHY) if system.estimator else ()
-        return TaskMetrics((_OWN_SCORE, STEPS, *errors, *last))
-    return TaskMetrics((SCORE, RETURN, STEPS, *steering, *errors, INPUT, NEES, UNHEALTHY))
+    return crossed_interval(values)
 
 
 def _estimated(system: System | Wrapped) -> tuple[str, ...]:

@@ -1,8 +1,11 @@
 """Costs of an episode to the vehicle's owner, unweighted: wear of its steering, tails of errors."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
-from agents.metrics.metric import core_of, described
+from agents.metrics.metric import PerEpisode, core_of, described
 from agents.rollouts import Rollout
 
 DEAD_BAND = float(np.deg2rad(0.1))
@@ -12,9 +15,7 @@ _NEAR = 1e-6  # of the way between the limits of a step: actions are float32
 
 def _steering(rollout: Rollout) -> np.ndarray:
     """Actuators that steer [rad], ``(T + 1, N, a)``; after an episode's end they rest."""
-    last = np.minimum(np.arange(len(rollout.alive))[:, None], rollout.length)
-    actuators = np.take_along_axis(rollout.history["actuators"], last[..., None], axis=0)
-    return actuators[..., list(core_of(rollout).vehicle.steering)]
+    return rollout.history["actuators"][..., list(core_of(rollout).vehicle.steering)]
 
 
 def _minutes(rollout: Rollout) -> np.ndarray:
@@ -49,17 +50,15 @@ def turning_points(values: np.ndarray, dead_band: float) -> np.ndarray:
 def _saturation(rollout: Rollout) -> np.ndarray:
     """Share of steps [%] after which an actuator is at the limit of what the step allowed."""
     vehicle, actuators = core_of(rollout).vehicle, rollout.history["actuators"]
-    steering, lived = list(vehicle.steering), rollout.alive[1:]
-    before = np.where(lived[..., None], actuators[:-1], actuators[:1])
-    rows = before.reshape(-1, before.shape[-1])
+    rows = actuators[:-1].reshape(-1, actuators.shape[-1])
     most = np.ones((len(rows), len(vehicle.action_names)))
-    low, high = (
-        vehicle.actuate(rows, action).reshape(before.shape)[..., steering]
-        for action in (-most, most)
+    after, low, high = (
+        each.reshape(actuators[1:].shape)[..., list(vehicle.steering)]
+        for each in (actuators[1:], *(vehicle.actuate(rows, action) for action in (-most, most)))
     )
-    after, near = actuators[1:][..., steering], _NEAR * (high - low)
+    near = _NEAR * (high - low)
     limited = ((after >= high - near) | (after <= low + near)) & (high > low)
-    return 100.0 * (limited.any(-1) & lived).sum(0) / rollout.length
+    return 100.0 * limited.any(-1).mean(0, where=rollout.alive[1:])
 
 
 STEERING = described(
@@ -69,20 +68,29 @@ STEERING = described(
 
 
 def tails(
-    name: str, error: np.ndarray, alive: np.ndarray, margin: float, scale: float = 1.0
-) -> dict[str, np.ndarray]:
-    """Tails of errors ``(T, N)`` by key: 95th percentile, maximum, share of time beyond the margin.
+    name: str,
+    error: Callable[[Rollout], np.ndarray],
+    margin: Callable[[Any], float],
+    scale: float = 1.0,
+) -> dict[str, PerEpisode]:
+    """Tails of an error by key: 95th percentile, maximum, share of time beyond the margin.
 
     Args:
         name: Of the error, with which the first two keys begin.
-        error: Of either sign.
-        alive: Mask of the times that count, ``(T, N)``.
-        margin: In the error's unit.
+        error: Function of a rollout: ``(T + 1, N)``, of either sign.
+        margin: Function of the task, in the error's unit.
         scale: The metric's units in one of the error.
     """
-    size = np.where(alive, np.abs(error), np.nan)
+
+    def size(rollout: Rollout) -> np.ndarray:
+        return np.where(rollout.alive, np.abs(error(rollout)), np.nan)
+
+    def outside(rollout: Rollout) -> np.ndarray:
+        beyond = size(rollout) > margin(core_of(rollout).task)
+        return 100.0 * beyond.mean(0, where=rollout.alive)
+
     return {
-        f"{name}_95": scale * np.nanpercentile(size, 95.0, axis=0),
-        f"{name}_max": scale * np.nanmax(size, axis=0),
-        "outside": 100.0 * (size > margin).sum(0) / alive.sum(0),
+        f"{name}_95": lambda rollout: scale * np.nanpercentile(size(rollout), 95.0, axis=0),
+        f"{name}_max": lambda rollout: scale * np.nanmax(size(rollout), axis=0),
+        "outside": outside,
     }

@@ -11,14 +11,12 @@ import numpy as np
 
 from agents.rollouts import Rollout
 from agents.wrapped import Wrapped
-from estimators import chi_square_band, nees
+from estimators import nees
 from estimators.angles import difference
 from vessel_gym.estimation import WITHOUT_COVARIANCE
 
-_band = cache(chi_square_band)
-
-PerEpisode = Callable[[Rollout], np.ndarray]
-"""One number of every episode of a rollout, ``(N,)``; NaN where there is none."""
+PerEpisode = Callable[[Rollout], np.ndarray | None]
+"""One number of every episode of a rollout, ``(N,)``; NaN, or None for all, where there is none."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +32,8 @@ class Metric:
         decimals: Digits to print.
         meaning: One sentence.
         yes_or_no: True if each episode has 0 or 100 % of it.
-        of: Computes it: a function of a `Rollout` that returns one value an episode, ``(N,)``, NaN
-            where there is none. None: the function registered with its task does, along with
-            others.
+        of: Function of a `Rollout` that returns one value an episode, ``(N,)``, NaN where there is
+            none; or None if no episode has one.
         cost: True for what the vehicle's owner pays, which stands beside the score.
     """
 
@@ -47,46 +44,54 @@ class Metric:
     decimals: int
     meaning: str
     yes_or_no: bool = False
-    of: PerEpisode | None = field(default=None, compare=False, repr=False)
+    of: PerEpisode = field(kw_only=True)
     cost: bool = False
 
 
 @cache
-def _catalogue() -> list[dict[str, str]]:
+def _catalogue() -> list[list[str]]:
     """Rows of ``metrics.csv``."""
     with files("agents.metrics").joinpath("metrics.csv").open(encoding="utf-8") as file:
-        return list(csv.DictReader(file))
+        return list(csv.reader(file))
 
 
 def described(task: str, **of: PerEpisode) -> tuple[Metric, ...]:
     """Metrics of a kind of task in the order of ``metrics.csv``, with their functions by key."""
     return tuple(
         Metric(
-            **{name: row[name] for name in ("key", "label", "unit", "better", "meaning")},
-            decimals=int(row["decimals"]),
-            yes_or_no=row["kind"] == "yes or no",
-            of=of.get(row["key"]),
-            cost=row["kind"] == "cost",
+            *(key, label, unit, better, int(decimals), meaning),
+            yes_or_no=kind == "yes or no",
+            of=of[key],
+            cost=kind == "cost",
         )
-        for row in _catalogue()
-        if task in row["tasks"].split(", ")
+        for tasks, key, label, unit, better, decimals, kind, meaning in _catalogue()
+        if task in tasks.split(", ")
     )
+
+
+def rms_of(error: Callable[[Rollout], np.ndarray], scale: float = 1.0) -> PerEpisode:
+    """RMS over each episode of an error ``(T + 1, N)``.
+
+    Args:
+        error: Function of a rollout.
+        scale: Metric's units in one of the error's.
+    """
+    return lambda rollout: scale * rms(error(rollout), rollout.alive)
 
 
 def rmse(*names: str, scale: float = 1.0) -> PerEpisode:
     """RMS error of those components of the estimated state that have these names, together.
 
-    NaN where the estimator has none of them.
+    None where the estimator has none of them.
 
     Args:
         names: As the vehicle names its state.
         scale: Metric's units in one of SI.
     """
 
-    def of(rollout: Rollout) -> np.ndarray:
-        chosen = components(rollout, *names)
-        if not chosen:
-            return np.full(len(rollout.seeds), np.nan)
+    def of(rollout: Rollout) -> np.ndarray | None:
+        if not (chosen := components(rollout, *names)):
+            return None
         core, h = core_of(rollout), rollout.history
         angles = core.filter.model.state_angles
         error = difference(h["estimate"], core.estimated(h["truth"]), angles)[..., chosen]
@@ -105,11 +110,6 @@ def ended(end: str) -> PerEpisode:
     return lambda rollout: 100.0 * (rollout.end == end)
 
 
-def steps(rollout: Rollout) -> np.ndarray:
-    """Steps flown."""
-    return rollout.length.astype(float)
-
-
 def input_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray] | None:
     """Errors of the estimated unknown input ``(T', N, q)``, and when an episode lived ``(T', N)``.
 
@@ -124,46 +124,37 @@ def input_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray] | None:
     return h["input_estimate"][delay:] - true, alive[delay:]
 
 
-def _input_rmse(rollout: Rollout) -> np.ndarray:
+def _input_rmse(rollout: Rollout) -> np.ndarray | None:
     composition, found = core_of(rollout).composition, input_errors(rollout)
     if found is None or not composition.inputs:
-        return np.full(len(rollout.seeds), np.nan)
+        return None
     with np.errstate(divide="ignore", invalid="ignore"):
         error = found[0] / np.sqrt(np.diag(composition.forces.input_cov))
     return rms(np.sqrt((error**2).mean(-1)), found[1])
 
 
-def mean_nees(rollout: Rollout, components: tuple[int, ...] | None = None) -> np.ndarray:
-    """Mean NEES per component of each episode ``(N,)``; NaN without a covariance."""
+def mean_nees(rollout: Rollout, components: tuple[int, ...] | None = None) -> np.ndarray | None:
+    """Mean NEES per component of each episode ``(N,)``; None without a covariance."""
     values, alive = nees_of(rollout, components), rollout.alive
     if values is None:
-        return np.full(len(rollout.seeds), np.nan)
-    return np.where(alive, values, 0.0).sum(0) / alive.sum(0) / len(_known(rollout, components))
-
-
-def _unhealthy(rollout: Rollout) -> np.ndarray:
-    return (rollout.alive & ~rollout.history["healthy"]).sum(0).astype(float)
+        return None
+    return values.mean(0, where=alive) / len(_known(rollout, components))
 
 
 SCORE, RETURN, STEPS, INPUT, NEES, UNHEALTHY = described(
     "every",
-    score=lambda rollout: rollout.score.astype(float),
-    steps=steps,
+    score=lambda rollout: rollout.score,
+    steps=lambda rollout: rollout.length,
     input_rmse=_input_rmse,
     nees=mean_nees,
-    unhealthy=_unhealthy,
-    **{"return": lambda rollout: rollout.returns.astype(float)},
+    unhealthy=lambda rollout: (rollout.alive & ~rollout.history["healthy"]).sum(0),
+    **{"return": lambda rollout: rollout.returns},
 )
 
 
 def components(rollout: Rollout, *names: str) -> tuple[int, ...]:
     """Indices of the components of the estimated state with these names."""
     return tuple(i for i, name in enumerate(core_of(rollout).composition.names) if name in names)
-
-
-def at_end(rollout: Rollout) -> np.ndarray:
-    """The true states ``(N, n)`` in which episodes ended."""
-    return rollout.history["truth"][rollout.length, np.arange(len(rollout.length))]
 
 
 def core_of(rollout: Rollout) -> Any:
@@ -178,10 +169,8 @@ def core_in(env: Any, env_id: str) -> Any:
 
 
 def rms(error: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Root mean square over time of errors ``(T, N)`` where the mask holds, if it ever does."""
-    count = mask.sum(0)
-    mean = np.where(mask, error, 0.0) ** 2
-    return np.sqrt(np.where(count > 0, mean.sum(0) / np.maximum(count, 1), np.nan))
+    """Root mean square over time of errors ``(T, N)`` where the mask holds."""
+    return np.sqrt((error**2).mean(0, where=mask))
 
 
 def nees_of(rollout: Rollout, components: tuple[int, ...] | None = None) -> np.ndarray | None:
@@ -221,10 +210,8 @@ def consistency(rollout: Rollout, components: tuple[int, ...] | None = None) -> 
     values, alive = nees_of(rollout, components), rollout.alive
     if values is None:
         return None
-    runs, size = alive.sum(1), len(_known(rollout, components))
-    flown = runs > 0
-    mean = np.where(alive, values, 0.0).sum(1)[flown] / runs[flown]
-    return _share_within(mean, [_band(int(count), size) for count in runs[flown]])
+    size = np.full(values.shape, len(_known(rollout, components)))
+    return _share_in_band(values, size, alive)
 
 
 def nis_consistency(rollout: Rollout) -> float | None:
@@ -236,16 +223,26 @@ def nis_consistency(rollout: Rollout) -> float | None:
     values = rollout.history.get("nis")
     if values is None or core_of(rollout).sensors.horizon:
         return None
-    seen = np.isfinite(values)
-    degrees = np.where(seen, rollout.history["available"].sum(-1), 0).sum(1)
-    compared = degrees > 0
-    if not compared.any():
+    degrees = rollout.history["available"].sum(-1)
+    return _share_in_band(values, degrees, np.isfinite(values))
+
+
+def _share_in_band(values: np.ndarray, degrees: np.ndarray, mask: np.ndarray) -> float | None:
+    """Share of times at which a sum over runs lies in its 95 % chi-square band.
+
+    Args:
+        values: ``(T, N)`` NEES or NIS.
+        degrees: ``(T, N)`` of freedom.
+        mask: ``(T, N)`` of what counts.
+
+    Returns:
+        The share of the times with anything that counts; None if there are none.
+    """
+    from scipy.special import chdtr
+
+    total, freedom = values.sum(1, where=mask), degrees.sum(1, where=mask)
+    counts = freedom > 0
+    if not counts.any():
         return None
-    total = np.where(seen, values, 0.0).sum(1)[compared]
-    return _share_within(total, [_band(1, int(count)) for count in degrees[compared]])
-
-
-def _share_within(values: np.ndarray, bands: list[tuple[float, float]]) -> float:
-    """Share of values ``(n,)`` within the bands."""
-    low, high = np.transpose(bands)
-    return float(np.mean((values >= low) & (values <= high)))
+    below = chdtr(freedom[counts], total[counts])
+    return float(np.mean(np.abs(below - 0.5) <= 0.475))

@@ -6,10 +6,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
-from agents.plotting import BELIEVED, INK, RAW, TRUE, styled
+from agents.plotting import INK, styled
 from vessel_gym.guidance.dubins import WORDS, plan, shortest, word_path
 
 HERE = Path(__file__).parent
+TRUE, BELIEVED, RAW = "#1f4e79", "#c8590b", "#8a8f96"
 
 
 def draw(axes, path, colour=TRUE):

@@ -1,10 +1,11 @@
 """Fly what `flights.npz` holds, the population of which `test_statistics.py` draws studies: some minutes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from agents.controllers.turning import Tolerances, TurningAutopilot
+from agents.controllers.turning import ON_TRACK, TrackAutopilot
 from agents.rollouts import rollout
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import system_of
@@ -25,16 +26,17 @@ def main() -> None:
         )
         for name in ESTIMATORS
     }
-    rng, own, runs = np.random.default_rng(0), Tolerances(), []
+    rng, own, runs = np.random.default_rng(0), ON_TRACK, []
     for factors in np.exp(rng.normal(0.0, SPREAD, (CONTROLLERS, 4))):
         heading, rate, rudder, integral = factors
-        tolerances = Tolerances(
-            own.heading * heading,
-            own.yaw_rate * rate,
-            own.rudder_rate * rudder,
-            own.heading_integral * integral,
+        tolerances = replace(
+            own,
+            heading=own.heading * heading,
+            yaw_rate=own.yaw_rate * rate,
+            rudder_rate=own.rudder_rate * rudder,
+            integral=own.integral * integral,
         )
-        controller = type("Drawn", (TurningAutopilot,), {"tolerances": tolerances})(
+        controller = type("Drawn", (TrackAutopilot,), {"tolerances": tolerances})(
             system_of(ENVIRONMENT)
         )
         runs.append(rollout(controller, ENVIRONMENT, evaluation_seeds(500), record=False).score)

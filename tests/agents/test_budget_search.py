@@ -17,11 +17,11 @@ from agents.budget.search import (
     Fly,
     Request,
     Search,
-    confirm,
     looks,
     share_kept,
 )
 from agents.budget.suites import Choice, price_list, suites_of
+from agents.statistics import Interval
 
 KEEP, FRESH = 0.95, 500_000
 RARELY = 1e-3
@@ -51,7 +51,17 @@ def procedure(fly: Fly) -> tuple[Any, Search]:
     """Answer and search with some flights."""
     search = Search(COSTS, RANKS, KEEP, fly, 1024)
     search.run(lambda done, total: None)
-    return confirm(search.sequence, KEEP, fly, FRESH, 1024)[1], search
+    return search.confirm(FRESH), search
+
+
+def confirmed(shares: np.ndarray, fly: Fly, episodes: int) -> tuple[list[int], int | None]:
+    """Suites that are tried on fresh seeds, each cheaper and less safe than the last, and answer."""
+    count = len(shares)
+    found = {i: Interval(1.0, 1.0 - 0.01 * i, 1.0) for i in range(count)}
+    search = Search(range(count, 0, -1), RANKS, KEEP, fly, episodes, shares=found)
+    search.verdicts = dict.fromkeys(found, OPEN)
+    answer = search.confirm(FRESH)
+    return list(search.confirmed), answer
 
 
 def rare(hits: int, trials: int, probability: float) -> bool:
@@ -66,7 +76,7 @@ def rare(hits: int, trials: int, probability: float) -> bool:
 def test_a_suite_at_the_border_is_confirmed_by_chance_in_2_5_percent_of_cases(disaster: float):
     trials, border = 1000, np.array([KEEP])
     hits = sum(
-        confirm([0], KEEP, flights(border, i, disaster=disaster), FRESH, 1024)[1] is not None
+        confirmed(border, flights(border, i, disaster=disaster), 1024)[1] is not None
         for i in range(trials)
     )
     assert rare(hits, trials, 0.025)
@@ -117,8 +127,7 @@ def test_without_noise_the_answer_is_that_of_flying_everything():
         order = np.argsort(-prices)
         search = Search(-prices[order], RANKS[order], KEEP, flights(1 - losses[order], 0, 0.0), 64)
         search.run(lambda done, total: None)
-        _, found = confirm(search.sequence, KEEP, search.fly, FRESH, 64)
-        assert found == np.flatnonzero(1 - losses[order] >= KEEP)[0]
+        assert search.confirm(FRESH) == np.flatnonzero(1 - losses[order] >= KEEP)[0]
 
 
 def test_nothing_is_flown_that_cannot_change_the_answer():
@@ -154,9 +163,8 @@ def test_suites_are_confirmed_from_the_safest_to_the_cheapest_up_to_the_first_th
         low = [search.shares[i].low for i in order]
         assert (sorted(low), sorted(set(COSTS[order]))) == (low[::-1], list(COSTS[order][::-1]))
         assert sum(search.verdicts[i] == DOES for i in order) <= 2
-    fly = flights(np.array([0.97, 0.80, 0.99]), 0)
-    found, answer = confirm([0, 1, 2], KEEP, fly, FRESH, 256)
-    assert (list(found), answer) == ([0, 1], 0)
+    true = np.array([0.97, 0.80, 0.99])
+    assert confirmed(true, flights(true, 0), 256) == ([0, 1], 0)
 
 
 # --- suites --------------------------------------------------------------------------------------

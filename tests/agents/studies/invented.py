@@ -7,11 +7,12 @@ from zlib import crc32
 import numpy as np
 
 from agents.jobs import Outcome
-from agents.metrics import WITHOUT_COVARIANCE, metrics
+from agents.metrics import metrics
 from agents.studies.plan import Plan, plan
 from agents.studies.records import RAW, Agent, Condition, Estimator, Study
 from agents.studies.results import FLIGHT, Results
 from agents.studies.worlds import system_of
+from vessel_gym.estimation import WITHOUT_COVARIANCE
 
 CORVETTE, SEGOROGENI = "SigmaCorvette-v0", "SegorogeniAUV-v0"
 QUALITY = {
