@@ -102,10 +102,17 @@ def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | Non
 
     Returns:
         The interval; None for fewer than two seeds, because one value has no spread.
+
+    Raises:
+        ValueError: if values are not a matrix of finite numbers.
     """
     from scipy.special import stdtrit
 
     values = np.asarray(values, float)
+    if values.ndim != 2 or not np.isfinite(values).all():
+        raise ValueError(
+            "values must be a finite matrix with runs for its rows: leave out what is missing"
+        )
     runs, seeds = values.shape
     if seeds < 2:
         return None
@@ -139,8 +146,15 @@ def mean_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None:
 
 
 def paired_difference(a: np.ndarray, b: np.ndarray, *, comparisons: int = 1) -> Interval | None:
-    """The mean of ``a - b`` over pairs ``(N,)`` with its interval, see `mean_interval`."""
-    return mean_interval(np.asarray(a, float) - b, comparisons)
+    """The mean of ``a - b`` over pairs ``(N,)`` with Student's 95 % interval, as `mean_interval`.
+
+    Raises:
+        ValueError: if the two do not pair.
+    """
+    a, b = np.asarray(a, float), np.asarray(b, float)
+    if a.shape != b.shape:
+        raise ValueError(f"{a.size} values do not pair with {b.size}")
+    return mean_interval(a - b, comparisons)
 
 
 def skewed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None:

@@ -52,6 +52,17 @@ def test_fewer_than_two_values_have_no_interval(values):
     assert mean_interval(np.array(values)) is None
 
 
+def test_values_that_do_not_pair_are_refused():
+    with pytest.raises(ValueError, match="3 values do not pair with 2"):
+        paired_difference(np.zeros(3), np.zeros(2))
+
+
+@pytest.mark.parametrize("wrong", [np.zeros(5), np.array([[0.0], [np.nan]]), np.zeros((3, 2, 100))])
+def test_scores_that_are_not_a_matrix_of_numbers_are_refused(wrong):
+    with pytest.raises(ValueError, match="must be a finite matrix"):
+        crossed_interval(wrong)
+
+
 def ends(interval):
     return np.array([interval.mean, interval.low, interval.high])
 
