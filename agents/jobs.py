@@ -22,7 +22,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from importlib import import_module, metadata
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import vessel_gym
 from agents.files import replacing
@@ -33,7 +33,8 @@ _PATIENCE = 30  # seconds for a Dask scheduler or its first worker to answer
 
 
 @cache
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """Versions of the libraries that every result depends on."""
     libraries = {name: metadata.version(name) for name in ("numpy", "scipy", "llvmlite")}
     return {"vessel-gym": vessel_gym.__version__} | libraries
 
@@ -72,7 +73,7 @@ class Job:
             "arguments": self.arguments,
             "needs": [job.key for job in self.needs],
             "artifact": self.artifact,
-            "versions": _versions(),
+            "versions": versions(),
             "source": source_digest(self.function.partition(":")[0]),
         }
         return json.loads(json.dumps(described))
@@ -96,7 +97,7 @@ class Job:
 
 @dataclass
 class Outcome:
-    """Values and CPU seconds of jobs by key, and failures (traceback or reason) of the others."""
+    """Values and CPU seconds of jobs by key, and why others failed: label, traceback or reason."""
 
     values: dict[str, dict[str, Any]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
@@ -110,25 +111,12 @@ class Outcome:
             self.values[key], self.seconds[key] = record["values"], record["cpu_seconds"]
 
 
-class Status(NamedTuple):
-    """Progress of a run, in jobs.
-
-    ``seconds_left`` is an estimate, None before the first tenth. Jobs are computed in random order,
-    so that tenth is like the rest. Those that wait for others to end are not counted before.
-    """
-
-    done: int
-    total: int
-    failed: int
-    seconds_left: float | None
-
-
 def run(
     jobs: Iterable[Job],
     folder: Path,
     processes: int = 1,
     scheduler: str | None = None,
-    progress: Callable[[Status], None] = lambda status: None,
+    progress: Callable[[int, int, int], None] = lambda done, failed, total: None,
 ) -> Outcome:
     """Compute the jobs that have no result yet.
 
@@ -142,7 +130,8 @@ def run(
         processes: Processes on this machine, with one thread each; 1: this process.
         scheduler: Address of a Dask scheduler whose workers compute instead; they must see the
             folder.
-        progress: Called at the start and after every job.
+        progress: Called at the start and after every job with (jobs done, failed, in all). Jobs are
+            computed in random order, so the first of them take as long as others.
 
     Returns:
         Values of all jobs that have some, with what failed.
@@ -156,29 +145,23 @@ def run(
     folder.mkdir(parents=True, exist_ok=True)
     wanted = {job.key: job for last in jobs for job in (*last.needs, last)}
     needed = {need.key for job in wanted.values() for need in job.needs}
-    outcome, left = Outcome(), dict[str, Job]()
+    outcome = Outcome()
     for key, job in wanted.items():
         if record := load(job, folder):
             outcome.add(key, record, "")
-        else:
-            left[key] = job
-
-    def report(seconds_left: float | None = None) -> None:
-        progress(Status(len(outcome.values), len(wanted), len(outcome.failures), seconds_left))
-
+    left = [job for key, job in wanted.items() if key not in outcome.values]
     for first in (True, False):
-        ready = [job for key, job in left.items() if (key in needed) == first]
-        for job in list(ready):
+        ready = []
+        for job in (job for job in left if (job.key in needed) == first):
             if lost := [need.label for need in job.needs if need.key in outcome.failures]:
-                outcome.failures[job.key] = f"not tried: it needs {lost[0]}, which failed"
-                ready.remove(job)
-        report()
+                outcome.failures[job.key] = f"{job.label}: not tried, it needs {lost[0]}"
+            else:
+                ready.append(job)
+        progress(len(outcome.values), len(outcome.failures), len(wanted))
         random.shuffle(ready)
-        begin = time.monotonic()
-        for n, end in enumerate(_compute_all(ready, folder, processes, scheduler), 1):
+        for end in _compute_all(ready, folder, processes, scheduler):
             outcome.add(*end)
-            known = 10 * n >= len(ready) > n
-            report((time.monotonic() - begin) * (len(ready) / n - 1) if known else None)
+            progress(len(outcome.values), len(outcome.failures), len(wanted))
     return outcome
 
 
@@ -209,13 +192,8 @@ def _compute_all(
 def _on_this_machine(jobs: list[Job], folder: Path, processes: int) -> Iterator[End]:
     from joblib import Parallel, delayed, parallel_config
 
-    with parallel_config(
-        "loky",
-        n_jobs=processes,
-        inner_max_num_threads=1,
-        initializer=_begin,
-        initargs=(os.getpid(),),
-    ):
+    begin = {"initializer": _begin, "initargs": (os.getpid(),)}
+    with parallel_config("loky", n_jobs=processes, inner_max_num_threads=1, **begin):
         parallel = Parallel(return_as="generator_unordered")
     yield from parallel(delayed(compute)(job, folder) for job in jobs)
 
@@ -254,7 +232,7 @@ def _on_cluster(jobs: list[Job], folder: Path, scheduler: str) -> Iterator[End]:
         for future in as_completed(submitted):
             error = future.exception()
             if isinstance(error, KilledWorker):
-                yield submitted[future].key, None, str(error)
+                yield submitted[future].key, None, f"{submitted[future].label}: {error}"
             else:
                 yield future.result()
 
@@ -280,7 +258,7 @@ def compute(job: Job, folder: Path) -> End:
         values = json.loads(json.dumps(job.call(folder), default=lambda array: array.tolist()))
         digest = _digest(job, folder, values)
     except (Exception, SystemExit):
-        return job.key, None, traceback.format_exc()
+        return job.key, None, f"{job.label}: {traceback.format_exc()}"
     seconds = time.process_time() - begin
     record = {"job": job.description, "values": values, "cpu_seconds": seconds, "sha256": digest}
     with replacing(folder / f"{job.key}.json") as temporary:

@@ -60,10 +60,11 @@ class Rollout:
     @property
     def alive(self) -> np.ndarray:
         """Mask ``(T + 1, N)`` of the times that an episode lived through, its end included."""
-        times = max(
-            (len(values) for values in self.history.values()), default=self.length.max() + 1
-        )
-        return np.arange(times)[:, None] <= self.length
+        return np.arange(self.length.max() + 1)[:, None] <= self.length
+
+
+_OF_BELIEF = ("nis", "ensemble")
+"""Keys of a history that are no part of ``info``."""
 
 
 def rollout(
@@ -103,25 +104,27 @@ def rollout(
         )
     with closing(batch(env_id, len(seeds), env_options)) as env:
         flyer = load_agent(agent, env, trust) if isinstance(agent, str | Path) else agent
-        flown = _flown(env, flyer, seeds, reset_options, record, ensembles)
-    return Rollout(env_id, np.array(seeds), env=env, **flown)
+        flyer.reset(len(seeds))
+        start = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
+        core: Any = getattr(env.unwrapped, "core", None)
+        scenario = None if core is None else core.scenario.copy()
+        flown, frames = _flown(env, flyer, *start, core, record, ensembles)
+    history = {key: np.stack([each[key] for each in frames]) for key in (frames or [{}])[0]}
+    return Rollout(env_id, np.array(seeds), history=history, env=env, scenario=scenario, **flown)
 
 
 def _flown(
     env: gym.vector.VectorEnv,
     agent: Agent,
-    seeds: list[int],
-    options: dict[str, Any] | None,
+    observations: np.ndarray,
+    info: dict[str, Any],
+    core: Any,
     record: bool,
     ensembles: bool,
-) -> dict[str, Any]:
-    """Fields of a `Rollout`: one episode in each environment."""
-    count = len(seeds)
-    agent.reset(count)
-    observations, info = env.reset(seed=seeds, options=options)  # type: ignore[arg-type]
-    core: Any = getattr(env.unwrapped, "core", None)
-    scenario = None if core is None else core.scenario.copy()
-    frames = [_arrays(info) | _of_belief(core, ensembles)] if record else []
+) -> tuple[dict[str, np.ndarray], list[dict[str, np.ndarray]]]:
+    """Fields of a `Rollout` and frames of its history: one episode in each environment."""
+    count = env.num_envs
+    frames = [_frame(info, core, ensembles)] if record else []
     alive, ended = np.ones(count, bool), np.zeros(count, bool)
     returns, length = np.zeros(count), np.zeros(count, int)
     score, end = np.full(count, np.nan), np.full(count, "", dtype=object)
@@ -131,18 +134,14 @@ def _flown(
         done = (terminated | truncated) & alive
         final = info.get("final_info", {}) if done.any() else {}
         if record:
-            now, belief = _arrays(info), _of_belief(core, ensembles)
-            frames.append(_next(frames[-1], now, belief, final, alive, done))
+            frames.append(_next(frames[-1], _frame(info, core, ensembles), final, alive, done))
         returns += np.where(alive, reward, 0.0)
         length, ended = length + alive, ended | (terminated & done)
         score[done], end[done] = final.get("score", score)[done], final.get("end", end)[done]
         alive &= ~done
-    return {
-        "score": np.where(np.isnan(score), returns, score),
-        **{"returns": returns, "length": length, "terminated": ended, "end": end},
-        "history": {key: np.stack([each[key] for each in frames]) for key in (frames or [{}])[0]},
-        "scenario": scenario,
-    }
+    score = np.where(np.isnan(score), returns, score)
+    names = "score", "returns", "length", "terminated", "end"
+    return dict(zip(names, (score, returns, length, ended, end), strict=True)), frames
 
 
 def acted(agent: Agent, observations: np.ndarray, shape: tuple[int, ...] | None) -> np.ndarray:
@@ -161,32 +160,27 @@ def acted(agent: Agent, observations: np.ndarray, shape: tuple[int, ...] | None)
     return actions
 
 
-def _arrays(info: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Numeric arrays of an ``info``, by key."""
-    return {
+def _frame(info: dict[str, Any], core: Any, ensembles: bool) -> dict[str, np.ndarray]:
+    """Numeric arrays of an ``info`` by key, and `_OF_BELIEF`; NIS is NaN if there is none."""
+    frame = {
         key: value
         for key, value in info.items()
         if isinstance(value, np.ndarray) and value.dtype != object and not key.startswith("_")
     }
-
-
-def _of_belief(core: Any, ensembles: bool) -> dict[str, np.ndarray]:
-    """Normalised innovation squared ``(N,)``, NaN if there is none, and any ensemble asked for."""
     if core is None:
-        return {}
-    belief, found = core.belief, {"nis": np.full(core.num_envs, np.nan)}
+        return frame
+    belief, frame["nis"] = core.belief, np.full(core.num_envs, np.nan)
     if belief.innovation is not None and belief.innovation_cov is not None:
         size = np.abs(belief.mean).max(-1, keepdims=True)
-        found["nis"] = nis(belief.innovation, belief.innovation_cov, size)
+        frame["nis"] = nis(belief.innovation, belief.innovation_cov, size)
     if ensembles and belief.ensemble is not None:
-        found["ensemble"] = belief.ensemble
-    return found
+        frame["ensemble"] = belief.ensemble
+    return frame
 
 
 def _next(
     before: dict[str, np.ndarray],
-    info: dict[str, np.ndarray],
-    belief: dict[str, np.ndarray],
+    now: dict[str, np.ndarray],
     final: dict[str, Any],
     alive: np.ndarray,
     done: np.ndarray,
@@ -198,10 +192,8 @@ def _next(
     """
     frame = {}
     for key, last in before.items():
-        if key in belief:
-            frame[key] = np.where(rows_like(alive & ~done, last), belief[key], np.nan)
-            continue
-        frame[key] = np.where(rows_like(alive, last), info[key], last)
+        over = np.nan if key in _OF_BELIEF else last
+        frame[key] = np.where(rows_like(alive & ~done, last), now[key], over)
         if key in final:
             frame[key] = np.where(rows_like(done, last), final[key], frame[key])
     return frame
@@ -225,12 +217,11 @@ def batch(
         native = issubclass(vector_class(env_id), VesselVectorEnv)
     except gym.error.Error as error:
         raise ValueError(str(error)) from None
-    same_step = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
-    mode: dict[str, Any] = (
-        {"vectorization_mode": "vector_entry_point", **same_step}
-        if native
-        else {"vectorization_mode": "sync", "vector_kwargs": same_step}
-    )
+    mode: dict[str, Any] = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
+    if native:
+        mode["vectorization_mode"] = "vector_entry_point"
+    else:
+        mode = {"vectorization_mode": "sync", "vector_kwargs": mode}
     env = gym.make_vec(env_id, num_envs=num_envs, **mode, **options)
     if native and cast(VesselVectorEnv, env.unwrapped).max_episode_steps is None:
         env.close()

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from agents.commands.console import asked, command, in_range, job_progress
+from agents.commands.console import asked, command, job_progress
 
 OPTIONS = {
     "papers": "all, or some of corvette, segorogeni, itsunusa, robust and puna",
@@ -30,8 +30,6 @@ def main(
     Returns:
         The exit status: 1 if an experiment failed.
     """
-    from rich.console import Console
-
     from agents.files import check_folder
     from agents.jobs import run
     from vessel_gym.checks import one_of
@@ -39,31 +37,31 @@ def main(
 
     require("joblib")  # before the experiments, not after them
     from studies.papers import PAPERS, job
-    from studies.papers.measures import Row, summary_table
 
     with asked():
-        in_range("--processes", processes, 1)
         for name in papers:
             one_of("paper", name, ("all", *PAPERS))
     check_folder(out)
     jobs = {name: job(name) for name in (PAPERS if "all" in papers else dict.fromkeys(papers))}
     with job_progress("reproducing") as progress:
         outcome = run(jobs.values(), out, processes, progress=progress)
-    console = Console(markup=False, highlight=False, soft_wrap=True)
-    summary, rows = {}, list[Row]()
-    for name, of in jobs.items():
-        if of.key in outcome.failures:
-            console.print(f"{name}: failed, so there is no page:\n{outcome.failures[of.key]}")
-            continue
-        made = outcome.values[of.key]
-        console.print(f"Page: {_write(name, made['tables'], out)}")
-        summary[name] = made["rows"]
-        rows += [Row(*row) for row in made["rows"]]
-    console.print(f"\n{summary_table(rows)}")
-    (out / "summary.json").write_text(
-        json.dumps(summary, ensure_ascii=False, indent=1) + "\n", encoding="utf-8"
-    )
-    return int(len(summary) < len(jobs))
+    made = {name: outcome.values[of.key] for name, of in jobs.items() if of.key in outcome.values}
+    _report(made, out)
+    print(*outcome.failures.values(), sep="\n", end="")
+    return int(bool(outcome.failures))
+
+
+def _report(made: dict[str, Any], out: Path) -> None:
+    """Write the pages, tables and summary of finished papers, and print a row an experiment."""
+    from studies.papers.measures import Row, summary_table
+
+    for name, values in made.items():
+        print(f"Page: {_write(name, values['tables'], out)}")
+    rows = [Row(*row) for values in made.values() for row in values["rows"]]
+    print(f"\n{summary_table(rows)}")
+    summary = {name: values["rows"] for name, values in made.items()}
+    text = json.dumps(summary, ensure_ascii=False, indent=1)
+    (out / "summary.json").write_text(f"{text}\n", encoding="utf-8")
 
 
 def _write(name: str, tables: dict[str, Any], out: Path) -> Path:

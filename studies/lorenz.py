@@ -27,21 +27,19 @@ from studies.markdown import ROOT
 Derivative = Callable[[np.ndarray], np.ndarray]
 
 
-def lorenz63(
-    x: np.ndarray, sigma: float = 10.0, rho: float = 28.0, beta: float = 8.0 / 3.0
-) -> np.ndarray:
+def lorenz63(x: np.ndarray) -> np.ndarray:
     """Time derivative of convection in three numbers; ``x`` is ``(..., 3)``."""
     a, b, c = x[..., 0], x[..., 1], x[..., 2]
-    return np.stack([sigma * (b - a), a * (rho - c) - b, a * b - beta * c], -1)
+    return np.stack([10.0 * (b - a), a * (28.0 - c) - b, a * b - 8.0 / 3.0 * c], -1)
 
 
-def lorenz96(x: np.ndarray, exogenous: float = 8.0) -> np.ndarray:
+def lorenz96(x: np.ndarray) -> np.ndarray:
     """Time derivative of weather on a circle of latitude; ``x`` is ``(..., n)``, n at least 4."""
     ring = np.concatenate([x[..., -2:], x, x[..., :1]], axis=-1)
-    return (ring[..., 3:] - ring[..., :-3]) * ring[..., 1:-2] - x + exogenous
+    return (ring[..., 3:] - ring[..., :-3]) * ring[..., 1:-2] - x + 8.0
 
 
-def rk4(derivative: Derivative, x: np.ndarray, dt: float, steps: int = 1) -> np.ndarray:
+def rk4(derivative: Derivative, x: np.ndarray, dt: float, steps: int) -> np.ndarray:
     """``steps`` classical Runge-Kutta steps of ``x' = derivative(x)``."""
     for _ in range(steps):
         k1 = derivative(x)

@@ -22,7 +22,7 @@ from agents.statistics import Interval, crossed_interval, paired_difference
 from agents.studies.plan import plan
 from agents.studies.records import FLOOR, ORACLE
 from agents.studies.results import Results
-from agents.studies.shares import rankable
+from agents.studies.shares import Ranking
 from agents.studies.study import read_study as study_file
 from agents.studies.worlds import system_of
 from studies.comparisons import SETTINGS, VARIANTS, arm_metrics, assuming
@@ -238,7 +238,7 @@ def latency(study: str) -> str:
 
 
 def shares(study: str) -> str:
-    """The ranking of the estimators of all environments and conditions, from a study's report."""
+    """The ranking of a study in all its conditions, from its report."""
     page = (ROOT / "results" / study / "ranking.md").read_text(encoding="utf-8")
     ranked = page.partition("## All conditions\n\n")[2].strip().splitlines()
     return "\n".join(line for line in ranked if f" {NONE} " not in line)
@@ -247,21 +247,19 @@ def shares(study: str) -> str:
 def five(study: str) -> str:
     """What to use on a ship, under water, in the air and with outliers, what to avoid, and how."""
     planned = plan(study_file(STUDIES[study]))
-    rows = []
-    for what, environment, condition, worst in (
-        ("a ship", "SigmaCorvette-v0", "", False),
-        ("an underwater vehicle", "SegorogeniAUV-v0", "", False),
-        ("an aircraft", "PunaUAV-v0", "", False),
-        ("measurements with outliers", "SegorogeniAUV-v0", "bad sensors", False),
-        ("avoid", "SegorogeniAUV-v0", "", True),
+    rows, of = [], read_study(study)
+    for what, environment, condition in (
+        ("a ship", "SigmaCorvette-v0", ""),
+        ("an underwater vehicle", "SegorogeniAUV-v0", ""),
+        ("an aircraft", "PunaUAV-v0", ""),
+        ("measurements with outliers", "SegorogeniAUV-v0", "bad sensors"),
+        ("avoid", "SegorogeniAUV-v0", ""),
     ):
-        of = read_study(study)
         found = Results(planned, of[of.condition == condition] if condition else of)
-        ranked = rankable(found, [environment])
-        name = [*ranked][-1 if worst else 0]
-        share = crossed_interval(ranked[name][None], len(ranked))
-        line = "" if worst else f'`gym.make("{environment}", estimator="{name}")`'
-        rows.append((what, f"`{name}`", interval(share), line))
+        ranking, last = Ranking(found, [environment]), what == "avoid"
+        name = [*ranking.shares][-last]
+        line = "" if last else f'`gym.make("{environment}", estimator="{name}")`'
+        rows.append((what, f"`{name}`", interval(ranking.kept(name)), line))
     return table(("for", "use", "share kept", "to copy"), rows)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.commands.console import asked, command, in_range, progress_bar
+from agents.commands.console import asked, command, progress_bar
 from agents.page import markdown_table
 from agents.refusal import Refusal
 from estimators import names
@@ -111,10 +111,8 @@ def report(env_ids: tuple[str, ...], rows: tuple[int, ...], rounds: int) -> str:
     filters = {
         (name, size): filter_block(ours(name, size), size) for name in names() for size in rows
     }
-    filters |= {
-        (f"{name} of filterpy", 1): filter_block(filterpys(name), 1)
-        for name in ("kf", "ekf", "ukf")
-    }
+    for name in ("kf", "ekf", "ukf"):
+        filters[f"{name} of filterpy", 1] = filter_block(filterpys(name), 1)
     filters |= {("kf in bare NumPy", size): filter_block(numpy_kalman(size), size) for size in rows}
     with asked():
         plain = {(env_id, size): Flight(env_id, size) for env_id in env_ids for size in (0, BATCH)}
@@ -160,8 +158,6 @@ def main(
     if find_spec("filterpy") is None:
         raise Refusal("the baselines need filterpy: pip install filterpy")
     with asked():
-        for flag, size in (("--rounds", rounds), *(("--rows", size) for size in rows)):
-            in_range(flag, size, 1)
         if page is not None:
             around(page, MARK)
         env_ids = tuple(map(environment_id, env_ids))

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from importlib import import_module
 from pathlib import Path
+from shutil import copyfile
 from typing import Any
 
 import numpy as np
@@ -23,14 +24,13 @@ def papers() -> str:
     """Measures of the papers as ``scripts.reproduce`` stored them."""
     kept, last = (ROOT / f"{at}/summary.json" for at in ("studies/papers", "results/reproduction"))
     if last.exists():
-        kept.write_text(last.read_text(encoding="utf-8"), encoding="utf-8")
+        copyfile(last, kept)
     return papers_page(json.loads(kept.read_text(encoding="utf-8")))
 
 
 def papers_page(summary: Mapping[str, Any]) -> str:
     """A line for each way of a paper, and the openings of the pages."""
-    rows = [row for each in summary.values() for row in each]
-    lines = []
+    lines, rows = [], [row for each in summary.values() for row in each]
     for paper, of in pd.DataFrame(rows, columns=Row._fields).groupby("paper", sort=False):
         total: Any = of.sum()
         scored, logs = of.numbers - of.incomparable, np.log(of.factor.replace(0.0, 1.0))

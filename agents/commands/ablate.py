@@ -6,7 +6,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from agents.commands.console import asked, in_range, job_progress, print_table
+from agents.commands.console import asked, job_progress, print_table
 
 
 def _shipped() -> dict[str, Path]:
@@ -50,31 +50,32 @@ def main(
     Returns:
         The exit status: 1 if something failed or is missing.
     """
-    from rich.console import Console
-
     from agents.files import check_folder
     from agents.jobs import run
     from agents.studies.examples import examples
+    from agents.studies.plan import plan
     from agents.studies.results import Results
+    from agents.studies.study import read_study
+    from vessel_gym.extras import require
 
     out = out or Path("results") / study.stem
     with asked():
-        in_range("--processes", processes, 1)
-        planned = _plan(path := _file(study), scheduler is not None)
+        path, cluster = _file(study), ("dask", "distributed") if scheduler else ()
+        require("matplotlib", "jinja2", "joblib", "pyarrow", *cluster)
+        planned = plan(read_study(path))
         check_folder(out)
-    console = Console(markup=False, emoji=False, highlight=False, soft_wrap=True)
-    _introduce(planned.study, path, out, console)
+    _introduce(planned.study, path, out)
     episodes = examples(planned)
-    jobs = [*planned.jobs, *episodes.values()]
     with job_progress(study.stem) as progress:
+        jobs = [*planned.jobs, *episodes.values()]
         outcome = run(jobs, out, processes, scheduler, progress)
     pages = {e: outcome.values[job.key] for e, job in episodes.items() if job.key in outcome.values}
-    _report(Results.of(planned, outcome), pages, out, console)
-    console.print(*dict.fromkeys(outcome.failures.values()), sep="\n", end="")
+    _report(Results.of(planned, outcome), pages, out)
+    print(*dict.fromkeys(outcome.failures.values()), sep="\n", end="")
     return int(bool(outcome.failures))
 
 
-def _report(results: Any, pages: Any, out: Path, console: Any) -> None:
+def _report(results: Any, pages: Any, out: Path) -> None:
     """Write the report; print the share kept in each condition, the answer and the place."""
     from agents.studies.answer import answer, conditions_table, to_copy
     from agents.studies.report import write_report
@@ -83,13 +84,11 @@ def _report(results: Any, pages: Any, out: Path, console: Any) -> None:
     for environment in results.environments:
         table = conditions_table(results, environment).reset_index()
         print_table(environment, list(table.columns), [table.itertuples(index=False)])
-    first, *others = answer(results)
-    console.print(first, style="bold")
-    console.print(*others, sep="\n", end="\n" if others else "")
+    print(*answer(results), sep="\n")
     table = to_copy(results)
     if len(table):
         print_table("To copy", list(table.columns), [table.itertuples(index=False)])
-    console.print(f"Report: {report}")
+    print(f"Report: {report}")
 
 
 def _file(study: Path) -> Path:
@@ -105,34 +104,23 @@ def _file(study: Path) -> Path:
     return path
 
 
-def _plan(path: Path, cluster: bool) -> Any:
-    """The plan of a study, once all that its run needs is there."""
-    from agents.studies.plan import plan
-    from agents.studies.study import read_study
-    from vessel_gym.extras import require
-
-    require(
-        "matplotlib", "jinja2", "joblib", "pyarrow", *(("dask", "distributed") if cluster else ())
-    )
-    return plan(read_study(path))
-
-
-def _introduce(question: Any, study: Path, out: Path, console: Any) -> None:
+def _introduce(question: Any, study: Path, out: Path) -> None:
     """Print the title and write the study, as read and as resolved, into its folder."""
     import json
     import shutil
+    from dataclasses import asdict
 
     from agents.files import replacing
     from agents.studies.records import FEW_SEEDS
 
-    console.print(question.title)
+    print(question.title)
     if question.learned and question.training_seeds < FEW_SEEDS:
-        console.print(
+        print(
             f"warning: {question.training_seeds} training seeds say little about learning; use"
             f" {FEW_SEEDS} or more"
         )
     with replacing(out / "study.json") as path:
-        path.write_text(json.dumps(question.resolved(), indent=1), encoding="utf-8")
+        path.write_text(json.dumps(asdict(question), indent=1), encoding="utf-8")
     if study.resolve() != (out / "study.toml").resolve():
         with replacing(out / "study.toml") as path:
             shutil.copyfile(study, path)

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from agents.commands.console import asked, in_range, print_table, progress
+from agents.commands.console import asked, print_table, progress
 
 ROWS = 8
 """The most rows of the table in the console; the page has all suites that were flown."""
@@ -54,7 +54,7 @@ def main(
 
     with asked():
         environment_id(env_id)
-        _check_numbers(keep, episodes, first_seed, processes)
+        _check_numbers(keep, episodes, first_seed)
         choices = choices_of(system_of(env_id), rates)
         costs = price_list(choices, None if prices is None else TomlFile(prices).data)
         suites = suites_of(choices, costs)
@@ -69,24 +69,29 @@ def main(
     return _search(Budget(study, suites, keep, out, processes), prices is not None)
 
 
-def _check_numbers(keep: float, episodes: int, first_seed: int, processes: int) -> None:
+def _check_numbers(keep: float, episodes: int, first_seed: int) -> None:
     """Refuse numbers out of range."""
     from agents.budget.result import FRESH
     from agents.budget.search import FIRST_LOOK
 
     if not 0.0 < keep <= 1.0:
         raise ValueError(f"--keep must be above 0 and at most 1, got {keep:g}")
-    in_range("--processes", processes, 1)
-    in_range("--episodes", episodes, FIRST_LOOK, FRESH)
-    in_range("--first-seed", first_seed, 0, FRESH - episodes)
+    if not FIRST_LOOK <= episodes <= FRESH:
+        raise ValueError(f"--episodes must be from {FIRST_LOOK} to {FRESH}, got {episodes}")
+    if first_seed > FRESH - episodes:
+        raise ValueError(f"--first-seed must be at most {FRESH - episodes}, got {first_seed}")
 
 
 def _search(budget: Any, priced: bool) -> int:
     """Search and confirm, write the report, and print the answer; the exit status."""
     from agents.budget.report import conclusion, suites_table, write_report
 
-    with progress(f"{len(budget.suites)} suites", counted=True) as show:
-        budget.run(show)
+    try:
+        with progress(f"{len(budget.suites)} suites", counted=True) as show:
+            budget.run(show)
+    except KeyboardInterrupt:
+        kept = "what was finished is kept, and the same command goes on from there"
+        raise KeyboardInterrupt(kept) from None
     notes = [] if priced else [
         "No prices were given, so each step to a better grade of any sensor counts 1. Other suites"
         " of the same price may keep the share, too. Give prices with --prices."

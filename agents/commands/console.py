@@ -12,18 +12,11 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from datetime import datetime, timedelta
+from datetime import timedelta
 from itertools import count
-from typing import TYPE_CHECKING
 
 from agents.commands.options import parsed
 from agents.refusal import Refusal
-
-if TYPE_CHECKING:
-    from agents.jobs import Status
-
-MOST = 2**31 - 1
-"""No number of anything that a command takes may be greater."""
 
 
 def command(
@@ -97,19 +90,17 @@ def print_table(
     """
     from rich.console import Console
     from rich.table import Table
-    from rich.text import Text
 
-    console = Console(width=None if sys.stdout.isatty() else 1000)
-    table = Table(title=Text(title))
+    table, width = Table(title=title), None if sys.stdout.isatty() else 1000
     filled = [[list(row) for row in rows] for rows in sections]
     for i, label in enumerate(header):
         words = all(row[i][:1].isalpha() for rows in filled for row in rows if row[i])
-        table.add_column(Text(label), justify="left" if words else "right", overflow="fold")
+        table.add_column(label, justify="left" if words else "right", overflow="fold")
     for rows in filled:
         for row in rows:
-            table.add_row(*map(Text, row))
+            table.add_row(*row)
         table.add_section()
-    console.print(table)
+    Console(width=width, markup=False, emoji=False, highlight=False).print(table)
 
 
 @contextmanager
@@ -123,18 +114,6 @@ def asked() -> Iterator[None]:
         raise Refusal(str(error)) from error
 
 
-def in_range(name: str, number: int, least: int, most: int = MOST) -> None:
-    """Refuse a number that is too small or too great.
-
-    Raises:
-        ValueError: naming what must be in the range.
-    """
-    if number < least:
-        raise ValueError(f"{name} must be at least {least}, got {number}")
-    if number > most:
-        raise ValueError(f"{name} must be at most {most}, got {number}")
-
-
 def complain(text: str) -> int:
     """Print what is wrong, and return the exit status of a refusal."""
     paragraph = "\n".join(line for line in text.splitlines() if line.strip())
@@ -146,8 +125,9 @@ def complain(text: str) -> int:
 def progress(title: str, counted: bool = False) -> Iterator[Callable[..., None]]:
     """Progress by calls with (done, total, text), in a line that changes.
 
-    In a file or pipe a line is written at each tenth, and every ten seconds. The time that is left
-    is shown unless the pieces of work are ``counted``, being of different lengths.
+    In a file or pipe a line is written at each tenth, and every ten seconds. From the first tenth
+    on, the time that is left is shown, unless the pieces of work are ``counted``, being of
+    different lengths.
     """
     live = sys.stderr.isatty()
     said, tenth, first = 0.0, -1, None
@@ -160,13 +140,11 @@ def progress(title: str, counted: bool = False) -> Iterator[Callable[..., None]]
             return
         said, tenth = now, reached
         words = [f"{title}: {done}/{total}", text]
-        if not counted and before < done < total:
+        if not counted and total - before <= 10 * (done - before) and done < total:
             left = (now - start) * (total - done) / (done - before)
             words.append(f"{timedelta(seconds=round(left))} left")
         line = ", ".join(filter(None, words))
-        print(
-            f"\r{line:79}" if live else line, end="" if live else "\n", file=sys.stderr, flush=True
-        )
+        print(f"\r{line:79}" if live else line, end="\n"[live:], file=sys.stderr, flush=True)
 
     try:
         yield show
@@ -184,35 +162,19 @@ def progress_bar(title: str, total: int) -> Iterator[Callable[[], None]]:
 
 
 @contextmanager
-def job_progress(title: str) -> Iterator[Callable[[Status], None]]:
-    """Progress for `agents.jobs.run`: jobs that have ended, and when all of them will have."""
-    latest: Status | None = None
+def job_progress(title: str) -> Iterator[Callable[[int, int, int], None]]:
+    """Progress for `agents.jobs.run`: jobs that have ended, those that failed included."""
+    kept = ""
 
-    def report(status: Status) -> None:
-        nonlocal latest
-        if latest is None and status.done:
-            print(f"goes on: {status.done} of {status.total} results are there", file=sys.stderr)
-        latest = status
-        show(status.done + status.failed, status.total, _end(status))
+    def report(done: int, failed: int, total: int) -> None:
+        nonlocal kept
+        if done and not kept:
+            print(f"goes on: {done} of {total} results are there", file=sys.stderr)
+        kept = f"{done} of {total} results are kept, and the same command goes on from there"
+        show(done + failed, total, f"{failed} failed" if failed else "")
 
     try:
-        with progress(title, counted=True) as show:
+        with progress(title) as show:
             yield report
     except KeyboardInterrupt:
-        if latest is None:
-            raise
-        raise KeyboardInterrupt(
-            f"{latest.done} of {latest.total} results are kept, and the same command goes on from"
-            " there"
-        ) from None
-
-
-def _end(status: Status) -> str:
-    """Time of day at which the work will be done, which stays true while no job ends."""
-    failed = f"{status.failed} failed, " if status.failed else ""
-    if status.done + status.failed == status.total:
-        return f"{failed}done"
-    if status.seconds_left is None:
-        return f"{failed}measuring how long it takes"
-    end = datetime.now() + timedelta(seconds=status.seconds_left)
-    return f"{failed}ends about {end:%H:%M:%S}, in {timedelta(seconds=round(status.seconds_left))}"
+        raise KeyboardInterrupt(kept) from None

@@ -3,7 +3,7 @@
 from contextlib import closing
 from typing import Any
 
-from agents.commands.console import asked, in_range, print_table, progress_bar
+from agents.commands.console import asked, print_table, progress_bar
 
 DEFAULT = "default"
 """Stands for the environment's own estimator."""
@@ -29,16 +29,16 @@ def main(
     from agents import load_agent
     from agents.rollouts import batch
     from agents.seeds import evaluation_seeds
-    from agents.studies.worlds import options_of_command, registered_id
+    from agents.studies.worlds import environment_options, registered_id, system_of
 
     with asked():
-        env_id = registered_id(env_id)
-        in_range("--episodes", episodes, 1)
-        in_range("--first-seed", first_seed, 0)
+        default = system_of(env_id := registered_id(env_id)).estimator or "no estimator"
         seeds = evaluation_seeds(episodes, first_seed)
-        chosen = [{} if name == DEFAULT else {"estimator": name} for name in estimator]
-        worlds = [options_of_command(env_id, options | each) for each in chosen]
-        for world in worlds:
+        worlds = {}
+        for name in estimator:
+            chosen = options if name == DEFAULT else options | {"estimator": name}
+            world = environment_options(env_id, chosen)
+            worlds[default if name == DEFAULT else name] = world
             with closing(batch(env_id, 1, world)) as env:
                 load_agent(agent, env, trust)
     title = f"{env_id}, {agent}: " + (
@@ -50,27 +50,42 @@ def main(
 
 
 def _fly(
-    title: str, agent: str, env_id: str, seeds: list[int], worlds: list[dict[str, Any]], trust: bool
+    title: str, agent: str, env_id: str, seeds: list[int], worlds: dict[str, Any], trust: bool
 ) -> None:
-    """Fly the seeds with each of the environment's options, and print a table of the metrics."""
+    """Fly the seeds with each estimator's options, and print a table of the metrics."""
     import numpy as np
 
     from agents import rollout
     from agents.metrics import SCORE, core_of, metrics, scores
 
-    header, columns = ["metric"], []
+    columns = {}
     with progress_bar("flying", len(worlds)) as advance:
-        for options in worlds:
+        for name, options in worlds.items():
             flown = rollout(agent, env_id, seeds, options, trust=trust)
-            columns.append(scores(flown))
-            header.append(options.get("estimator") or core_of(flown).estimator or "no estimator")
+            columns[name] = scores(flown)
             advance()
     sections: tuple[list[list[str]], list[list[str]]] = ([], [])
     for metric in metrics(core_of(flown).system):
-        values = [column[metric.key] for column in columns]
+        values = [column[metric.key] for column in columns.values()]
         if np.isfinite(values).any():
             sections[not (metric.cost or metric.key == SCORE.key)].append(_row(metric, values))
-    print_table(title, header, sections)
+    print_table(title, ["metric", *columns], sections)
+    _warn(agent, {name: column[SCORE.key] for name, column in columns.items()})
+
+
+def _warn(agent: str, columns: dict[str, Any]) -> None:
+    """Print a warning if the scores on an estimator are higher than on the truth beyond chance."""
+    from agents.page import words
+    from agents.statistics import paired_difference
+    from agents.studies.records import ORACLE, beyond_the_truth
+
+    truth, found = columns.pop(ORACLE, None), []
+    for name, ours in columns.items() if truth is not None else ():
+        more = paired_difference(ours, truth, comparisons=len(columns))
+        if more and more.low > 0.0:
+            found.append(f"{name} ({words(more, 3, True)})")
+    if found:
+        print(beyond_the_truth(found, agent))
 
 
 def _row(metric: Any, columns: list[Any]) -> list[str]:

@@ -10,7 +10,7 @@ OPTIONS = {"what": "environments, estimators, sensors or studies"}
 
 def main(what: str = "environments", env_id: str = "SigmaCorvette-v0", /) -> None:
     """List the environments and studies, or the estimators and sensors of an environment."""
-    from estimators.factory import unknown
+    from vessel_gym.checks import one_of
 
     lists = {
         "environments": lambda: (("environment", "estimator", ""), _environments()),
@@ -19,9 +19,7 @@ def main(what: str = "environments", env_id: str = "SigmaCorvette-v0", /) -> Non
         "studies": lambda: (("study", ""), _studies()),
     }
     with asked():
-        if what not in lists:
-            raise ValueError(unknown("list", what, lists))
-        header, rows = lists[what]()
+        header, rows = lists[one_of("list", what, lists)]()
     print_table(what if what in ("environments", "studies") else env_id, header, [rows])
 
 

@@ -14,21 +14,15 @@ from typing import Any, NoReturn, get_args, get_origin, get_type_hints
 from agents.refusal import Refusal
 
 
-class Assignments(argparse.Action):
-    """Words as name=value, kept as a dictionary; a value is TOML, or else a text."""
-
-    def __call__(self, parser: Any, namespace: Any, values: Any, option: Any = None) -> None:
-        """Add the words to the dictionary."""
-        found = dict(getattr(namespace, self.dest, None) or {})
-        for word in values:
-            name, _, text = word.partition("=")
-            if not (name and text):
-                parser.error(f"{option} takes words as name=value, got {word!r}")
-            try:
-                found[name] = tomllib.loads(f"value = {text}")["value"]
-            except tomllib.TOMLDecodeError:
-                found[name] = text
-        setattr(namespace, self.dest, found)
+def _assignment(word: str) -> tuple[str, Any]:
+    """A word as name=value; the value is TOML, or else a text."""
+    name, _, text = word.partition("=")
+    if not (name and text):
+        raise argparse.ArgumentTypeError(f"words must be name=value, got {word!r}")
+    try:
+        return name, tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return name, text
 
 
 ENVIRONMENT: dict[str, tuple[Any, str]] = {
@@ -75,6 +69,10 @@ _METAVARS: dict[Any, str] = {
     Path: "FILE",
 }
 """Placeholders of some parameters, and of types."""
+_LEAST = dict.fromkeys(("episodes", "every", "processes", "rounds", "rows", "runs"), 1)
+"""Least values of whole numbers that may not be 0."""
+MOST = 2**31 - 1
+"""No whole number that a command takes may be greater."""
 
 
 def parsed(
@@ -87,7 +85,7 @@ def parsed(
     those of `ENVIRONMENT`, too.
 
     Raises:
-        Refusal: if it asks for none.
+        Refusal: if it asks for none, or a whole number is out of range.
     """
     words = sys.argv[1:] if arguments is None else list(arguments)
     if any(not word or (word.startswith("--") and word.endswith("=")) for word in words):
@@ -101,6 +99,13 @@ def parsed(
 
         raise Refusal(unknown("argument", odd[0], parser.flags))
     given = vars(values)
+    for key, value in given.items():
+        least, each = _LEAST.get(key, 0), value if isinstance(value, list) else [value]
+        if isinstance(value, list) and isinstance(value[0], tuple):
+            given[key] = dict(value)
+        for number in each:
+            if type(number) is int and not least <= number <= MOST:
+                raise Refusal(f"{_flag(key)} must be from {least} to {MOST}, got {number}")
     return partial(main, *[given.pop(each) for each in positional], **given)
 
 
@@ -160,7 +165,8 @@ def _keywords(name: str, kind: Any, default: Any, help: str) -> dict[str, Any]:
         action = argparse.BooleanOptionalAction if typed_only else "store_true"
         return {"action": action, **keywords}
     if several is dict:
-        return {"metavar": "NAME=VALUE", "nargs": "+", "action": Assignments, **keywords}
+        keywords |= {"type": _assignment, "action": "extend", "default": argparse.SUPPRESS}
+        return {"metavar": "NAME=VALUE", "nargs": "+", **keywords}
     if several is tuple:
         keywords["nargs"] = "+"
     inner = (get_args(kind) or (kind,))[0]

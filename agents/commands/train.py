@@ -4,7 +4,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from agents.commands.console import asked, in_range, progress
+from agents.commands.console import asked, progress
 
 CHOOSING = 100
 """Tuning seeds on which the best of several trainings is chosen."""
@@ -50,6 +50,7 @@ def main(
     """
     from agents.policies.checkpoint import npz_path
     from agents.studies.worlds import environment_id
+    from agents.training.algorithms import read_settings
 
     algorithm = algorithm.lower()
     out = npz_path(out or Path("results") / algorithm)
@@ -60,28 +61,15 @@ def main(
             raise ValueError(
                 f"{out} is there already: give --force to replace it, or another --out"
             )
-        in_range("--runs", runs, 1)
-        in_range("--seed", seed, 0)
         env_id = environment_id(env_id)
-        settings = _settings(env_id, hyperparameters) | set_
-        given = {"settings": settings, "steps": steps, "algorithm": algorithm, "memory": memory}
-        given |= {"env_options": options, "resume": resume, "force": force}
+        settings = read_settings(hyperparameters, env_id) if hyperparameters else {}
+        given = {"settings": settings | set_, "steps": steps, "algorithm": algorithm}
+        given |= {"memory": memory, "env_options": options, "resume": resume, "force": force}
         if runs == 1:
             _once(env_id, out, seed, given)
         else:
             _best(env_id, out, range(seed, seed + runs), given)
     print(f"checkpoint: {out}")
-
-
-def _settings(env_id: str, path: Path | None) -> dict[str, Any]:
-    """Settings of an environment in a file."""
-    from vessel_gym.toml_file import TomlFile
-
-    tables: Any = TomlFile(path).data if path else {"default": {}}
-    found = tables.get(env_id, tables.get("default"))
-    if not isinstance(found, dict):
-        raise ValueError(f"{path} has neither a table [{env_id!r}] nor [default]")
-    return found
 
 
 def _once(env_id: str, path: Path, run: int, given: dict[str, Any]) -> None:
@@ -91,7 +79,7 @@ def _once(env_id: str, path: Path, run: int, given: dict[str, Any]) -> None:
     with progress(f"{env_id}, run {run}") as show:
 
         def report(done: int, total: int, reward: float) -> None:
-            show(done, total, "" if reward != reward else f"evaluation {reward:.3f}")
+            show(done, total, "" if reward != reward else f"mean return in evaluation {reward:.3f}")
 
         train(env_id, path, seed=run, progress=report, folder=path.with_suffix(""), **given)
 

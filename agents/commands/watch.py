@@ -5,7 +5,7 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
-from agents.commands.console import asked, in_range, progress_bar
+from agents.commands.console import asked, progress_bar
 
 FPS = 12
 """Frames a second of a GIF or MP4."""
@@ -40,21 +40,23 @@ def main(
     """Watch one episode in a window or, with --out, write it to a file."""
     import gymnasium as gym
 
-    from agents import load_agent
+    from agents import episode, load_agent
     from agents.files import check_file
-    from agents.studies.worlds import options_of_command, registered_id
+    from agents.studies.worlds import environment_options, registered_id
 
     with asked():
         check_kind(out)
-        options = options_of_command(env_id := registered_id(env_id), options)
-        in_range("--every", every, 1)
-        in_range("--seed", seed or 0, 0)
+        options = environment_options(env_id := registered_id(env_id), options)
         check_display() if out is None else check_file(out)
     if out is not None and out.suffix.lower() == PAGE:
-        write_page(env_id, agent, seed, options, trust, out)
+        with asked():
+            page = episode(env_id, None, agent, seed, options, trust)
+        page.save(out)
+        scores = ", ".join(f"{score:.3f} on {name}" for name, score in page.scores.items())
+        print(f"wrote {out}, score {scores}")
         return
     with asked():
-        drawn = options_of_command(env_id, {"render_mode": "rgb_array" if out else "human"})
+        drawn = environment_options(env_id, {"render_mode": "rgb_array" if out else "human"})
         env: Any = gym.make(env_id, **options, **drawn)
         flyer = load_agent(agent, env, trust)
     with closing(env):
@@ -62,8 +64,8 @@ def main(
         with asked():  # the first picture needs pygame
             observation, _ = env.reset(seed=seed or 0)
             check_picture(env, env_id)
-        episode = fly(env, flyer, observation)
-        score = record(env, episode, out, every) if out else show(env, episode)
+        flown = fly(env, flyer, observation)
+        score = record(env, flown, out, every) if out else show(env, flown)
     print(f"wrote {out}, score {score:.3f}" if out else f"score {score:.3f}")
 
 
@@ -94,19 +96,6 @@ def check_picture(env: Any, env_id: str) -> None:
         env.render()
     except Exception as error:  # of whatever library it draws by
         raise ValueError(f"{env_id} cannot be drawn here ({error})") from error
-
-
-def write_page(
-    env_id: str, agent: str, seed: int | None, options: dict[str, Any], trust: bool, out: Path
-) -> None:
-    """Write the episode on several estimators as a page."""
-    from agents import episode
-
-    with asked():
-        flown = episode(env_id, None, agent, seed, options, trust)
-    flown.save(out)
-    scores = ", ".join(f"{score:.3f} on {name}" for name, score in flown.scores.items())
-    print(f"wrote {out}, score {scores}")
 
 
 def check_display() -> None:

@@ -125,17 +125,17 @@ def _environment(model: Any) -> dict[str, Any]:
             raise ValueError(f"cannot store what {type(env).__name__} does to observations")
         env = env.venv
     inner: Any = getattr(env, "envs", [getattr(env, "env", None)])[0]
+    unwrapped = env.get_attr("unwrapped", 0)[0]
     while isinstance(inner, gym.Wrapper | gym.vector.VectorWrapper):
         if isinstance(inner, _CHANGES) and not isinstance(inner, EstimatedObservation):
             raise ValueError(
                 f"cannot store what {type(inner).__name__} does to observations or actions"
             )
         inner = inner.env
-    spec, core = (getattr(env.get_attr("unwrapped", 0)[0], name, None) for name in ("spec", "core"))
-    if core is None:
-        return known | {"environment": spec.id if spec else ""}
-    known |= {"environment": core.system.name, "vehicle": vehicle_of(core.vehicle)}
-    return known | {"observe": core.observe_mode}
+    if core := getattr(unwrapped, "core", None):
+        known |= {"observe": core.observe_mode, "vehicle": vehicle_of(core.vehicle)}
+        return known | {"environment": core.system.name}
+    return known | {"environment": unwrapped.spec.id if unwrapped.spec else ""}
 
 
 def vehicle_of(vehicle: Any) -> dict[str, Any]:
@@ -147,11 +147,9 @@ def vehicle_of(vehicle: Any) -> dict[str, Any]:
 
 def same_vehicle(one: dict[str, Any], other: dict[str, Any]) -> bool:
     """Equal names, and numbers that differ by no more than a mismatch may."""
-    numbers, others = (np.array(each.get("numbers", ()), float) for each in (one, other))
-    return (
-        all(one.get(name) == other.get(name) for name in ("states", "actions"))
-        and numbers.shape == others.shape
-        and np.allclose(numbers, others, rtol=_SAME_VEHICLE, atol=0.0)
+    names = [each | {"numbers": len(each.get("numbers", ()))} for each in (one, other)]
+    return names[0] == names[1] and np.allclose(
+        one["numbers"], other["numbers"], rtol=_SAME_VEHICLE, atol=0.0
     )
 
 

@@ -1,11 +1,10 @@
 """The answer to a study: one computed sentence, and the tables that stand behind it."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from agents.page import listed, markdown_table, text, words
@@ -20,14 +19,12 @@ from agents.statistics import (
     crossed_interval,
     verdict,
 )
-from agents.studies import shares
-from agents.studies.records import Condition
+from agents.studies.records import Condition, beyond_the_truth
 from agents.studies.results import Results
+from agents.studies.shares import ALL, Ranking, learned_differences, rankings
 
 BEST = 5
 """Number of estimators in the table at the head of a report."""
-ALL = "All"
-"""Heading of what holds for all environments together."""
 _WORTH = "of what knowing the truth is worth over dead reckoning"
 
 
@@ -36,44 +33,44 @@ def answer(results: Results) -> list[str]:
 
     The last say what is missing.
     """
-    return [_first(results), *_suspicious(results), *_learned(results), *_missing(results)]
-
-
-def _first(results: Results) -> str:
-    environments = shares.ruled(results)
     if not results.environments:
-        return "Nothing has a result yet."
-    groups = [environments] if shares.common(results) else [[e] for e in environments]
-    sentences = [_trend(results, group) or _advice(results, group) for group in groups]
-    if rest := [e for e in results.plan.study.environments if e not in environments]:
+        return ["Nothing has a result yet.", *_missing(results)]
+    found = dict(rankings(results))
+    together = found.pop(ALL, None)
+    asked = [together] if together else found.values()
+    sentences = [_trend(ranking) or _advice(ranking) for ranking in asked]
+    if rest := [e for e in results.plan.study.environments if e not in found]:
         sentences.append(
             f"No estimator can be ranked in {listed(rest)}: for that {results.who} needs results on"
             " the truth, on dead reckoning and on an estimator between them, and a higher score on"
             " the truth."
         )
-    return " ".join(sentences)
+    suspicious = [
+        f"{name} in {environment} ({amount(kept)})"
+        for environment, ranking in found.items()
+        for name in ranking.shares
+        if (kept := ranking.kept(name)) and kept.low > 1.0
+    ]
+    warning = [beyond_the_truth(suspicious, results.who)] if suspicious else []
+    learned = [_learned(results, environment) for environment in found]
+    return [" ".join(sentences), *warning, *filter(None, learned), *_missing(results)]
 
 
-def _advice(results: Results, environments: Sequence[str]) -> str:
+def _advice(ranking: Ranking) -> str:
     """The estimator to use: the cheapest of the best, with its share and the others' verdicts."""
-    ranked = shares.rankable(results, environments)
-    best, where = next(iter(ranked)), _where(environments)
-    if enough := shares.episodes_to_tell(results, environments, ranked):
+    best, where, who = ranking.best, _where(ranking.environments), ranking.results.who
+    if enough := ranking.episodes_to_tell():
         more = f"; by their scatter it takes at least {enough:.0f} to tell" if enough > 0 else ""
         return (
-            f"{results.plan.study.episodes} episodes cannot tell which estimator to use in {where}:"
-            f" so far {best} keeps most{more}."
+            f"{ranking.results.plan.study.episodes} episodes cannot tell which estimator to use in"
+            f" {where}: so far {best} keeps most{more}."
         )
-    pick = shares.cheapest(results, environments, ranked)
-    share, lost = (
-        amount(of(results, environments, results.classical, pick, len(ranked)))
-        for of in (shares.kept, shares.price)
-    )
+    pick = ranking.cheapest
+    share, lost = amount(ranking.kept(pick)), amount(ranking.price(pick))
     cheaper = f", equivalent to {best}, which keeps most, and cheaper" if pick != best else ""
     return (
-        f"Use {pick} in {where}{cheaper}: on it {results.who} keeps {share} {_WORTH}, and loses"
-        f" {lost} of score against the truth{_standing(results, environments, ranked)}."
-        f"{_elsewhere(results, environments, pick)}"
+        f"Use {pick} in {where}{cheaper}: on it {who} keeps {share} {_WORTH}, and loses {lost} of"
+        f" score against the truth{_standing(ranking)}.{_elsewhere(ranking)}"
     )
 
 
@@ -82,32 +79,30 @@ def _where(environments: Sequence[str]) -> str:
     return few.get(len(environments), f"all {len(environments)} environments")
 
 
-def _standing(results: Results, environments: Sequence[str], ranked: shares.Ranked) -> str:
+def _standing(ranking: Ranking) -> str:
     """Verdicts on the other estimators against the best."""
-    best, *others = ranked
-    if not others:
+    found, best = ranking.verdicts, ranking.best
+    if not found:
         return "; no other estimator was compared"
-    found = shares.verdicts(results, environments, ranked)
     if set(found.values()) == {WORSE}:
-        behind = amount(shares.gap(ranked, best, others[0]))
-        return f"; every other is worse, the next, {others[0]}, by {behind}"
+        other = next(iter(found))
+        return f"; every other is worse, the next, {other}, by {amount(ranking.gap(best, other))}"
     each = []
     for word in (EQUIVALENT, UNDECIDED, LOWER):
-        if names := [name for name in others if found[name] == word]:
+        if names := [name for name in found if found[name] == word]:
             each.append(f"{listed(names)} {'is' if len(names) == 1 else 'are'} {word}")
     rest = ["the others are worse"] if WORSE in found.values() else []
     return f". Against {best}, {listed(each + rest)}"
 
 
-def _elsewhere(results: Results, environments: Sequence[str], pick: str) -> str:
+def _elsewhere(ranking: Ranking) -> str:
     """Environments in which their best is shown to keep more than the pick for all of them."""
-    better = []
-    for environment in environments if len(environments) > 1 else ():
-        ranked = shares.rankable(results, [environment])
-        best = next(iter(ranked))
-        if shares.verdicts(results, [environment], ranked).get(pick) in (LOWER, WORSE):
-            more = amount(shares.gap(ranked, best, pick))
-            better.append(f"in {environment} {best} keeps {more} more")
+    better, pick = [], ranking.cheapest
+    for environment in ranking.environments:
+        own = Ranking(ranking.results, [environment])
+        if own.verdicts.get(pick) in (LOWER, WORSE):
+            more = amount(own.gap(own.best, pick))
+            better.append(f"in {environment} {own.best} keeps {more} more")
     return f" But {listed(better)}." if better else ""
 
 
@@ -121,118 +116,70 @@ def ordered(conditions: Sequence[Condition]) -> bool:
     mismatch or the latency alone.
     """
     names = [c.name for c in conditions]
-    axes = {
-        axis for axis in _AXES for c in conditions if _AXES[axis](c) != _AXES[axis](conditions[0])
-    }
-    alone = [_AXES[axis](c) for axis in axes & {"mismatch", "latency"} for c in conditions]
-    series = (_numbers(names) or _numbers(names[1:]), alone if len(axes) == 1 else [])
-    return any(_monotonic(numbers) for numbers in series)
-
-
-_AXES: dict[str, Callable[[Condition], Any]] = {
-    "sensors": lambda c: c.sensors,
-    "disturbance": lambda c: c.disturbance,
-    "faults": lambda c: c.faults,
-    "mismatch": lambda c: c.mismatch,
-    "latency": lambda c: max(c.latency.values(), default=0.0),
-}
+    series = [_numbers(names) or _numbers(names[1:])]
+    plain = [replace(c, name="", environments=()) for c in conditions]
+    if all(replace(c, mismatch=0.0) == replace(plain[0], mismatch=0.0) for c in plain):
+        series.append([c.mismatch for c in conditions])
+    if all(replace(c, latency={}) == replace(plain[0], latency={}) for c in plain):
+        series.append([max(c.latency.values(), default=0.0) for c in conditions])
+    steps = [[b - a for a, b in pairwise(numbers)] for numbers in series]
+    return any(each and (min(each) > 0.0 or max(each) < 0.0) for each in steps)
 
 
 def _numbers(names: Sequence[str]) -> list[float]:
     """The numbers in names that differ in one number alone; none for other names."""
-    parts = [re.split(r"(\d*\.?\d+)", name) for name in names]
-    if len({(len(each), *each[::2]) for each in parts}) != 1:
+    number = r"\d*\.?\d+"
+    if len({re.sub(number, "", name) for name in names}) != 1:
         return []
-    varying = [set(each) for each in zip(*(each[1::2] for each in parts), strict=True)]
-    differ = [i for i, values in enumerate(varying) if len(values) > 1]
-    return [float(each[1 + 2 * differ[0]]) for each in parts] if len(differ) == 1 else []
+    each = zip(*(re.findall(number, name) for name in names), strict=True)
+    varying = [values for values in each if len(set(values)) > 1]
+    return [float(value) for value in varying[0]] if len(varying) == 1 else []
 
 
-def _monotonic(numbers: Sequence[float]) -> bool:
-    steps = [b - a for a, b in pairwise(numbers)]
-    return bool(steps) and (min(steps) > 0.0 or max(steps) < 0.0)
+def _trend(ranking: Ranking) -> str | None:
+    """The best estimator's share over `ordered` conditions that all environments have, or None.
 
-
-def _trend(results: Results, environments: Sequence[str]) -> str | None:
-    """The best estimator's share over `ordered` conditions that all environments have, or None."""
+    Verdicts against the first condition hold for all estimators at once.
+    """
+    results, environments, pick = ranking.results, ranking.environments, ranking.best
     conditions = [c for c in results.plan.study.conditions if all(map(c.is_in, environments))]
-    ranked = shares.rankable(results, environments)
-    pick, names = next(iter(ranked)), [c.name for c in conditions]
-    there = all((e, name) in results.scales.index for e in environments for name in names)
-    if not ordered(conditions) or not there:
+    places = [[(e, c.name) for e in environments] for c in conditions]
+    if not ordered(conditions) or not all(p in results.scales.index for at in places for p in at):
         return None
-    each = {name: in_condition(results, environments, pick, name) for name in names}
-    at_first, at_last = (amount(crossed_interval(each[n][None])) for n in (names[0], names[-1]))
-    found = _over_conditions(results, environments, each, len(ranked))
-    against = listed([f"{word} at {listed([*map(_called, at)])}" for word, at in found.items()])
-    first, last = _called(names[0]), _called(names[-1])
-    most = ", which keeps most over all conditions," if len(ranked) > 1 else ""
-    return (
-        f"In {_where(environments)} on {pick}{most} {results.who} keeps {at_first} {_WORTH} at"
-        f" {first} and {at_last} at {last}; against {first}: {against}."
-    )
-
-
-def _called(name: str) -> str:
-    """The name of a condition in a sentence: in quotation marks unless it is a number and a unit."""
-    return name if re.fullmatch(r"[\d.]+ ?\S*", name) else f'"{name}"'
-
-
-def in_condition(
-    results: Results, environments: Sequence[str], estimator: str, condition: str
-) -> np.ndarray:
-    """Share that the classical agent keeps ``(seeds,)`` in one condition."""
-    each = [results.flight(results.kept, e, condition, estimator) for e in environments]
-    return np.concatenate([row for row in each if row is not None]).mean(axis=0)
-
-
-def _over_conditions(
-    results: Results, environments: Sequence[str], each: Mapping[str, np.ndarray], estimators: int
-) -> dict[str, list[str]]:
-    """Conditions by their verdict against the first; these hold for all estimators at once."""
-    first, *others = each
-    scale = results.scales.loc[list(environments)].mean(axis=1)
-    span = float((1.0 / scale.groupby("environment").min()).mean())
-    margin, comparisons = results.plan.study.margin, estimators * len(others)
+    kept = results.rows(results.kept, pick)
+    first, *others = [kept.loc[at].mean().to_numpy() for at in places]
+    names = [
+        c.name if re.fullmatch(r"[\d.]+ ?\S*", c.name) else f'"{c.name}"'  # a number and a unit
+        for c in conditions
+    ]
+    scale = ranking.scales.mean(axis=1).groupby(level=0).min()
+    span, comparisons = float((1.0 / scale).mean()), len(ranking.shares) * len(others)
     found: dict[str, list[str]] = {}
-    for name in others:
-        word = verdict(each[name] - each[first], margin, span, comparisons)
+    for name, shares in zip(names[1:], others, strict=True):
+        word = verdict(shares - first, results.plan.study.margin, span, comparisons)
         found.setdefault(word, []).append(name)
     order = (BETTER, HIGHER, EQUIVALENT, UNDECIDED, LOWER, WORSE)
-    return {word: found[word] for word in order if word in found}
-
-
-def _suspicious(results: Results) -> list[str]:
-    """A warning where an estimator beats the truth beyond chance."""
-    found = []
-    for environment in shares.ruled(results):
-        ranked = shares.rankable(results, [environment])
-        for name in ranked:
-            kept = shares.kept(results, [environment], results.classical, name, len(ranked))
-            if isinstance(kept, Interval) and kept.low > 1.0:
-                found.append(f"{name} in {environment} ({amount(kept)})")
-    text = "beats the truth beyond chance: check the task's score, and what its reward pays for"
-    return [f"On {listed(found)} {results.who} {text}."] if found else []
+    against = listed([f"{word} at {listed(found[word])}" for word in order if word in found])
+    at_first, at_last = (amount(crossed_interval(at[None])) for at in (first, others[-1]))
+    most = ", which keeps most over all conditions," if ranking.verdicts else ""
+    return (
+        f"In {_where(environments)} on {pick}{most} {results.who} keeps {at_first} {_WORTH} at"
+        f" {names[0]} and {at_last} at {names[-1]}; against {names[0]}: {against}."
+    )
 
 
 # --- learned policies, and what is missing --------------------------------------------------------
 
 
-def _learned(results: Results) -> list[str]:
-    """A sentence for each environment in which learned policies have results."""
-    sentences = []
-    for environment in shares.ruled(results):
-        gaps = shares.learned_differences(results, environment)
-        each = [
-            f"{policy} {_more(gap)} than {results.who if other == results.classical else other}"
-            for (policy, other), gap in gaps.items()
-            if gap is not None
-        ]
-        if each:
-            sentences.append(
-                f"In {environment}, each on the estimator of its training: {'; '.join(each)}."
-            )
-    return sentences
+def _learned(results: Results, environment: str) -> str:
+    """A sentence on the learned policies that have results in an environment."""
+    each = [
+        f"{policy} {_more(gap)} than {results.who if other == results.classical else other}"
+        for (policy, other), gap in learned_differences(results, environment).items()
+        if gap is not None
+    ]
+    start = f"In {environment}, each on the estimator of its training: "
+    return f"{start}{'; '.join(each)}." if each else ""
 
 
 def _more(gap: Interval | float) -> str:
@@ -249,8 +196,8 @@ def _missing(results: Results) -> list[str]:
     missing, flights = results.missing, results.plan.flights
     if not missing:
         return []
-    failed = [f for f in missing if f.job.key in results.failures]
-    why = f"; {len(failed)} failed, the first: {failed[0].job.label}" if failed else ""
+    failed = [f.job.label for f in missing if f.job.key in results.outcome.failures]
+    why = f"; {len(failed)} failed, the first: {failed[0]}" if failed else ""
     return [f"{len(missing)} of {len(flights)} results are missing{why}. Run the study again."]
 
 
@@ -263,18 +210,22 @@ def amount(value: Interval | float | None) -> str:
 # --- tables ---------------------------------------------------------------------------------------
 
 
-def summary(results: Results, environments: Sequence[str]) -> pd.DataFrame:
+def summary(ranking: Ranking) -> pd.DataFrame:
     """The best estimators of some environments: what they keep, lose, and how their tails are."""
-    ranked, who = shares.rankable(results, environments), results.classical
     rows = {
         name: {
-            "share kept": text(shares.kept(results, environments, who, name, len(ranked)), 3),
-            "score lost": text(shares.price(results, environments, who, name, len(ranked)), 3),
-            "completed [%]": text(shares.completed(results, environments, name), 1),
-            "worst tenth": text(shares.worst_decile(results, environments, name), 3),
+            "share kept": text(ranking.kept(name), 3),
+            "score lost": text(ranking.price(name), 3),
+            "completed [%]": text(ranking.completed(name), 1),
+            "worst tenth": text(ranking.worst_decile(name), 3),
         }
-        for name in list(ranked)[:BEST]
+        for name in list(ranking.shares)[:BEST]
     }
+    return _table(rows)
+
+
+def _table(rows: dict[str, dict[str, str]]) -> pd.DataFrame:
+    """A table of texts with a row for each estimator."""
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("estimator")
 
 
@@ -283,19 +234,17 @@ def to_copy(results: Results) -> pd.DataFrame:
 
     The last row is the estimator to avoid: the one that keeps least, if that is shown.
     """
-    rows: list[tuple[str, ...]] = []
-    worst = ("", "", np.inf)
-    for environment in shares.ruled(results):
-        ranked = shares.rankable(results, [environment])
-        pick = shares.cheapest(results, [environment], ranked)
-        share = text(shares.kept(results, [environment], results.classical, pick, len(ranked)), 3)
-        rows.append((environment, pick, share, _line(results, environment, pick)))
-        least = list(ranked)[-1]
-        if shares.verdicts(results, [environment], ranked).get(least) in (LOWER, WORSE):
-            found = environment, least, float(ranked[least].mean())
-            worst = min(worst, found, key=lambda w: w[2])
-    if worst[1] not in {"", *(pick for _, pick, *_ in rows)}:
-        rows.append(("avoid", worst[1], f"{text(worst[2], 3)} in {worst[0]}", ""))
+    rows, worst = [], []
+    for environment, ranking in rankings(results).items():
+        if environment != ALL:
+            pick, least = ranking.cheapest, list(ranking.shares)[-1]
+            line = _line(results, environment, pick)
+            rows.append((environment, pick, text(ranking.kept(pick), 3), line))
+            if ranking.verdicts.get(least) in (LOWER, WORSE):
+                worst.append((float(ranking.shares[least].mean()), least, environment))
+    for share, name, environment in sorted(worst)[:1]:
+        if all(name != pick for _, pick, *_ in rows):
+            rows.append(("avoid", name, f"{text(share, 3)} in {environment}", ""))
     return pd.DataFrame(rows, columns=["where", "use", "share kept", "to copy"])
 
 
@@ -303,8 +252,8 @@ def _line(results: Results, environment: str, name: str) -> str:
     """The line that makes an environment with an estimator of the study."""
     flown = (f for f in results.plan.flights if (f.environment, f.estimator) == (environment, name))
     made = next(flown).job.arguments["options"]
-    own = made["estimator"].rpartition(":")
-    kind = own[2] if own[1] else f'"{own[2]}"'
+    _, own, name = made["estimator"].rpartition(":")
+    kind = name if own else f'"{name}"'
     chosen = made.get("estimator_options")
     options = f", estimator_options={chosen}" if chosen else ""
     return f'gym.make("{environment}", estimator={kind}{options})'
@@ -315,59 +264,44 @@ def conditions_table(results: Results, environment: str) -> pd.DataFrame:
 
     Without a scale it is the score.
     """
-    scaled = environment in shares.ruled(results)
-    values = results.kept if scaled else results.wide("score")
-    names = results.conditions(environment)
-
-    def cell(condition: str, estimator: str) -> str:
-        row = results.flight(values, environment, condition, estimator)
-        return "–" if row is None else text(crossed_interval(row), 3)
-
-    found = {
-        estimator: {name: cell(name, estimator) for name in names}
-        for estimator in results.estimators(environment)
-    }
-    return pd.DataFrame.from_dict(found, orient="index", columns=names).rename_axis("estimator")
+    values = results.kept if environment in rankings(results) else results.wide("score")
+    names, rows = results.conditions(environment), {}
+    for estimator in results.estimators(environment):
+        own = results.rows(values, estimator)
+        there = {
+            name: own.loc[[(environment, name)]]
+            for name in names
+            if (environment, name) in own.index
+        }
+        cells = {name: text(crossed_interval(row.to_numpy()), 3) for name, row in there.items()}
+        rows[estimator] = dict.fromkeys(names, "–") | cells
+    return _table(rows).reindex(columns=names)
 
 
 def ranking_table(results: Results) -> pd.DataFrame:
     """Share kept on each estimator and its verdict against the best, a column an environment."""
-    columns = groups(results)
     found = {
         head: {
-            name: f"{text(shares.kept(results, column, results.classical, name, among), 3)}, {word}"
-            for name, word, among in _verdicts(results, column)
+            name: f"{text(ranking.kept(name), 3)}, {ranking.verdicts.get(name, 'best')}"
+            for name in ranking.shares
         }
-        for head, column in columns.items()
+        for head, ranking in rankings(results).items()
     }
-    order = dict.fromkeys(name for column in found.values() for name in column)
-    return pd.DataFrame(found, index=list(order)).fillna("–").rename_axis("estimator")
-
-
-def _verdicts(results: Results, environments: Sequence[str]) -> list[tuple[str, str, int]]:
-    ranked = shares.rankable(results, environments)
-    words = {next(iter(ranked)): "best"} | shares.verdicts(results, environments, ranked)
-    return [(name, word, len(ranked)) for name, word in words.items()]
-
-
-def groups(results: Results) -> dict[str, list[str]]:
-    """The environments that each column of a table stands for: perhaps all, and every one."""
-    environments = shares.ruled(results)
-    together = {ALL: environments} if shares.common(results) else {}
-    return together | {e: [e] for e in environments}
+    return pd.DataFrame(found).fillna("–").rename_axis("estimator")
 
 
 def markdown(results: Results) -> str:
     """The answer and its tables as Markdown."""
     blocks = [f"# {results.plan.study.title}", "\n".join(answer(results))]
-    if shares.ruled(results):
+    ranked = bool(rankings(results))
+    if ranked:
         lines = to_copy(results).set_index("where")
         lines["to copy"] = [f"`{line}`" if line else "" for line in lines["to copy"]]
         blocks.append(markdown_frame(lines))
     for environment in results.environments:
         table = conditions_table(results, environment)
         blocks += [f"## {environment}", markdown_frame(table)]
-    if shares.ruled(results):
+    if ranked:
         blocks += ["## All conditions", markdown_frame(ranking_table(results))]
     return "\n\n".join(blocks) + "\n"
 

@@ -4,18 +4,13 @@ from typing import Any
 
 import numpy as np
 
+from agents.controllers import make_controller
 from agents.episodes.recording import page_of, typical_seed
 from agents.jobs import Job
 from agents.rollouts import Rollout, rollout
 from agents.studies.plan import Plan
 from agents.studies.records import FLOOR, ORACLE
-from agents.studies.worlds import (
-    classical_controller,
-    environment_options,
-    import_own,
-    registered_id,
-    system_of,
-)
+from agents.studies.worlds import environment_options, import_own, registered_id, system_of
 
 
 def examples(plan: Plan) -> dict[str, Job]:
@@ -34,24 +29,16 @@ def examples(plan: Plan) -> dict[str, Job]:
             if (f.environment, f.condition, f.policy) == (environment, condition, classical)
         }
         default = system_of(environment).estimator
-        others = [e.name for e in plan.study.estimators if e.name in flights]
-        others = [name for name in others if name not in (default, ORACLE, FLOOR)]
-        names = [
-            name
-            for name in dict.fromkeys([default, *others[:1], *others[-1:], FLOOR])
-            if name in flights
-        ]
-        if names:
+        others = [name for name in flights if name not in (default, ORACLE, FLOOR)]
+        names = dict.fromkeys([default, *others[:1], *others[-1:], FLOOR])
+        arms = {name: flights[name] for name in names if name in flights}
+        if arms:
             arguments = {
                 "environment": environment,
-                "estimators": [(name, flights[name]["options"]) for name in names],
-                "agent": flights[names[0]]["agent"],
-                "seeds": list(plan.study.seeds),
-                "own": {
-                    module: digest
-                    for name in names
-                    for module, digest in flights[name]["own"].items()
-                },
+                "estimators": [(name, each["options"]) for name, each in arms.items()],
+                "agent": next(iter(arms.values()))["agent"],
+                "seeds": plan.study.seeds,
+                "own": {k: v for each in arms.values() for k, v in each["own"].items()},
             }
             label = f"example episodes in {environment}"
             chosen[environment] = Job("agents.studies.examples:example", arguments, label)
@@ -78,15 +65,14 @@ def example(
         The data of `agents.episodes.recording.page_of`.
     """
     import_own(own)
+    env_id = registered_id(environment)
+    controller = make_controller(agent, system_of(environment))
 
     def fly(seeds: list[int], record: bool) -> list[Rollout]:
+        worlds = [environment_options(environment, options) for _, options in estimators]
         return [
-            rollout(
-                classical_controller(agent, environment), registered_id(environment), seeds,
-                environment_options(environment, options), record=record, ensembles=record,
-            )
-            for _, options in estimators
-        ]  # fmt: skip
+            rollout(controller, env_id, seeds, w, record=record, ensembles=record) for w in worlds
+        ]
 
     scores = np.array([flight.score for flight in fly(seeds, False)])
     return page_of(fly([typical_seed(scores, seeds)], True), [name for name, _ in estimators])

@@ -1,17 +1,13 @@
 """Figures of a report. An estimator has one colour and one mark in all of them."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from agents.plotting import INK, PALETTE, styled
-from agents.statistics import Interval, crossed_interval
-from agents.studies.answer import groups
+from agents.statistics import crossed_interval
 from agents.studies.records import FLOOR, ORACLE
 from agents.studies.results import Results
-from agents.studies.shares import ENDS, kept, rankable, ruled
+from agents.studies.shares import ALL, ENDS, rankings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,22 +18,16 @@ _MARKS = "os^vDP<>Xp*h"
 _LINES = ("-", "--", "-.", ":")
 
 
-@dataclass(frozen=True)
-class Look:
-    """Colour, mark and line of an estimator."""
-
-    colour: str
-    mark: str
-    line: str = "-"
-
-
-def looks(results: Results) -> dict[str, Look]:
-    """The look of every estimator of the classical agent, in the order of the study."""
-    found = {ORACLE: Look(INK, "|", "--"), FLOOR: Look("#8a8f96", "|", ":")}
-    names = [name for name in results.estimators() if name not in ENDS]
-    for i, name in enumerate(names):
+def looks(results: Results) -> dict[str, dict[str, Any]]:
+    """Colour, mark and line of every estimator of the classical agent, in the study's order."""
+    found: dict[str, dict[str, Any]] = {
+        name: {"color": color, "marker": "|", "markersize": 8}
+        for name, color in ((ORACLE, INK), (FLOOR, "#8a8f96"))
+    }
+    for i, name in enumerate(name for name in results.estimators() if name not in ENDS):
         line = _LINES[i // len(PALETTE) % len(_LINES)]
-        found[name] = Look(PALETTE[i % len(PALETTE)], _MARKS[i % len(_MARKS)], line)
+        found[name] = {"color": PALETTE[i % len(PALETTE)], "linestyle": line, "linewidth": 0.9}
+        found[name] |= {"marker": _MARKS[i % len(_MARKS)], "markersize": 3.5}
     return found
 
 
@@ -45,9 +35,8 @@ def shares_figure(results: Results) -> "Figure":
     """Share kept on each estimator with its interval, the best on top, a panel an environment."""
     from matplotlib.figure import Figure
 
-    columns, look = groups(results), looks(results)
-    ranked = {head: rankable(results, column) for head, column in columns.items()}
-    names = list(dict.fromkeys(n for each in ranked.values() for n in each)) + list(ENDS)
+    columns, look = rankings(results), looks(results)
+    names = [*dict.fromkeys(n for ranking in columns.values() for n in ranking.shares), *ENDS]
     height = dict(zip(names, range(len(names))[::-1], strict=True))
     with styled():
         across = min(len(columns), _that_fit(columns))
@@ -58,11 +47,11 @@ def shares_figure(results: Results) -> "Figure":
         axes = list(grid.flat)
         while len(axes) > len(columns):
             axes.pop().remove()
-        for panel, (head, column) in zip(axes, columns.items(), strict=True):
-            for name in (*ranked[head], *ENDS):
-                among = max(len(ranked[head]), 1)
-                share = kept(results, column, results.classical, name, among)
-                _point(panel, share, height[name], look[name])
+        for panel, (head, ranking) in zip(axes, columns.items(), strict=True):
+            for name in (*ranking.shares, *ENDS):
+                if share := ranking.kept(name):
+                    panel.plot(share.mean, height[name], **look[name])
+                    panel.hlines(height[name], share.low, share.high, look[name]["color"])
             panel.set_title(head, loc="left", fontsize=9)
             panel.grid(axis="x")
             panel.tick_params(labelbottom=True)
@@ -77,26 +66,6 @@ def _that_fit(names: Iterable[str]) -> int:
     return max(1, 90 // (max(map(len, names)) + 2))
 
 
-def _point(panel: "Axes", value: Interval | float | None, height: float, look: Look) -> None:
-    if isinstance(value, Interval):
-        panel.errorbar(
-            value.mean,
-            height,
-            xerr=_ends([value]),
-            color=look.colour,
-            marker=look.mark,
-            markersize=8 if look.mark == "|" else 3.5,
-            capsize=2.2,
-            linestyle="none",
-        )
-
-
-def _ends(intervals: Sequence[Interval]) -> np.ndarray:
-    """Distances of the ends of intervals from their means, ``(2, k)``."""
-    below, above = ([i.mean - i.low for i in intervals], [i.high - i.mean for i in intervals])
-    return np.maximum([below, above], 0.0)
-
-
 def robustness_figure(results: Results) -> "Figure":
     """Share kept by the classical agent in each condition, by name, a panel an environment.
 
@@ -104,7 +73,7 @@ def robustness_figure(results: Results) -> "Figure":
     """
     from matplotlib.figure import Figure
 
-    environments = ruled(results)
+    environments = [name for name in rankings(results) if name != ALL]
     look = {name: each for name, each in looks(results).items() if name not in ENDS}
     with styled():
         ncols = min(5, _that_fit(look))
@@ -113,13 +82,8 @@ def robustness_figure(results: Results) -> "Figure":
         axes = figure.subplots(len(environments), 1, squeeze=False)[:, 0]
         handles: dict[str, Any] = {}
         for panel, environment in zip(axes, environments, strict=True):
+            handles |= _curves(panel, results, environment, look)
             conditions = results.conditions(environment)
-            for k, name in enumerate(results.estimators(environment)):
-                if name in look:
-                    shift = 0.3 * (k / len(look) - 0.5)
-                    where = environment, name
-                    if curve := _curve(panel, results, where, conditions, shift, look[name]):
-                        handles[name] = curve
             rotation = 20 if len(conditions) > _that_fit(conditions) else 0
             ticks = {"rotation": rotation, "ha": "right" if rotation else "center"}
             panel.set_xticks(range(len(conditions)), conditions, **ticks)
@@ -127,35 +91,24 @@ def robustness_figure(results: Results) -> "Figure":
             panel.set_title(environment, loc="left")
             panel.grid(axis="y")
         if handles:
-            figure.legend(
-                handles.values(), handles, loc="outside upper center", ncols=ncols, fontsize=8.5
-            )
+            place: Any = {"loc": "outside upper center", "ncols": ncols, "fontsize": 8.5}
+            figure.legend(handles.values(), handles, **place)
     return figure
 
 
-def _curve(
-    panel: "Axes",
-    results: Results,
-    where: tuple[str, str],
-    conditions: Sequence[str],
-    shift: float,
-    look: Look,
-) -> Any:
-    """Share kept over conditions, shifted a little so that intervals do not hide each other."""
-    environment, name = where
-    rows = [results.flight(results.kept, environment, c, name) for c in conditions]
-    found = [None if row is None else crossed_interval(row) for row in rows]
-    each = [(i, value) for i, value in enumerate(found) if value]
-    return each and (
-        panel.errorbar(
-            [i + shift for i, _ in each],
-            [value.mean for _, value in each],
-            yerr=_ends([value for _, value in each]),
-            color=look.colour,
-            linestyle=look.line,
-            marker=look.mark,
-            markersize=3.2,
-            linewidth=0.9,
-            elinewidth=0.5,
-        )
-    )
+def _curves(
+    panel: "Axes", results: Results, environment: str, look: dict[str, dict[str, Any]]
+) -> dict[str, Any]:
+    """Curves over conditions by estimator, moved a little so that intervals hide no other."""
+    handles = {}
+    for k, name in enumerate(results.estimators(environment)):
+        own, found = results.rows(results.kept, name), []
+        for i, condition in enumerate(results.conditions(environment)):
+            row = own[own.index == (environment, condition)].to_numpy()
+            if len(row) and (value := crossed_interval(row)):
+                found.append((i + 0.3 * (k / len(look) - 0.5), value.mean, value.low, value.high))
+        if name in look and found:
+            places, means, lows, highs = zip(*found, strict=True)
+            (handles[name],) = panel.plot(places, means, **look[name])
+            panel.vlines(places, lows, highs, look[name]["color"], linewidth=0.5)
+    return handles

@@ -1,22 +1,18 @@
 """Flights of studies: a pure function of its arguments, called by jobs."""
 
-from collections.abc import Sequence
-from itertools import product
+from collections.abc import Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 from time import process_time
 from typing import Any
 
 import numpy as np
 
+from agents.controllers import make_controller
 from agents.metrics import SCORE, consistency, nees_of, nis_consistency, scores
 from agents.rollouts import Rollout, batch, rollout
 from agents.seeds import evaluation_seeds
-from agents.studies.worlds import (
-    classical_controller,
-    environment_options,
-    import_own,
-    registered_id,
-)
+from agents.studies.worlds import environment_options, import_own, registered_id, system_of
 
 TURNS, STEPS, STEPS_ALONE = 6, 20, 50
 """Turns of a timing, and steps of each in a batch and of a vehicle alone."""
@@ -50,12 +46,12 @@ def fly(
         needs: The checkpoint, if there is one.
 
     Returns:
-        ``figures``: every metric ``(N,)`` by key, see `agents.metrics.scores`; ``nees_in_band`` and
-            ``nis_in_band``:
-        share of times at which their mean over the episodes lies in its 95 % chi-square band, None
-        without a covariance; ``diverged (N,)``: mask of episodes with the truth beyond the filter's
-        bounds for half of the time; ``steps``: flown in all; ``timing``, where asked: see
-        `step_times`.
+        ``episodes``: columns of a table with a row for each seed: ``end``; ``completed``, where the
+        episode ended as the task asks; every metric by key, see `agents.metrics.scores`;
+        ``nees_in_band`` and ``nis_in_band``: share of times at which their mean over the episodes
+        lies in its 95 % chi-square band; ``diverged``: 1 where the truth was beyond the filter's
+        bounds for half of the time; the last three are NaN without a covariance. ``timing``, where
+        asked: see `step_times`.
     """
     import_own(own)
     flown = rollout(
@@ -65,18 +61,17 @@ def fly(
         environment_options(environment, options),
         record=metrics,
     )
-    return {
-        "figures": scores(flown) if metrics else {SCORE.key: flown.score},
-        "nees_in_band": consistency(flown) if metrics else None,
-        "nis_in_band": nis_consistency(flown) if metrics else None,
-        "diverged": _diverged(flown) if metrics else np.zeros(episodes, bool),
-        "ends": np.where(flown.terminated & (flown.end == ""), "terminated", flown.end).tolist(),
-        "steps": int(flown.length.sum()),
-    } | (
-        {"timing": step_times(environment, options, agent, episodes, timed_beside)}
-        if timed_beside
-        else {}
-    )
+    end = np.where(flown.terminated & (flown.end == ""), "terminated", flown.end)
+    completed = end == system_of(environment).task.success
+    found: dict[str, Any] = {"end": end, "completed": completed, SCORE.key: flown.score}
+    if metrics:
+        bands = np.array([consistency(flown), nis_consistency(flown)], float)
+        found |= scores(flown) | {"nees_in_band": bands[0], "nis_in_band": bands[1]}
+        found |= {"diverged": _diverged(flown)}
+    if not timed_beside:
+        return {"episodes": found}
+    timing = step_times(environment, options, agent, episodes, timed_beside)
+    return {"episodes": found, "timing": timing}
 
 
 def step_times(
@@ -89,46 +84,38 @@ def step_times(
     included; history and scores are not. Environment, options, agent and episodes (rows of the
     batch) are as for `fly`; the other estimator has no options.
     """
-    beside = {key: value for key, value in options.items() if key != "estimator_options"} | {
-        "estimator": other
-    }
-    found = []
-    for rows in (episodes, 1):
-        own, others = _in_turns(environment, [options, beside], agent, rows)
-        found.append((rows, own, others))
+    beside, found = options | {"estimator": other, "estimator_options": None}, []
+    for rows, steps in ((episodes, STEPS), (1, STEPS_ALONE)):
+        arms = [_blocks(environment, made, agent, rows, steps) for made in (options, beside)]
+        seconds = [[next(arm) for arm in arms] for _ in range(TURNS)]
+        own, others = np.median(seconds[1:], axis=0)
+        found.append((rows, float(own), float(others)))
     return found
 
 
-def _in_turns(environment: str, arms: list[dict[str, Any]], agent: str, rows: int) -> list[float]:
-    """Median CPU seconds of a step of one vehicle for each of several options."""
-    steps, seconds = STEPS if rows > 1 else STEPS_ALONE, np.zeros((TURNS, len(arms)))
-    flown = []
-    for options in arms:
-        made = environment_options(environment, options)
-        env = batch(registered_id(environment), rows, made)
-        controller = classical_controller(agent, environment)
-        controller.reset(rows)
-        seeds: Any = evaluation_seeds(rows)
-        flown.append([env, controller, env.reset(seed=seeds)[0]])
-    for turn, arm in product(range(TURNS), range(len(arms))):
-        env, controller, seen = flown[arm]
-        begin = process_time()
-        for _ in range(steps):
-            seen = env.step(controller.act(seen))[0]
-        seconds[turn, arm] = process_time() - begin
-        flown[arm][2] = seen
-    for env, _, _ in flown:
-        env.close()
-    return (np.median(seconds[1:], axis=0) / (steps * rows)).tolist()
+def _blocks(
+    environment: str, options: dict[str, Any], agent: str, rows: int, steps: int
+) -> Iterator[float]:
+    """CPU seconds of a step of one vehicle, measured in one block of steps after another."""
+    controller = make_controller(agent, system_of(environment))
+    controller.reset(rows)
+    made, seeds = environment_options(environment, options), evaluation_seeds(rows)
+    with closing(batch(registered_id(environment), rows, made)) as env:
+        seen = env.reset(seed=seeds)[0]  # type: ignore[arg-type]
+        while True:
+            begin = process_time()
+            for _ in range(steps):
+                seen = env.step(controller.act(seen))[0]
+            yield (process_time() - begin) / (steps * rows)
 
 
 def _diverged(flown: Rollout) -> np.ndarray:
-    """Mask ``(N,)`` of episodes with NEES beyond its 1 - 1e-6 quantile for half of the time."""
+    """Episodes ``(N,)`` with NEES beyond its 1 - 1e-6 quantile for half of the time are 1."""
     from scipy.stats import chi2
 
     values = nees_of(flown)
     if values is None:
-        return np.zeros(len(flown.seeds), bool)
+        return np.full(len(flown.seeds), np.nan)
     limit = chi2.isf(LOST, flown.history["estimate"].shape[-1])
     outside = (~(values <= limit) & flown.alive).sum(0)
-    return outside > 0.5 * flown.alive.sum(0)
+    return (outside > 0.5 * flown.alive.sum(0)).astype(float)

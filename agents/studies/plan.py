@@ -2,14 +2,14 @@
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
 from agents.controllers import is_controller, unknown_controller
 from agents.jobs import Job
 from agents.studies.records import DEFAULT, ORACLE, RAW, Agent, Condition, Estimator, Study
-from agents.studies.worlds import digests, environment_id, refusal, registered, system_of
+from agents.studies.worlds import digests, environment_id, refusal, system_of
 from agents.training.algorithms import describe
 
 _RAW_MEASUREMENTS = Estimator(RAW, "measurement")
@@ -86,27 +86,22 @@ class _EnvironmentPlan:
         self.metrics = metrics
         self.study, self.environment, self.system = study, environment, system_of(environment)
         self.skipped: list[Skipped] = []
-        self.estimators: list[Estimator] = []
-        for estimator in self._wanted():
-            chosen = options(study, study.conditions[0], estimator, environment)
-            if error := refusal(environment, chosen):
-                self._skip(estimator.name, str(error))
-            else:
-                self.estimators.append(estimator)
-
-    def _wanted(self) -> list[Estimator]:
-        """The study's estimators for this environment; what is called default has its own name."""
-        trained = any(a.learned and DEFAULT in a.trained_on for a in self.study.agents)
+        self.estimators: dict[str, Estimator] = {}
+        trained = any(a.learned and DEFAULT in a.trained_on for a in study.agents)
         default = [Estimator(DEFAULT, DEFAULT)] if trained else []
-        found: dict[str, Estimator] = {}
-        for each in (*self.study.estimators, *default):
-            if not each.environments or self.environment in each.environments:
-                name = self._real(each.name)
-                kind = self._real(each.estimator)
-                found.setdefault(name, Estimator(name, kind, each.options, each.environments))
-        return list(found.values())
+        for each in (*study.estimators, *default):
+            name = self._real(each.name)
+            if not each.is_in(environment) or name in self.estimators:
+                continue
+            if error := refusal(
+                environment, options(study, study.conditions[0], each, environment)
+            ):
+                self._skip(each.name, str(error))
+            else:
+                self.estimators[name] = replace(each, name=name)
 
     def _real(self, name: str) -> str:
+        """The name of an estimator; what is called default has its own."""
         return self.system.estimator if name == DEFAULT else name
 
     def _skip(self, what: str, reason: str) -> None:
@@ -114,9 +109,9 @@ class _EnvironmentPlan:
 
     def flights(self) -> Iterator[Flight]:
         """Every flight of the agents that the environment has."""
-        for agent in self.study.agents:
-            if agent.environments and self.environment not in agent.environments:
-                continue
+        env = self.environment
+        conditions = [c for c in self.study.conditions if c.is_in(env)]
+        for agent in (agent for agent in self.study.agents if agent.is_in(env)):
             acts = is_controller(agent.kind, self.system) or os.path.isfile(agent.kind)
             if not agent.learned and not acts:
                 self._skip(agent.name, unknown_controller(agent.kind, self.system))
@@ -124,76 +119,63 @@ class _EnvironmentPlan:
             policies = list(self._policies(agent))
             if not policies:
                 self._skip(agent.name, "no estimator that it is trained on can be used here")
-            for condition in self.study.conditions:
-                if condition.is_in(self.environment):
-                    for policy in policies:
-                        yield from self._flights_of(agent, condition, *policy)
+            seen = [_RAW_MEASUREMENTS] if agent.raw else list(self.estimators.values())
+            for condition, (policy, home, run, training) in product(conditions, policies):
+                for each in seen:
+                    if not agent.flown_on or each.name in (home, *agent.flown_on):
+                        job = self._fly(agent, condition, each, training)
+                        at = env, condition.name, policy, each.name, run, each.name == home
+                        yield Flight(*at, job)
 
     def _policies(self, agent: Agent) -> Iterator[tuple[str, str, int, Job | None]]:
         """Name, home estimator, run and training of every policy of an agent."""
         if not agent.learned:
             yield agent.name, self.system.estimator, 0, None
             return
-        known = {RAW: _RAW_MEASUREMENTS} if agent.raw else {e.name: e for e in self.estimators}
+        known = {RAW: _RAW_MEASUREMENTS} if agent.raw else self.estimators
         schools = (RAW,) if agent.raw else agent.trained_on
         for school, run in product(schools, range(self.study.training_seeds)):
-            if self._real(school) in known:
-                home = known[self._real(school)]
+            if home := known.get(self._real(school)):
                 yield agent.policy(school), home.name, run, self._train(agent, home, run)
 
-    def _flights_of(
-        self, agent: Agent, condition: Condition, policy: str, home: str, run: int, job: Job | None
-    ) -> Iterator[Flight]:
-        """The flights of a policy in a condition."""
-        for each in [_RAW_MEASUREMENTS] if agent.raw else self.estimators:
-            if not agent.flown_on or each.name in (home, *agent.flown_on):
-                flight = self._fly(agent, condition, each, job)
-                at_home = each.name == home
-                yield Flight(
-                    self.environment, condition.name, policy, each.name, run, at_home, flight
-                )
+    def _world(
+        self, agent: Agent, condition: Condition, estimator: Estimator, controller: str
+    ) -> dict[str, Any]:
+        """Arguments of a job: the environment, its options, and the source of the user's own.
 
-    def _options(self, agent: Agent, condition: Condition, estimator: Estimator) -> dict[str, Any]:
-        """The options of the environment for an agent, with those that decide what it is shown."""
+        Options are also those that decide what the agent is shown.
+        """
         chosen = options(self.study, condition, estimator, self.environment)
-        guidance = {} if agent.guidance is None else {"guidance": agent.guidance}
-        return chosen | ({"observe": agent.observe} | guidance if agent.learned else {})
+        if agent.learned:
+            guidance = {} if agent.guidance is None else {"guidance": agent.guidance}
+            chosen |= {"observe": agent.observe} | guidance
+        names = estimator.estimator, condition.sensors, condition.disturbance
+        texts = [name for name in names if isinstance(name, str)]
+        own = digests(self.environment, controller, *texts)
+        return {"environment": self.environment, "options": chosen, "own": own}
 
     def _train(self, agent: Agent, school: Estimator, seed: int) -> Job:
-        env, first = self.environment, self.study.conditions[0]
-        steps = agent.steps.get(env)
-        described = describe(environment_id(env), None, seed, steps, agent.memory, agent.settings)
-        arguments = {
-            "environment": env,
-            "options": self._options(agent, first, school),
-            "memory": agent.memory,
-            "changed": agent.settings,
-            "steps": steps,
-            "seed": seed,
-            "settings": {key: described[key] for key in ("hyperparameters", "versions")},
-            "own": digests(env, school.estimator, *first.own),
-        }
+        env = self.environment
+        asked = seed, agent.steps.get(env), agent.memory, agent.settings
+        described = describe(environment_id(env), None, *asked)
+        arguments = self._world(agent, self.study.conditions[0], school, "")
+        arguments |= {"seed": seed, "steps": asked[1], "memory": agent.memory}
+        arguments |= {key: described[key] for key in ("hyperparameters", "versions")}
         label = f"train {agent.name} on {school.name} in {env}"
         return Job("agents.studies.training:train_agent", arguments, label, artifact=".npz")
 
     def _fly(
         self, agent: Agent, condition: Condition, estimator: Estimator, training: Job | None
     ) -> Job:
-        env, study = self.environment, self.study
         controller = "checkpoint" if training else agent.kind
-        own = digests(env, estimator.estimator, controller, *condition.own)
-        arguments = {
-            "environment": env,
-            "options": self._options(agent, condition, estimator),
+        arguments = self._world(agent, condition, estimator, controller) | {
             "agent": controller,
-            "first_seed": study.first_seed,
-            "episodes": study.episodes,
-            "own": own | registered(env, controller),
+            "first_seed": self.study.first_seed,
+            "episodes": self.study.episodes,
+            "metrics": self.metrics,
         }
-        if not self.metrics:
-            arguments["metrics"] = False
-        elif not training and condition == study.conditions[0]:
+        if self.metrics and not training and condition == self.study.conditions[0]:
             arguments["timed_beside"] = ORACLE
-        label = f"{agent.name if training else controller} on {estimator.name} in {env}"
-        label += f", {condition.name}"
+        name = agent.name if training else controller
+        label = f"{name} on {estimator.name} in {self.environment}, {condition.name}"
         return Job("agents.studies.flying:fly", arguments, label, (training,) if training else ())

@@ -1,8 +1,10 @@
 """Records of a study: what is compared, where, by which agents and in which conditions."""
 
-from dataclasses import asdict, dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
+from agents.page import listed
 from agents.seeds import evaluation_seeds
 
 ORACLE, FLOOR = "truth", "dead-reckoning"
@@ -15,8 +17,22 @@ FEW_SEEDS = 5
 """Below so many training seeds an interval over them says little."""
 
 
+def beyond_the_truth(found: Sequence[str], who: str) -> str:
+    """A warning that an agent scores more on some estimators than on the truth, beyond chance."""
+    text = "beats the truth beyond chance: check the task's score, and what its reward pays for"
+    return f"On {listed(found)} {who} {text}."
+
+
+class _Somewhere:
+    environments: tuple[str, ...]
+
+    def is_in(self, environment: str) -> bool:
+        """Is it used in an environment?"""
+        return not self.environments or environment in self.environments
+
+
 @dataclass(frozen=True)
-class Estimator:
+class Estimator(_Somewhere):
     """An estimator of a study.
 
     Attributes:
@@ -34,7 +50,7 @@ class Estimator:
 
 
 @dataclass(frozen=True)
-class Agent:
+class Agent(_Somewhere):
     """An agent of a study.
 
     Attributes:
@@ -89,7 +105,7 @@ class Agent:
 
 
 @dataclass(frozen=True)
-class Condition:
+class Condition(_Somewhere):
     """A condition of the world.
 
     Attributes:
@@ -115,25 +131,13 @@ class Condition:
     faults: tuple[dict[str, Any], ...] = ()
     environments: tuple[str, ...] = ()
 
-    def is_in(self, environment: str) -> bool:
-        """Is it flown in an environment?"""
-        return not self.environments or environment in self.environments
-
-    @property
-    def own(self) -> tuple[str, ...]:
-        """Names that may be the user's own."""
-        return tuple(n for n in (self.sensors, self.disturbance) if isinstance(n, str))
-
     @property
     def options(self) -> dict[str, Any]:
         """As options of an environment, see `agents.studies.worlds.environment_options`."""
-        chosen = {
-            "sensors": self.sensors,
-            "disturbance": self.disturbance,
-            "mismatch": self.mismatch,
-        }
+        names = ("sensors", "disturbance", "mismatch")
         at_sea = {"latency": self.latency, "faults": list(self.faults)}
-        return chosen | {key: value for key, value in at_sea.items() if value}
+        more = {key: value for key, value in at_sea.items() if value}
+        return {name: getattr(self, name) for name in names} | more
 
 
 @dataclass(frozen=True)
@@ -174,7 +178,3 @@ class Study:
     def learned(self) -> bool:
         """True if anything has to be trained."""
         return any(agent.learned for agent in self.agents)
-
-    def resolved(self) -> dict[str, Any]:
-        """Every setting as plain data."""
-        return asdict(self)

@@ -2,46 +2,31 @@
 
 import platform
 from collections.abc import Mapping, Sequence
-from importlib import metadata
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
-import vessel_gym
 from agents.episodes import Episode
 from agents.files import replacing
+from agents.jobs import versions
 from agents.metrics import NEES, SCORE, UNHEALTHY, Metric, mean, metrics
 from agents.page import Block, bullets, frame, listed, many, picture, table, text, write_page
 from agents.plotting import data_uri
-from agents.source import source_digest
-from agents.statistics import Interval
+from agents.statistics import mean_interval
 from agents.studies.answer import (
     answer,
     conditions_table,
-    groups,
     markdown,
     ranking_table,
     summary,
     to_copy,
 )
-from agents.studies.examples import examples
 from agents.studies.figures import robustness_figure, shares_figure
 from agents.studies.records import FEW_SEEDS, ORACLE
-from agents.studies.results import FLIGHT, Results
-from agents.studies.shares import (
-    gap,
-    interval,
-    kept,
-    rankable,
-    ruled,
-    shares,
-    verdicts,
-)
+from agents.studies.results import Results
+from agents.studies.shares import ALL, kept, rankings
 from agents.studies.worlds import system_of
 from vessel_gym.extras import require
-
-_LIBRARIES = ("numpy", "scipy", "llvmlite", "gymnasium", "torch", "stable-baselines3")
 
 
 def write_report(results: Results, out: Path, pages: Mapping[str, dict[str, object]]) -> Path:
@@ -82,14 +67,14 @@ def write_report(results: Results, out: Path, pages: Mapping[str, dict[str, obje
 
 def _ranked(results: Results) -> list[Block]:
     """Blocks about the share kept in all conditions together."""
-    if not (columns := groups(results)):
+    if not (columns := rankings(results)):
         return []
-    margin, (head, column) = results.plan.study.margin, next(iter(columns.items()))
+    margin, (head, ranking) = results.plan.study.margin, next(iter(columns.items()))
     return [
         table("To copy", to_copy(results).set_index("where")),
         table(
             f"The best estimators for {results.who}{', ' + head if len(columns) > 1 else ''}",
-            summary(results, column),
+            summary(ranking),
             f"Means over conditions and evaluation seeds with 95 % intervals for other seeds: the"
             f" share kept of {ORACLE} over dead reckoning, the score lost against {ORACLE},"
             " completed episodes, and the mean score of the worst tenth of them.",
@@ -119,28 +104,27 @@ def _ranked(results: Results) -> list[Block]:
 
 
 def _differences(results: Results) -> pd.DataFrame:
-    columns = {}
-    for head, column in groups(results).items():
-        ranked = rankable(results, column)
-        best, found = next(iter(ranked)), verdicts(results, column, ranked)
-        columns[head] = {n: f"{text(gap(ranked, n, best), 3, True)}, {found[n]}" for n in found}
-    order = ranking_table(results).index
-    return pd.DataFrame(columns, index=order).dropna(how="all").fillna("–")
+    columns = {
+        head: {
+            name: f"{text(ranking.gap(name, ranking.best), 3, True)}, {word}"
+            for name, word in ranking.verdicts.items()
+        }
+        for head, ranking in rankings(results).items()
+    }
+    return pd.DataFrame(columns).fillna("–").rename_axis("estimator")
 
 
 def _environments(results: Results) -> list[Block]:
     """The tables of each environment: conditions, costs, consistency and CPU time."""
-    blocks = []
+    blocks, ranked = [], rankings(results)
     for environment in results.environments:
         first = results.conditions(environment)[0]
-        unit = "Share kept" if environment in ruled(results) else "Score"
+        unit = "share kept" if environment in ranked else "score"
         note = f"Of {results.who}; 95 % intervals over evaluation seeds, each for itself."
-        blocks.append(
-            table(f"{environment}: {unit.lower()}", conditions_table(results, environment), note)
-        )
+        blocks.append(table(f"{environment}: {unit}", conditions_table(results, environment), note))
         chosen = [SCORE, *(m for m in metrics(system_of(environment)) if m.cost)]
         meanings = " ".join(f"{m.label}: {m.meaning}" for m in chosen)
-        if (environment, first, results.classical, ORACLE, 0) in results.wide("score").index:
+        if (environment, first) in results.rows(results.wide("score"), ORACLE).index:
             blocks.append(
                 table(
                     f"{environment}: costs, {first}",
@@ -154,9 +138,10 @@ def _environments(results: Results) -> list[Block]:
                 f"{environment}: consistency and CPU time, {first}",
                 consistency(results, environment),
                 f"{NEES.label}: {NEES.meaning} In band: share of times at which NEES and NIS lie in"
-                " their 95 % chi-square bands. Diverged: episodes in which the truth was beyond the"
-                f" filter's bounds for half of the time. {UNHEALTHY.label}: {UNHEALTHY.meaning} CPU"
-                " time of a step, vehicle and agent included: in a batch, and one vehicle alone.",
+                " their 95 % chi-square bands. Diverged: share of episodes in which the truth was"
+                " beyond the filter's bounds for half of the time."
+                f" {UNHEALTHY.label}: {UNHEALTHY.meaning} CPU time of a step, vehicle and agent"
+                " included: in a batch, and one vehicle alone.",
             )
         )
     return blocks
@@ -164,25 +149,18 @@ def _environments(results: Results) -> list[Block]:
 
 def costs(results: Results, environment: str, chosen: Sequence[Metric]) -> pd.DataFrame:
     """Score and costs of the classical agent in the first condition, beyond those on the truth."""
-    rows, place = {}, (environment, results.conditions(environment)[0])
-    for estimator in (ORACLE, *(n for n in results.estimators(environment) if n != ORACLE)):
-        cells = {}
-        for m in chosen:
-            wide = results.wide(m.key)
-            ours, truth = (results.flight(wide, *place, name) for name in (estimator, ORACLE))
-            if ours is None or truth is None:
-                break
-            value: Interval | float | None = None
-            if estimator == ORACLE:
-                value = mean(m, ours)
-            else:
-                more = ours - truth
-                more = more[:, np.isfinite(more).all(axis=0)]
-                value = interval(results, results.classical, more) if more.size else value
-            cells[_head(m)] = text(value, m.decimals, estimator != ORACLE)
-        if cells:
-            rows[estimator] = cells
-    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("estimator")
+    columns, place = {}, (environment, results.conditions(environment)[0])
+    for m in chosen:
+        each = {
+            name: rows.loc[place].to_numpy()
+            for name in results.estimators(environment)
+            if place in (rows := results.rows(results.wide(m.key), name)).index
+        }
+        truth = each.pop(ORACLE)
+        column = columns[_head(m)] = {ORACLE: text(mean(m, truth[None]), m.decimals)}
+        for name, ours in each.items():
+            column[name] = text(mean_interval(ours - truth), m.decimals, True)
+    return pd.DataFrame(columns).rename_axis("estimator")
 
 
 def _head(metric: Metric) -> str:
@@ -191,46 +169,36 @@ def _head(metric: Metric) -> str:
 
 def consistency(results: Results, environment: str) -> pd.DataFrame:
     """Claimed uncertainty of the classical agent's estimators in the first condition, and times."""
-    first = results.conditions(environment)[0]
-    here = results.table.set_index(FLIGHT).sort_index()
-    rows = {}
-    for name in results.estimators(environment):
-        if (flight := (environment, first, results.classical, name, 0)) not in here.index:
-            continue
-        own = here.loc[[flight]]
-        claims = own[NEES.key].notna().any()
-        count = f"{int(own.diverged.sum())} of {len(own)}"
-        cells = {_head(m): text(mean(m, own[m.key].to_numpy(float)[None]), m.decimals)
-                 for m in (SCORE, NEES)}  # fmt: skip
-        cells |= {"NEES in band": text(own.nees_in_band.iloc[0], 2)}
-        cells |= {"NIS in band": text(own.nis_in_band.iloc[0], 2)}
-        cells |= {"Diverged": count if claims else "–"}
-        failed = own[UNHEALTHY.key].to_numpy(float)[None] if UNHEALTHY.key in own else None
-        cells |= {_head(UNHEALTHY): "–" if failed is None else text(mean(UNHEALTHY, failed), 1)}
-        times = results.timings.get((environment, name), [])
-        for label, k in (("batch [µs]", 0), ("alone [µs]", -1)):
-            cells[label] = text(times[k][1], 1) if times else "–"
-        rows[name] = cells
-    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("estimator")
+    table, first = results.table, results.conditions(environment)[0]
+    here = (table.environment == environment) & (table.condition == first)
+    own = table[here & (table.policy == results.classical)].groupby("estimator", sort=False)
+    columns = {NEES.key: NEES.label, "nees_in_band": "NEES in band", "nis_in_band": "NIS in band"}
+    columns |= {"diverged": "Diverged", UNHEALTHY.key: UNHEALTHY.label}
+    found = own[[key for key in columns if key in table]].mean().rename(columns=columns)
+    for name, timing in results.timings.items():
+        if name[0] == environment:
+            times = [1e6 * own for _, own, _ in timing]
+            found.loc[name[1], ["batch [µs]", "alone [µs]"]] = times
+    return found.map(lambda value: text(value, 2))
 
 
 def _learned(results: Results) -> list[Block]:
     """Shares that learned policies keep, at home and on other estimators."""
     rows = {}
     for policy in results.learned:
-        environments = [e for e in ruled(results) if shares(results, [e], policy) is not None]
+        shares = {e: kept(results, e, policy) for e in rankings(results) if e != ALL}
         flown = results.table[results.table.policy == policy].estimator.unique()
-        for estimator in (None, *(flown if len(flown) > 1 else ())):
-            cells = {e: text(kept(results, [e], policy, estimator), 3) for e in environments}
-            rows[policy, estimator or "that of its training"] = cells
-    if not any(rows.values()):
+        rows[policy, "that of its training"] = shares
+        for estimator in flown if len(flown) > 1 else ():
+            rows[policy, estimator] = {e: kept(results, e, policy, estimator) for e in shares}
+    found = pd.DataFrame.from_dict(rows, orient="index").dropna(axis=1, how="all")
+    if found.empty:
         return []
     runs = results.plan.study.training_seeds
     few = " Fewer than five runs say little of what another training would give."
-    index = pd.MultiIndex.from_tuples(list(rows), names=["policy", "estimator"])
-    found = pd.DataFrame(list(rows.values()), index=index).fillna("–")
     note = f"Means over {many(runs, 'training run')}, conditions and evaluation seeds, with 95 %"
     note += " intervals for other runs on other seeds. Policies learn in the first condition."
+    found = found.map(lambda share: text(share, 3)).rename_axis(["policy", "estimator"])
     return [table("Share kept by learned agents", found, note + few * (runs < FEW_SEEDS))]
 
 
@@ -243,16 +211,14 @@ def _episode(results: Results, environment: str, page: dict[str, object]) -> Blo
 
 def _left_out(results: Results) -> list[Block]:
     """Estimators and agents that an environment refuses, and jobs that failed."""
-    found = []
-    for reason in dict.fromkeys(each.reason for each in results.plan.skipped):
-        each = [f"{s.what} in {s.environment}" for s in results.plan.skipped if s.reason == reason]
-        found.append(f"{listed(each)}: {reason}.")
-    jobs = [*results.plan.jobs, *examples(results.plan).values()]
-    labels = {job.key: job.label for last in jobs for job in (*last.needs, last)}
-    for key, why in results.failures.items():
-        last = (why.strip().splitlines() or ["no reason given"])[-1]
-        found.append(f"{labels.get(key, key)} failed: {last}")
-    return [bullets("Left out and failed", list(dict.fromkeys(found)))] if found else []
+    refused: dict[str, list[str]] = {}
+    for each in results.plan.skipped:
+        refused.setdefault(each.reason, []).append(f"{each.what} in {each.environment}")
+    found = [f"{listed(names)}: {reason}." for reason, names in refused.items()]
+    for why in results.outcome.failures.values():
+        label, _, reason = why.strip().partition(": ")
+        found.append(f"{label} failed: {reason.splitlines()[-1]}")
+    return [bullets("Left out and failed", found)] if found else []
 
 
 def _limits(results: Results) -> Block:
@@ -273,22 +239,16 @@ def _limits(results: Results) -> Block:
 
 def _run(results: Results, out: Path) -> Block:
     """All that is needed to run the study again; its settings are in the files beside the page."""
-    study = results.plan.study
-    jobs = [each for job in results.plan.jobs for each in (job, *job.needs)]
-    modules = sorted({job.function.partition(":")[0] for job in jobs})
-    versions = {"vessel-gym": vessel_gym.__version__}
-    for name in _LIBRARIES:
-        try:
-            versions[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            continue
-    minutes = sum(results.seconds.values()) / 60.0
+    study, found = results.plan.study, versions()
+    for training in (need for job in results.plan.jobs for need in job.needs):
+        found = found | training.arguments["versions"]
+    minutes = sum(results.outcome.seconds.values()) / 60.0
     return bullets("To run it again", [
         f"vessel-gym ablate {out}/study.toml --out {out}",
         f"Evaluation seeds {study.seeds[0]} to {study.seeds[-1]}, termination {study.termination},"
-        f" margin of equivalence {study.margin:g}; every setting is in study.json.",
+        f" margin of equivalence {study.margin:g}; every setting is in study.json, and the source"
+        " that each result depends on in jobs.",
         f"{platform.system()} {platform.machine()}, Python {platform.python_version()}, "
-        + ", ".join(f"{name} {version}" for name, version in versions.items()),
-        f"{minutes:.1f} CPU minutes for {len(results.seconds)} jobs",
-        *(f"SHA-256 of {name} and what it imports: {source_digest(name)}" for name in modules),
+        + ", ".join(f"{name} {version}" for name, version in found.items()),
+        f"{minutes:.1f} CPU minutes for {len(results.outcome.seconds)} jobs",
     ])  # fmt: skip

@@ -1,10 +1,8 @@
 """Results of a study as one long table, and the share of the oracle's performance in it."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-import numpy as np
 import pandas as pd
 
 from agents.controllers import AUTOPILOT
@@ -22,31 +20,15 @@ def long_table(plan: Plan, outcome: Outcome) -> pd.DataFrame:
     """One row an episode: `FLIGHT`, seed, how it ended, score and every other metric of its task.
 
     ``home`` is true where the policy was trained on that estimator, or it is the environment's
-    default; ``completed`` where the episode ended as the task asks; ``diverged`` where the truth
-    was beyond the filter's bounds for half of the time. ``nees_in_band`` and ``nis_in_band`` are those
-    of the flight, see `agents.studies.flying.fly`. What an episode does not have is NaN.
+    default. The other columns are those of `agents.studies.flying.fly`. What an episode does not
+    have is NaN.
     """
-    seeds = plan.study.seeds
-    found = []
+    found = [pd.DataFrame(columns=[*FLIGHT, "home", "seed", "score"])]
     for f in plan.flights:
-        if (values := outcome.values.get(f.job.key)) is None:
-            continue
-        ends = np.array(values["ends"], object)
-        rows = {name: getattr(f, name) for name in (*FLIGHT, "home")} | {"seed": seeds}
-        rows |= {"end": ends, "completed": ends == system_of(f.environment).task.success}
-        rows |= {"diverged": values["diverged"]}
-        rows |= {name: _number(values[name]) for name in ("nees_in_band", "nis_in_band")}
-        found.append(pd.DataFrame(rows | {k: _floats(v) for k, v in values["figures"].items()}))
-    empty = pd.DataFrame(columns=[*FLIGHT, "home", "seed", "score"])
-    return pd.concat(found, ignore_index=True) if found else empty
-
-
-def _number(value: float | None) -> float:
-    return np.nan if value is None else value
-
-
-def _floats(values: Sequence[float | None]) -> np.ndarray:
-    return np.array(values, float)
+        if values := outcome.values.get(f.job.key):
+            rows = {name: getattr(f, name) for name in (*FLIGHT, "home")}
+            found.append(pd.DataFrame(rows | {"seed": plan.study.seeds} | values["episodes"]))
+    return pd.concat(found[1:] or found, ignore_index=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,35 +38,28 @@ class Results:
     Attributes:
         plan: What was asked.
         table: See `long_table`.
-        timings: What `agents.studies.flying.step_times` gave, by environment and estimator: rows of
-            a batch, CPU time [µs] of a step on the estimator, and of one on the truth beside it.
-        failures: Why jobs have no result, by their keys.
-        seconds: CPU seconds of jobs, by their keys.
+        outcome: CPU seconds of jobs, failures, and what the table lacks of their values.
     """
 
     plan: Plan
     table: pd.DataFrame
-    timings: dict[tuple[str, str], list[tuple[int, float, float]]] = field(default_factory=dict)
-    failures: dict[str, str] = field(default_factory=dict)
-    seconds: dict[str, float] = field(default_factory=dict)
+    outcome: Outcome = field(default_factory=Outcome)
 
     @classmethod
     def of(cls, plan: Plan, outcome: Outcome) -> "Results":
         """The results of a run."""
-        timings = {}
-        for f in plan.flights:
-            if times := outcome.values.get(f.job.key, {}).get("timing"):
-                each = [(rows, 1e6 * own, 1e6 * truth) for rows, own, truth in times]
-                timings[f.environment, f.estimator] = each
-        table = long_table(plan, outcome)
-        return cls(plan, table, timings, outcome.failures, outcome.seconds)
+        return cls(plan, long_table(plan, outcome), outcome)
+
+    @cached_property
+    def timings(self) -> dict[tuple[str, str], list[tuple[int, float, float]]]:
+        """Result of `agents.studies.flying.step_times`, by environment and estimator."""
+        values = [(f, self.outcome.values.get(f.job.key, {})) for f in self.plan.flights]
+        return {(f.environment, f.estimator): v["timing"] for f, v in values if "timing" in v}
 
     @property
     def missing(self) -> list[Flight]:
         """Flights that have no result."""
-        there = set(self.wide("score").index)
-        names = [tuple(getattr(f, name) for name in FLIGHT) for f in self.plan.flights]
-        return [f for f, name in zip(self.plan.flights, names, strict=True) if name not in there]
+        return [f for f in self.plan.flights if f.job.key not in self.outcome.values]
 
     @cached_property
     def environments(self) -> list[str]:
@@ -105,8 +80,7 @@ class Results:
     def learned(self) -> list[str]:
         """Policies that learned, in the order of the study."""
         names = [name for agent in self.plan.study.agents for name in agent.policies]
-        there = set(self.table.policy)
-        return [name for name in names if name in there]
+        return [name for name in names if name in set(self.table.policy)]
 
     def conditions(self, environment: str) -> list[str]:
         """The conditions of an environment, in the order of the study."""
@@ -116,9 +90,7 @@ class Results:
         """Estimators that the classical agent was steered on, in the order of the study."""
         own = self.table[self.table.policy == self.classical]
         there = own if environment is None else own[own.environment == environment]
-        order = [e.name for e in self.plan.study.estimators]
-        names = there.estimator.unique()
-        return sorted(names, key=lambda n: order.index(n) if n in order else len(order))
+        return list(there.estimator.unique())
 
     # --- a flight a row, a seed a column ----------------------------------------------------------
 
@@ -133,63 +105,37 @@ class Results:
     def _wide(self) -> dict[str, pd.DataFrame]:
         return {}
 
-    @cached_property
-    def kept(self) -> pd.DataFrame:
-        """Share of the oracle's performance that is kept, as `wide`; places without a scale lack.
+    def rows(self, wide: pd.DataFrame, estimator: str, policy: str | None = None) -> pd.DataFrame:
+        """Rows of a frame such as `wide` by environment and condition, and by run for a policy.
 
-        A place is an environment in a condition; it has a scale if the classical agent was steered
-        on both ends there, and scored higher on the oracle.
+        They are those of a policy on an estimator, or of the classical agent, which has one run.
         """
-        found = [self.wide("score").iloc[:0].astype(float)]
-        for _, place in self.wide("score").groupby(FLIGHT[:2], sort=False):
-            if (ends := self._ends(place)) is None:
-                continue
-            for _, runs in place.groupby(FLIGHT[2:4], sort=False):
-                shares = normalise(runs.to_numpy(), *ends)
-                found.append(pd.DataFrame(shares, runs.index, runs.columns))
-        return pd.concat(found)
-
-    def _ends(self, place: pd.DataFrame) -> tuple[np.ndarray, np.ndarray] | None:
-        """Scores ``(seeds,)`` of the classical agent on `FLOOR` and `ORACLE`, if they are a scale."""
-        own = place[place.index.get_level_values("policy") == self.classical].droplevel(
-            [0, 1, 2, 4]
-        )
-        if FLOOR not in own.index or ORACLE not in own.index:
-            return None
-        low, high = own.loc[FLOOR].to_numpy(), own.loc[ORACLE].to_numpy()
-        return (low, high) if high.mean() > low.mean() else None
+        of = wide.index.get_level_values
+        own = wide[(of("estimator") == estimator) & (of("policy") == (policy or self.classical))]
+        return own.droplevel(FLIGHT[2:4] if policy else FLIGHT[2:])
 
     @cached_property
     def scales(self) -> pd.DataFrame:
-        """Score on the truth minus that on dead reckoning, a row for each place with a scale."""
-        found = {}
-        for name, place in self.wide("score").groupby(FLIGHT[:2], sort=False):
-            if ends := self._ends(place):
-                found[name] = ends[1] - ends[0]
-        index = pd.MultiIndex.from_tuples(list(found), names=FLIGHT[:2])
-        return pd.DataFrame(list(found.values()), index=index)
+        """Score on the truth minus that on dead reckoning, a row for each place with a scale.
+
+        A place is an environment in a condition. It has a scale if the classical agent was steered
+        on both ends there, and scored higher on the truth.
+        """
+        low, high = (self.rows(self.wide("score"), name) for name in (FLOOR, ORACLE))
+        scales = (high - low).dropna()
+        return scales[scales.mean(axis=1) > 0.0]
 
     @cached_property
-    def shares(self) -> dict[tuple[str, str, str], pd.DataFrame]:
-        """Share kept by each run (row) at each seed, by environment, policy and estimator.
-
-        Means over the conditions of the environment that have a scale; runs that lack one are left
-        out.
-        """
-        each = self.kept.groupby([n for n in FLIGHT if n != "condition"], sort=False)
-        conditions = self.scales.groupby(level="environment").size()
-        there = each.size()
-        wanted = conditions.reindex(there.index.get_level_values("environment"))
-        means = each.mean()[there.to_numpy() == wanted.to_numpy()]
-        levels = ["environment", "policy", "estimator"]
-        return {key: rows.droplevel(levels) for key, rows in means.groupby(level=levels)}
-
-    def flight(
-        self, wide: pd.DataFrame, environment: str, condition: str, estimator: str
-    ) -> np.ndarray | None:
-        """Row ``(1, seeds)`` of the classical agent in a frame such as `wide`; None if not there."""
-        name = environment, condition, self.classical, estimator, 0
-        return wide.loc[[name]].to_numpy() if name in wide.index else None
+    def kept(self) -> pd.DataFrame:
+        """Share of the performance on the truth that is kept, as `wide`, where there is a scale."""
+        score = self.wide("score")
+        low, found = self.rows(score, FLOOR), [score.iloc[:0]]
+        for name, runs in score.groupby(FLIGHT[:4], sort=False):
+            if (place := name[:2]) in self.scales.index:
+                floor, scale = low.loc[place].to_numpy(), self.scales.loc[place].to_numpy()
+                shares = normalise(runs.to_numpy(), floor, floor + scale)
+                found.append(pd.DataFrame(shares, runs.index, runs.columns))
+        return pd.concat(found)
 
     def home(self, environment: str, policy: str) -> str:
         """The home estimator of a policy, see `agents.studies.plan.Flight`."""

@@ -4,7 +4,8 @@ Everything is a mean over training runs and evaluation seeds, with the one inter
 `agents.statistics`; conditions of an environment count alike, and so do environments.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from functools import cached_property, lru_cache
 from math import comb
 
 import numpy as np
@@ -25,211 +26,174 @@ from agents.studies.results import Results
 
 ENDS = (ORACLE, FLOOR)
 """Estimators whose share is 1 and 0 by definition."""
-
-Ranked = Mapping[str, np.ndarray]
-"""Share kept at each evaluation seed ``(seeds,)`` by estimator, the best first."""
+ALL = "All"
+"""Name of the ranking over all environments together."""
 
 
 def shares(
-    results: Results, environments: Sequence[str], policy: str, estimator: str | None = None
-) -> np.ndarray | None:
-    """Share kept ``(runs, seeds)`` on an estimator, or (None) on the home estimators of a policy.
-
-    None if no run has all environments in all conditions that have a scale.
-    """
-    found = _shares(results, environments, policy, estimator)
-    return found.to_numpy() if len(found) else None
-
-
-def _shares(
-    results: Results, environments: Sequence[str], policy: str, estimator: str | None
+    results: Results, environments: Sequence[str], policy: str, estimator: str
 ) -> pd.DataFrame:
-    """Means over environments of `Results.shares`, a row for each run that has all of them."""
-    keys = [(e, policy, estimator or results.home(e, policy)) for e in environments]
-    if not all(key in results.shares for key in keys):
-        return pd.DataFrame()
-    each = pd.concat([results.shares[key] for key in keys]).groupby(level=0, sort=False)
-    return each.mean()[each.size() == len(keys)]
+    """Share that a policy keeps on an estimator, a row for each run.
 
-
-def paired_shares(
-    results: Results,
-    environments: Sequence[str],
-    one: tuple[str, str | None],
-    other: tuple[str, str | None],
-) -> np.ndarray | None:
-    """Shares of one policy minus those of another, each on an estimator ``(runs, seeds)``.
-
-    Runs of one training seed are paired, and the classical agent is paired with each. None if
-    nothing pairs.
+    Means over environments of means over their conditions that have a scale; runs that lack one of
+    these are left out.
     """
-    ours, theirs = (_shares(results, environments, *each) for each in (one, other))
-    if other[0] == results.classical and len(theirs):
-        return ours.to_numpy() - theirs.to_numpy() if len(ours) else None
-    both = [run for run in ours.index if run in theirs.index]
-    return (ours.loc[both] - theirs.loc[both]).to_numpy() if both else None
+    own = results.rows(results.kept, estimator, policy)
+    own = own[own.index.get_level_values("environment").isin(environments)]
+    whole = own.groupby("run", sort=False).size() == len(results.scales.loc[list(environments)])
+    each = own.groupby(["environment", "run"], sort=False).mean()
+    return each.groupby("run", sort=False).mean()[whole]
 
 
 def interval(
     results: Results, policy: str, values: np.ndarray, comparisons: int = 1
 ) -> Interval | float | None:
-    """The mean of ``(runs, seeds)`` with its interval; a number for one training run."""
+    """The mean of ``(runs, seeds)`` with its interval; one training run has none: a number."""
     if policy in results.learned and len(values) == 1:
         return float(values.mean())
-    return crossed_interval(values, comparisons)
+    return crossed_interval(values, comparisons) if len(values) else None
 
 
 def kept(
-    results: Results,
-    environments: Sequence[str],
-    policy: str,
-    estimator: str | None,
-    among: int = 1,
+    results: Results, environment: str, policy: str, estimator: str | None = None
 ) -> Interval | float | None:
-    """Share that a policy keeps; a number where one training run has no interval.
-
-    The interval of the best of several holds only if theirs hold all at once: ``among`` is their
-    number.
-    """
-    found = shares(results, environments, policy, estimator)
-    return None if found is None else interval(results, policy, found, among)
+    """Share that a policy keeps on an estimator, or (None) on that of its training."""
+    there = estimator or results.home(environment, policy)
+    return interval(results, policy, shares(results, [environment], policy, there).to_numpy())
 
 
 # --- estimators of the classical agent ------------------------------------------------------------
 
 
-def rankable(results: Results, environments: Sequence[str]) -> dict[str, np.ndarray]:
-    """Share kept by the classical agent at each seed ``(seeds,)``, by estimator that all have.
+class Ranking:
+    """Estimators of the classical agent that some environments have in common, the best first.
 
-    The best first, without the ends.
+    The ends of the scale have no place in it. Intervals of shares hold for all its estimators at
+    once, because the best is seen in the same episodes.
+
+    Attributes:
+        shares: Share kept at each evaluation seed ``(seeds,)`` by estimator.
     """
-    names = (name for name in results.estimators() if name not in ENDS)
-    each = {name: shares(results, environments, results.classical, name) for name in names}
-    found = {name: values[0] for name, values in each.items() if values is not None}
-    return dict(sorted(found.items(), key=lambda item: -float(item[1].mean())))
+
+    def __init__(self, results: Results, environments: Sequence[str]) -> None:
+        self.results, self.environments = results, list(environments)
+        each = {name: self._shares(name) for name in results.estimators() if name not in ENDS}
+        found = [(name, values[0]) for name, values in each.items() if len(values)]
+        self.shares = dict(sorted(found, key=lambda item: -float(item[1].mean())))
+
+    def _shares(self, name: str) -> np.ndarray:
+        return shares(self.results, self.environments, self.results.classical, name).to_numpy()
+
+    @property
+    def best(self) -> str:
+        """The estimator on which most is kept."""
+        return next(iter(self.shares))
+
+    @property
+    def scales(self) -> pd.DataFrame:
+        """Rows of `Results.scales` of its environments."""
+        return self.results.scales.loc[self.environments]
+
+    def kept(self, name: str) -> Interval | None:
+        """Share kept on one of its estimators, or on an end of the scale."""
+        return crossed_interval(self._shares(name), max(len(self.shares), 1))
+
+    def price(self, name: str) -> Interval | None:
+        """Score lost against the truth at the same seed, a mean over all places with a scale.
+
+        The interval follows the skewness: most episodes cost little, and some much.
+        """
+        score = self.results.wide("score")
+        truth, ours = (self.results.rows(score, each) for each in (ORACLE, name))
+        lost = (truth - ours).loc[self.scales.index]
+        return skewed_interval(lost.mean().to_numpy(), len(self.shares))
+
+    def episodes(self, name: str) -> pd.DataFrame:
+        """Episodes of the classical agent on an estimator."""
+        table = self.results.table
+        own = (table.policy == self.results.classical) & (table.estimator == name)
+        return table[own & table.environment.isin(self.environments)]
+
+    def completed(self, name: str) -> Interval:
+        """Share [%] of episodes that end as the task asks."""
+        hits = self.episodes(name).groupby("seed").completed.mean()
+        return share_interval(float(hits.sum()), len(hits)).times(100.0)
+
+    def worst_decile(self, name: str) -> float:
+        """Mean score of the worst tenth of the episodes."""
+        scores = np.sort(self.episodes(name).score.to_numpy(float))
+        return float(scores[: -(-len(scores) // 10)].mean())
+
+    def gap(self, one: str, other: str) -> Interval | None:
+        """Difference of the shares kept on two estimators.
+
+        The 95 % hold for all pairs of the ranking at once: where all are equal, at most one study
+        in twenty tells any two apart.
+        """
+        pairs = comb(len(self.shares), 2)
+        return paired_difference(self.shares[one], self.shares[other], comparisons=pairs)
+
+    @cached_property
+    def verdicts(self) -> dict[str, str]:
+        """Verdict on each estimator but the best against the best, in their order.
+
+        Scores lie in [0, 1], so that shares differ by at most the inverse of the mean scale.
+        """
+        best, *others = self.shares
+        span = float((1.0 / self.scales.mean(axis=1)).mean())
+        among = self.results.plan.study.margin, span, comb(len(self.shares), 2)
+        return {n: verdict(self.shares[n] - self.shares[best], *among) for n in others}
+
+    @cached_property
+    def cheapest(self) -> str:
+        """The best estimator, or one equivalent to it whose step takes least CPU time.
+
+        That is less by a tenth, beyond the noise. A time counts as a multiple of that on the truth,
+        measured in turns with it: jobs may run on several machines.
+        """
+        times, timings = {}, self.results.timings
+        alike = [name for name, word in self.verdicts.items() if word == EQUIVALENT]
+        for name in (self.best, *alike):
+            each = [timings[e, name][0] for e in self.environments if (e, name) in timings]
+            if len(each) < len(self.environments):
+                return self.best
+            times[name] = sum(own / truth for _, own, truth in each)
+        least = min(times, key=lambda name: times[name])
+        return least if times[least] < 0.9 * times[self.best] else self.best
+
+    def episodes_to_tell(self) -> float:
+        """Number of seeds that would tell what the best estimator keeps; 0 if those there are do.
+
+        They do if the scale's interval excludes zero and that of the share kept is no wider than
+        the scale (Fieller 1954: a ratio whose denominator may be zero has no bounded interval). So
+        many as make both half as wide, by their spread, and more than there are; NaN of one seed.
+        """
+        from scipy.special import ndtri
+
+        worth, best = self.scales.to_numpy().mean(axis=0), self.shares[self.best]
+        if len(best) < 2:
+            return float("nan")
+        needed, enough = 0.0, True
+        for values, half, among in ((worth, worth.mean(), 1), (best, 0.5, len(self.shares))):
+            found = mean_interval(values, among)
+            enough &= found is not None and found.half < half
+            quantile = ndtri(1.0 - 0.025 / among)
+            needed = max(needed, (2.0 * quantile * values.std(ddof=1) / half) ** 2)
+        return 0.0 if enough else float(max(np.ceil(needed), len(best) + 1))
 
 
-def ruled(results: Results) -> list[str]:
-    """The environments in which shares can be told of some estimator."""
-    scaled = results.scales.index.unique("environment") if len(results.scales) else ()
-    return [e for e in results.environments if e in scaled and rankable(results, [e])]
+@lru_cache(1)
+def rankings(results: Results) -> dict[str, Ranking]:
+    """Rankings that each column of a table stands for, by its head.
 
-
-def common(results: Results) -> dict[str, np.ndarray]:
-    """Shares that are `rankable` over all `ruled` environments; empty for fewer than two."""
-    environments = ruled(results)
-    ranked = rankable(results, environments) if len(environments) > 1 else {}
-    return ranked if len(ranked) > 1 else {}
-
-
-def price(
-    results: Results, environments: Sequence[str], policy: str, estimator: str, among: int = 1
-) -> Interval | float | None:
-    """Score lost against the truth at the same seed, a mean over all places that have a scale.
-
-    Of an agent that does not learn the interval follows the skewness: most episodes cost little,
-    and some much.
+    `ALL` is there if environments have several estimators in common; then each environment in
+    which an estimator can be ranked. A report asks for them several times.
     """
-    scores, places = results.wide("score"), results.scales.index
-    places = places[places.get_level_values("environment").isin(list(environments))]
-    found = []
-    for name in (ORACLE, estimator):
-        own = scores[(scores.index.get_level_values("estimator") == name)
-                     & (scores.index.get_level_values("policy") == policy)]  # fmt: skip
-        found.append(own.droplevel(["policy", "estimator"]))
-    truth, ours = found
-    lost = (truth - ours).dropna()
-    each = lost[lost.index.droplevel("run").isin(places)].groupby("run", sort=False)
-    lost = each.mean()[each.size() == len(places)]
-    if not len(lost) or not len(places):
-        return None
-    if policy not in results.learned:
-        return skewed_interval(lost.to_numpy()[0], among)
-    return interval(results, policy, lost.to_numpy(), among)
-
-
-def completed(results: Results, environments: Sequence[str], estimator: str) -> Interval | None:
-    """Share [%] of episodes of the classical agent that end as the task asks; None without any."""
-    rows = _episodes(results, environments, estimator)
-    if not len(rows):
-        return None
-    hits = rows.groupby("seed").completed.mean()
-    return share_interval(float(hits.sum()), len(hits)).times(100.0)
-
-
-def worst_decile(results: Results, environments: Sequence[str], estimator: str) -> float:
-    """Mean score of the worst tenth of the episodes of the classical agent; NaN without any."""
-    scores = np.sort(_episodes(results, environments, estimator).score.to_numpy(float))
-    return float(scores[: -(-len(scores) // 10)].mean()) if len(scores) else np.nan
-
-
-def _episodes(results: Results, environments: Sequence[str], estimator: str) -> pd.DataFrame:
-    table = results.table
-    own = (table.policy == results.classical) & (table.estimator == estimator)
-    return table[own & table.environment.isin(list(environments))]
-
-
-def gap(ranked: Ranked, one: str, other: str) -> Interval | None:
-    """Difference of the shares kept on two estimators.
-
-    The 95 % hold for all pairs of the ranked at once, because which of them is the best is seen in
-    the same episodes: where all are equal, at most one study in twenty tells any two apart.
-    """
-    return paired_difference(ranked[one], ranked[other], comparisons=comb(len(ranked), 2))
-
-
-def _scales(results: Results, environments: Sequence[str]) -> np.ndarray:
-    """Score on the truth minus that on dead reckoning ``(places, seeds)``."""
-    return results.scales.loc[list(environments)].to_numpy()
-
-
-def verdicts(results: Results, environments: Sequence[str], ranked: Ranked) -> dict[str, str]:
-    """Verdict on each estimator but the best against the best, in their order.
-
-    Scores lie in [0, 1], so that shares differ by at most the inverse of the mean scale.
-    """
-    best, *others = ranked
-    span = float(np.mean(1.0 / _scales(results, environments).mean(axis=1)))
-    pairs = comb(len(ranked), 2)
-    margin = results.plan.study.margin
-    return {n: verdict(ranked[n] - ranked[best], margin, span, pairs) for n in others}
-
-
-def cheapest(results: Results, environments: Sequence[str], ranked: Ranked) -> str:
-    """The best estimator, or one equivalent to it whose step takes least CPU time.
-
-    That is less by a tenth, beyond the noise. A time counts as a multiple of that on the truth,
-    measured in turns with it: jobs may run on several machines.
-    """
-    best, times = next(iter(ranked)), {}
-    found = verdicts(results, environments, ranked)
-    for name in (best, *(name for name in found if found[name] == EQUIVALENT)):
-        each = [results.timings[e, name][0] for e in environments if (e, name) in results.timings]
-        if len(each) < len(environments):
-            return best
-        times[name] = sum(own / truth for _, own, truth in each)
-    least = min(times, key=lambda name: times[name])
-    return least if times[least] < 0.9 * times[best] else best
-
-
-def episodes_to_tell(results: Results, environments: Sequence[str], ranked: Ranked) -> float:
-    """Number of seeds that would tell what the best estimator keeps; 0 if those there are do.
-
-    They do if the scale's interval excludes zero and that of the share kept is no wider than the
-    scale (Fieller 1954: a ratio whose denominator may be zero has no bounded interval). So many as
-    make both half as wide, by their spread, and more than there are; NaN of one seed.
-    """
-    from scipy.special import ndtri
-
-    worth, best = _scales(results, environments).mean(axis=0), next(iter(ranked.values()))
-    if len(best) < 2:
-        return float("nan")
-    needed, enough = 0.0, True
-    for values, half, among in ((worth, worth.mean(), 1), (best, 0.5, len(ranked))):
-        found = mean_interval(values, among)
-        enough &= found is not None and found.half < half
-        needed = max(needed, (2.0 * ndtri(1.0 - 0.025 / among) * values.std(ddof=1) / half) ** 2)
-    return 0.0 if enough else float(max(np.ceil(needed), len(best) + 1))
+    scaled = results.scales.index.unique("environment")
+    each = {name: Ranking(results, [name]) for name in results.environments if name in scaled}
+    each = {name: ranking for name, ranking in each.items() if ranking.shares}
+    together = Ranking(results, list(each))
+    return ({ALL: together} if len(each) > 1 < len(together.shares) else {}) | each
 
 
 # --- learned policies -----------------------------------------------------------------------------
@@ -247,25 +211,17 @@ def learned_differences(
     agents = {name: agent for agent in results.plan.study.agents for name in agent.policies}
     raw = [name for name in results.learned if agents[name].raw]
     seeing = [name for name in results.learned if name not in raw]
+    plain = [name for name in seeing if agents[name].memory == "none"]
+    first = min(plain, key=lambda name: name != agents[name].policy(DEFAULT), default=None)
     found: dict[tuple[str, str], Interval | float | None] = {}
     for name in seeing:
         home = results.home(environment, name)
-        others: dict[str, tuple[str | None, int]] = {results.classical: (home, 1)}
-        if name == reference_policy(results):
-            others |= {other: (None, len(raw)) for other in raw}
-        for other, (estimator, comparisons) in others.items():
-            gaps = paired_shares(results, [environment], (name, home), (other, estimator))
-            if gaps is not None:
-                found[name, other] = interval(results, name, gaps, comparisons)
+        ours = shares(results, [environment], name, home)
+        for theirs in shares(results, [environment], results.classical, home).iloc:
+            gaps = (ours - theirs).to_numpy()
+            found[name, results.classical] = interval(results, name, gaps)
+        for other in raw if name == first else ():
+            theirs = shares(results, [environment], other, results.home(environment, other))
+            gaps = (ours - theirs).dropna().to_numpy()
+            found[name, other] = interval(results, name, gaps, len(raw))
     return found
-
-
-def reference_policy(results: Results) -> str | None:
-    """The policy that learning on measurements is compared with.
-
-    It sees estimates, remembers nothing, and was trained on the default estimator if one was.
-    """
-    agents = [a for a in results.plan.study.agents if not a.raw and a.memory == "none"]
-    plain = [(a.policy(DEFAULT) != name, name) for a in agents for name in a.policies]
-    there = [(other, name) for other, name in plain if name in results.learned]
-    return min(there, key=lambda each: each[0])[1] if there else None

@@ -13,7 +13,7 @@ from typing import Any
 import gymnasium as gym
 
 import vessel_gym  # noqa: F401  (registers the environments)
-from agents.controllers import CONTROLLERS, make_controller
+from agents.controllers import CONTROLLERS
 from agents.metrics import TASK_METRICS
 from agents.named import imported_module, named_object, vector_class
 from agents.rollouts import batch
@@ -53,8 +53,7 @@ def registered_id(name: str) -> str:
     Raises:
         ValueError: if there is no such environment.
     """
-    module, _, own = name.rpartition(":")
-    env_id = own or name
+    module, _, env_id = name.rpartition(":")
     if module and env_id not in gym.registry:
         imported_module(module, name)
     if module and env_id not in gym.registry:
@@ -66,7 +65,7 @@ def registered_id(name: str) -> str:
             raise ValueError(
                 f"{name!r} needs an attribute max_episode_steps: how long is an episode?"
             )
-        env_id = f"{own}-v0"
+        env_id = f"{env_id}-v0"
         if env_id not in gym.registry:
             gym.register(env_id, vector_entry_point=cls, max_episode_steps=steps)
     if env_id not in gym.registry:
@@ -107,13 +106,8 @@ def estimated_world(name: str) -> Any:
     return system
 
 
-def options_of_command(env_id: str, options: dict[str, Any]) -> dict[str, Any]:
-    """Options of a command as an environment takes them, see `taken_options`."""
-    return taken_options(env_id, options) if isinstance(system_of(env_id), Wrapped) else options
-
-
 def environment_options(environment: str, options: dict[str, Any]) -> dict[str, Any]:
-    """A study's options as an environment takes them.
+    """Options of a study or a command as an environment takes them.
 
     Estimator, sensors and disturbance of one's own are imported; of late sensors and faults those
     are taken that the environment has.
@@ -162,9 +156,7 @@ def graded_sensors(environment: str, grades: Mapping[str, str]) -> list[Sensor]:
     return found
 
 
-def classical_controller(agent: str, environment: str) -> Any:
-    """The controller that an agent which does not learn stands for."""
-    return make_controller(agent, system_of(environment))
+_refusals: dict[str, Exception | None] = {}
 
 
 def refusal(name: str, options: dict[str, Any]) -> Exception | None:
@@ -173,39 +165,32 @@ def refusal(name: str, options: dict[str, Any]) -> Exception | None:
     It is a ValueError if it cannot carry the estimator, and a TypeError for an option. Each
     environment is built once for that.
     """
-    return _refusal(name, json.dumps(options, sort_keys=True))
+    key = json.dumps([name, options], sort_keys=True)
+    if key not in _refusals:
+        _refusals[key] = None
+        try:
+            batch(registered_id(name), 1, environment_options(name, options)).close()
+        except (ValueError, TypeError) as error:
+            _refusals[key] = error
+    return _refusals[key]
 
 
-@cache
-def _refusal(name: str, options: str) -> Exception | None:
-    try:
-        batch(registered_id(name), 1, environment_options(name, json.loads(options))).close()
-    except (ValueError, TypeError) as error:
-        return error
-    return None
+def digests(environment: str, controller: str, *names: str) -> dict[str, str]:
+    """The source of whatever is the user's own, so that results follow its changes.
 
-
-def digests(*names: str) -> dict[str, str]:
-    """The source of whatever is the user's own among names, so that results follow its changes.
-
-    Modules are given by their names, and the files of agents by their paths.
-    """
-    modules = {name.rpartition(":")[0] for name in names if ":" in name}
-    files = {name: sha256(Path(name).read_bytes()) for name in names if os.path.isfile(name)}
-    found = {module: source_digest(module) for module in sorted(modules)}
-    return found | {name: each.hexdigest() for name, each in files.items()}
-
-
-def registered(environment: str, controller: str) -> dict[str, str]:
-    """The source of other people's metrics of an environment's task, and of its controller.
-
-    Modules of ours are part of what computes a job; those of others need not be imported by
-    anything that it names.
+    That is in the modules of the environment, of the controller, of other names that are
+    ``"module:object"``, and of whoever registered the controller or the metrics of the
+    environment's task: nothing that a job names needs to import these. The file of a policy is
+    given by its path. Modules of ours are part of what computes a job.
     """
     task = system_of(environment).task
-    found = {TASK_METRICS.modules(task).get(""), CONTROLLERS.modules(task).get(controller)}
-    own = sorted(m for m in found if m and not m.startswith(("agents.", "vessel_gym.")))
-    return {module: source_digest(module) for module in own}
+    registered = (TASK_METRICS.modules(task).get(""), CONTROLLERS.modules(task).get(controller))
+    own = {m for m in registered if m and not m.startswith(("agents.", "vessel_gym."))}
+    own |= {name.rpartition(":")[0] for name in (environment, controller, *names) if ":" in name}
+    found = {module: source_digest(module) for module in sorted(own)}
+    if os.path.isfile(controller):
+        found[controller] = sha256(Path(controller).read_bytes()).hexdigest()
+    return found
 
 
 def import_own(own: dict[str, str]) -> None:

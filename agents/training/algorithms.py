@@ -4,11 +4,9 @@ import inspect
 import json
 import re
 import shutil
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager, suppress
-from importlib import import_module, metadata
-from importlib.resources import files
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -17,29 +15,19 @@ import numpy as np
 
 import vessel_gym
 from agents.files import check_file, replacing
-from agents.named import vector_class
 from agents.policies.checkpoint import npz_path, write
 from agents.seeds import training_seed
 from agents.source import source_digest
 from estimators.checks import as_number, integer, short_repr
-from estimators.factory import unknown
-from vessel_gym.checks import is_integer
-from vessel_gym.envs.vector import VesselVectorEnv
+from vessel_gym.checks import is_integer, one_of
 from vessel_gym.extras import require
+from vessel_gym.toml_file import TomlFile
 
 MEMORIES = ("none", "frames", "lstm")
 """Memories of an agent: none, its last observations, or a recurrent network over all of them."""
 
-ALGORITHMS = {
-    "ppo": "stable_baselines3:PPO",
-    "a2c": "stable_baselines3:A2C",
-    "crossq": "sb3_contrib:CrossQ",
-    "ddpg": "stable_baselines3:DDPG",
-    "sac": "stable_baselines3:SAC",
-    "td3": "stable_baselines3:TD3",
-    "tqc": "sb3_contrib:TQC",
-    "trpo": "sb3_contrib:TRPO",
-}
+_CLASSES = ("PPO", "A2C", "CrossQ", "DDPG", "SAC", "TD3", "TQC", "TRPO")
+ALGORITHMS = {name.lower(): name for name in _CLASSES}
 """Algorithms for continuous actions by name; RecurrentPPO is ``ppo`` with the memory ``lstm``."""
 
 _OF_TRAINING = {
@@ -74,32 +62,40 @@ def hyperparameters(
         algorithm: One of `ALGORITHMS`.
 
     Raises:
-        ValueError: if it is another environment, the memory or algorithm is of no known kind, or a
-            changed hyperparameter is none, or of another kind.
+        ValueError: if the memory or algorithm is of no known kind, or a changed hyperparameter is
+            none, or of another kind.
     """
-    if memory not in MEMORIES:
-        raise ValueError(unknown("memory", memory, MEMORIES))
-    if algorithm not in ALGORITHMS:
-        raise ValueError(unknown("algorithm", algorithm, ALGORITHMS))
+    one_of("memory", memory, MEMORIES)
+    one_of("algorithm", algorithm, ALGORITHMS)
     if algorithm != "ppo" and memory != "none":
         raise ValueError(f"{algorithm} trains agents without a memory")
-    if not (env_id in gym.registry and issubclass(vector_class(env_id), VesselVectorEnv)):
-        raise ValueError(f"no hyperparameters for {env_id!r}: it is no environment of vessel_gym")
-    table = tomllib.loads(files("agents.training").joinpath(f"{algorithm}.toml").read_text())
-    tuned = table.get(env_id, table["default"])
+    tuned = read_settings(Path(__file__).with_name(f"{algorithm}.toml"), env_id)
     tuned = _merged(tuned, tuned.get(memory, {}))
     tuned = {key: value for key, value in tuned.items() if key not in MEMORIES}
     parameters = inspect.signature(_algorithm(algorithm, "none")).parameters
     known = {name: each.default for name, each in parameters.items() if name not in _GIVEN}
     known |= _OF_TRAINING | tuned
     for name, value in (changed or {}).items():
-        if name not in known:
-            raise ValueError(unknown("setting", name, known))
+        one_of("setting", name, known)
         if not _is_such(name, known[name], value):
             raise ValueError(
                 f"the setting {name} must be such as {known[name]!r}, got {short_repr(value)}"
             )
     return _merged(tuned, changed or {})
+
+
+def read_settings(path: Path, env_id: str) -> dict[str, Any]:
+    """Settings of an environment in a TOML file: its own table, or the one called default.
+
+    Raises:
+        ValueError: if there is neither, or the file is not TOML.
+        OSError: if it cannot be read.
+    """
+    tables: Any = TomlFile(path).data
+    found = tables.get(env_id, tables.get("default"))
+    if not isinstance(found, dict):
+        raise ValueError(f"{path} has neither a table [{env_id!r}] nor [default]")
+    return found
 
 
 def _merged(settings: Mapping[str, Any], changed: Mapping[str, Any]) -> dict[str, Any]:
@@ -113,7 +109,7 @@ def _is_such(name: str, known: Any, value: Any) -> bool:
     if name in _SCHEDULES and isinstance(value, str):
         return re.fullmatch(_LINEAR, value) is not None
     if isinstance(known, dict) and isinstance(value, dict):
-        return all(_is_such(key, known[key], each) for key, each in value.items() if key in known)
+        return all(_is_such(key, of, value.get(key, of)) for key, of in known.items())
     if isinstance(known, bool | list | dict):
         return isinstance(value, type(known))
     if isinstance(known, int):
@@ -146,18 +142,17 @@ def describe(
     require("torch", "stable_baselines3", "sb3_contrib")
     settings = hyperparameters(env_id, memory, settings, algorithm)
     num_envs = integer("n_envs", settings["n_envs"], 1)
-    steps = integer("steps", settings["n_timesteps"] if steps is None else steps, num_envs)
     libraries = ("numpy", "torch", "stable-baselines3", "sb3-contrib")
+    versions = {name: metadata.version(name) for name in libraries}
     described = {
         "env_id": env_id,
         "env_options": env_options or {},
         "seed": seed,
-        "steps": steps,
+        "steps": integer("steps", settings["n_timesteps"] if steps is None else steps, num_envs),
         "algorithm": algorithm,
         "memory": memory,
         "hyperparameters": settings,
-        "versions": {"vessel-gym": vessel_gym.__version__}
-        | {name: metadata.version(name) for name in libraries},
+        "versions": {"vessel-gym": vessel_gym.__version__, **versions},
         "source": source_digest(__name__),
     }
     return json.loads(json.dumps(described, default=repr))
@@ -187,8 +182,9 @@ def train(
         env_options: Passed to `gymnasium.make_vec`.
         seed: Number of the training run; the environments' seeds follow by `agents.seeds`.
         steps: Environment steps in all; None: ``n_timesteps``.
-        progress: Called with (steps so far, steps in all, mean reward of the last evaluation),
-            which is NaN without a folder.
+        progress: Called with (steps so far, steps in all, mean return of the last evaluation),
+            which is NaN before the first and without a folder. An algorithm ends after whole
+            rollouts, which the steps in all take into account.
         memory: ``"none"``: the agent acts on the newest observation alone; ``"frames"``: on its
             last ones, side by side, zeros before the first; ``"lstm"``: through a recurrent network
             (``RecurrentPPO``).
@@ -341,9 +337,11 @@ def batch(
 
 def _algorithm(name: str, memory: str) -> Any:
     """The class that trains agents with this memory."""
-    place = "sb3_contrib:RecurrentPPO" if memory == "lstm" else ALGORITHMS[name]
-    module, _, kind = place.partition(":")
-    return getattr(import_module(module), kind)
+    import sb3_contrib
+    import stable_baselines3
+
+    kind = "RecurrentPPO" if memory == "lstm" else ALGORITHMS[name]
+    return getattr(sb3_contrib, kind, None) or getattr(stable_baselines3, kind)
 
 
 @contextmanager

@@ -20,13 +20,14 @@ from stable_baselines3.common.callbacks import (  # noqa: E402
     EvalCallback,
 )
 from stable_baselines3.common.logger import Logger, make_output_format  # noqa: E402
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm  # noqa: E402
 
 EVALUATIONS, EPISODES, CHECKPOINTS = 10, 20, 20
 """Evaluations of a training, episodes of each, and checkpoints."""
 
 
 class Progress(BaseCallback):
-    """Progress by calls with (steps so far, steps in all, mean reward of the last evaluation)."""
+    """Progress by calls with (steps so far, steps in all, mean return of the last evaluation)."""
 
     def __init__(
         self, report: Callable[[int, int, float], None], evaluation: EvalCallback | None
@@ -34,13 +35,19 @@ class Progress(BaseCallback):
         super().__init__()
         self._report, self._evaluation = report, evaluation
 
+    def _on_training_start(self) -> None:
+        model: Any = self.model  # learns in whole rollouts
+        on_policy = isinstance(model, OnPolicyAlgorithm)
+        rollout = model.n_envs * (model.n_steps if on_policy else model.train_freq.frequency)
+        left = self.locals["total_timesteps"] - self.num_timesteps
+        self._total = self.num_timesteps - (-left // rollout) * rollout
+
     def _on_step(self) -> bool:
         return True
 
     def _on_rollout_start(self) -> None:
         reward = self._evaluation.last_mean_reward if self._evaluation else -np.inf
-        total = max(self.num_timesteps, self.locals["total_timesteps"])
-        self._report(self.num_timesteps, total, reward if reward > -np.inf else np.nan)
+        self._report(self.num_timesteps, self._total, reward if reward > -np.inf else np.nan)
 
     _on_training_end = _on_rollout_start
 

@@ -10,20 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from agents.jobs import Job
-from estimators.factory import unknown
 
 PAPERS = ("corvette", "segorogeni", "itsunusa", "robust", "puna")
 """The papers, each a folder of this package."""
 
 
 def settings(name: str) -> dict[str, Any]:
-    """The settings file of a paper.
-
-    Raises:
-        ValueError: if there is no such paper.
-    """
-    if name not in PAPERS:
-        raise ValueError(unknown("paper", name, ("all", *PAPERS)))
+    """The settings file of a paper."""
     return tomllib.loads(read(name, "settings.toml"))
 
 

@@ -344,7 +344,7 @@ def test_a_job_depends_on_metrics_and_a_controller_that_are_registered_elsewhere
     for written in (text, text.replace("gain = 1", "gain = 2")):
         path.write_text(written, encoding="utf-8")
         source_digest.cache_clear()
-        digests.append(worlds.registered(f"own_task:{ENV}", "mine"))
-    assert [list(each) for each in digests] == 2 * [["registered_elsewhere"]]
+        digests.append(worlds.digests(f"own_task:{ENV}", "mine"))
+    assert [list(each) for each in digests] == 2 * [["own_task", "registered_elsewhere"]]
     assert digests[0] != digests[1]
-    assert worlds.registered("SigmaCorvette-v0", "autopilot") == {}
+    assert worlds.digests("SigmaCorvette-v0", "autopilot") == {}

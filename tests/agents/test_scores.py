@@ -307,7 +307,9 @@ def test_a_straight_course_burns_the_fuel_of_one_and_a_slow_one_more(
     env_id: str, share: float, fuel: float
 ):
     """Propellers of constant revolutions burn as much in a second at half of the speed."""
-    kept = replace(flown(env_id), length=np.full(3, 6))  # the track is straight for 10 steps
+    kept = flown(env_id)
+    first = {key: values[:7] for key, values in kept.history.items()}
+    kept = replace(kept, length=np.full(3, 6), history=first)  # the track is straight for 10 steps
     h, task = kept.history, core_of(kept).task
     truth, speed = np.zeros_like(h["truth"]), share * task.ship.speed
     heading = h["reference"][..., 5 if env_id == SIGMA else 0]

@@ -64,7 +64,7 @@ def test_an_interrupted_run_goes_on_in_more_processes_to_the_same_answer(
         return run(*arguments)
 
     monkeypatch.setattr(agents.jobs, "run", interrupted)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt, match="kept, and the same command goes on from there"):
         small(broken, tmp_path / "prices.toml")
     done = results(broken)
     assert 0 < len(done) < len(results(whole))
@@ -135,7 +135,7 @@ def test_lower_rates_are_choices_of_their_own():
     [
         ({"keep": 0.0}, "--keep must be above 0 and at most 1, got 0"),
         ({"keep": float("nan")}, "--keep must be above 0 and at most 1, got nan"),
-        ({"episodes": 31}, "--episodes must be at least 32, got 31"),
+        ({"episodes": 31}, "--episodes must be from 32 to 500000, got 31"),
         ({"first_seed": 500_000}, "--first-seed must be at most 498976, got 500000"),
         ({"rates": (0.3,)}, "reads at 0.3 Hz, which does not divide the 2 steps a second"),
         ({"rates": (0.5, 2.0)}, "--rates must be above 0 and below 2 Hz, the highest of any"),

@@ -1,5 +1,6 @@
 """The train and evaluate commands."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +65,20 @@ def test_of_several_trainings_the_best_on_tuning_seeds_is_kept(
     assert flown == [tuning_seeds(train.CHOOSING)] * 2
     printed = capsys.readouterr().out.splitlines()
     assert [line.split(":")[0] for line in printed] == ["run 7", "run 8", "checkpoint"]
+
+
+@pytest.mark.parametrize("lost", [0.0, 1.0])
+def test_scores_above_those_on_the_truth_are_warned_of(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], lost: float
+):
+    def fly(agent: str, env_id: str, seeds: list[int], options: Any, **more: Any) -> Any:
+        flown = rollout(agent, env_id, seeds, options, **more)
+        return replace(flown, score=flown.score - lost * (options["estimator"] == "truth"))
+
+    monkeypatch.setattr(agents, "rollout", fly)
+    evaluate.main(ENV, estimator=("kf", "truth"), episodes=3)
+    warning = "autopilot beats the truth beyond chance: check the task's score, and what its reward"
+    assert (warning in capsys.readouterr().out) == bool(lost)
 
 
 def test_an_interrupted_command_ends_quietly():

@@ -10,7 +10,7 @@ from agents.jobs import Outcome
 from agents.metrics import metrics
 from agents.studies.plan import Plan, plan
 from agents.studies.records import RAW, Agent, Condition, Estimator, Study
-from agents.studies.results import FLIGHT, Results
+from agents.studies.results import Results
 from agents.studies.worlds import system_of
 from vessel_gym.estimation import WITHOUT_COVARIANCE
 
@@ -68,17 +68,12 @@ def results(planned: Plan | Study, quality=QUALITY, noise=0.01, **changed) -> Re
         crossed = 0.02 * bool(f.job.needs and not f.home)
         level = changed.get(f"{f.estimator}_in_{f.condition}", quality[f.estimator])
         score = 0.1 + 0.8 * level + weather + run - crossed + rng.normal(0.0, noise, n)
-        claims = f.estimator not in WITHOUT_COVARIANCE
+        claims = 1.0 if f.estimator not in WITHOUT_COVARIANCE else np.nan
         figures = {m.key: rng.lognormal(0.0, 0.2, n) for m in metrics(system_of(f.environment))}
-        figures |= {"score": score} | ({} if claims else {"nees": np.full(n, np.nan)})
-        outcome.values[f.job.key] = {
-            "figures": {key: each.tolist() for key, each in figures.items()},
-            "nees_in_band": 0.9 if claims else None,
-            "nis_in_band": 0.95 if claims else None,
-            "diverged": [False] * n,
-            "ends": [""] * n,
-            "steps": 100 * n,
-        }
+        figures |= {"nees": figures["nees"] * claims, "diverged": np.zeros(n) * claims}
+        figures |= {"nees_in_band": 0.9 * claims, "nis_in_band": 0.95 * claims}
+        figures |= {"score": score, "end": [""] * n, "completed": True}
+        outcome.values[f.job.key] = {"episodes": figures}
         outcome.seconds[f.job.key] = 1e-5 * (1.0 + len(f.estimator)) * 100 * n
         if f.job.arguments.get("timed_beside"):  # longer, the longer the name
             times = [(n, 1e-5 * (1.0 + len(f.estimator)), 1e-5), (1, 2e-4, 1e-4)]
@@ -94,8 +89,7 @@ def learned() -> Results:
 
 def without(found: Results, unwanted, why: str | None = None) -> Results:
     """The results without the flights of which something holds; with a reason they have failed."""
-    lost = [f for f in found.plan.flights if unwanted(f)]
-    names = {tuple(getattr(f, name) for name in FLIGHT) for f in lost}
-    kept = [row not in names for row in found.table[FLIGHT].itertuples(index=False, name=None)]
-    failures = dict.fromkeys((f.job.key for f in lost), why) if why else {}
-    return replace(found, table=found.table[kept], failures=failures)
+    lost = {f.job.key for f in found.plan.flights if unwanted(f)}
+    values = {key: each for key, each in found.outcome.values.items() if key not in lost}
+    failures = dict.fromkeys(lost, why) if why else {}
+    return Results.of(found.plan, replace(found.outcome, values=values, failures=failures))

@@ -140,7 +140,7 @@ def test_the_source_of_what_is_the_users_own_is_part_of_a_job(tmp_path, monkeypa
     (tmp_path / "own_filters_2.py").write_text(
         "from estimators.kalman import KalmanFilter as Mine\nx = 1\n"
     )
-    one, two = (digests(f"own_filters_{i}:Mine", "kf") for i in (1, 2))
+    one, two = (digests(CORVETTE, "autopilot", f"own_filters_{i}:Mine", "kf") for i in (1, 2))
     assert list(one) == ["own_filters_1"]
     assert list(one.values()) != list(two.values())
 

@@ -45,16 +45,17 @@ def test_page_markdown_and_table_are_written_and_agree(small, tmp_path):
             assert f"<td>{cell}</td>" in html
     for sentence in answer(small):
         assert sentence in html
+    assert re.search(r"<td>−0\.4\d+ ± \S+, worse</td>", html)  # of kf, behind the best
     assert html.count("data:image/svg") == 2
     assert not re.search(r'(?:src|href)="(?!data:)', html)
     assert html == written(small, tmp_path)
 
 
 def test_failures_refusals_and_missing_results_are_on_the_page_and_escaped(small, tmp_path):
-    why = "Traceback (most recent call last):\n  File x\nFloatingPointError: it <burst>"
+    label = f"autopilot on ekf in {CORVETTE}, rough"
+    why = f"{label}: Traceback (most recent call last):\n  File x\nFloatingPointError: it <burst>"
     broken = without(small, lambda f: (f.estimator, f.condition) == ("ekf", "rough"), why)
     page = write_report(broken, tmp_path, {}).read_text(encoding="utf-8")
-    label = f"autopilot on ekf in {CORVETTE}, rough"
     assert f"{label} failed: FloatingPointError: it &lt;burst&gt;" in page
     assert "File x" not in page
     nothing = written(without(small, lambda f: True), tmp_path)
@@ -83,9 +84,9 @@ def test_costs_are_beyond_those_on_the_truth_at_the_same_seeds(small):
 def test_consistency_is_that_of_the_first_condition_and_of_filters_alone(small):
     table = consistency(small, CORVETTE)
     assert table.loc["truth", NEES.label] == table.loc["truth", "Diverged"] == "–"
-    assert table.loc["kf", "Diverged"] == "0 of 8"
+    assert table.loc["kf", "Diverged"] == "0.00"
     assert table.loc["kf", ["NEES in band", "NIS in band"]].tolist() == ["0.90", "0.95"]
-    assert table.loc["kf", ["batch [µs]", "alone [µs]"]].tolist() == ["30.0", "200.0"]
+    assert table.loc["kf", ["batch [µs]", "alone [µs]"]].tolist() == ["30.00", "200.00"]
 
 
 def test_names_are_shown_as_they_are_written(tmp_path):

@@ -60,19 +60,18 @@ def test_policies_have_one_name_in_all_environments_and_a_home_in_each(found):
     assert found.home(CORVETTE, "PPO trained on ekf") == "ekf"
     assert found.home(CORVETTE, "PPO, raw") == RAW
     assert found.home(CORVETTE, "autopilot") == "kf-umv-ui"
-    at_home = shares.shares(found, [SEGOROGENI], PPO)
-    np.testing.assert_array_equal(at_home, shares.shares(found, [SEGOROGENI], PPO, "enkf"))
+    assert shares.kept(found, SEGOROGENI, PPO) == shares.kept(found, SEGOROGENI, PPO, "enkf")
 
 
 def test_an_end_that_is_missing_or_no_better_takes_its_place_out_of_every_share(found):
     partial = without(found, lambda f: (f.estimator, f.condition) == ("truth", "calm"))
     assert (CORVETTE, "calm") not in partial.scales.index
-    kept = shares.shares(partial, [CORVETTE], "autopilot", "ekf")
+    kept = shares.shares(partial, [CORVETTE], "autopilot", "ekf").to_numpy()
     rest = found.kept.xs((CORVETTE, "autopilot", "ekf"), level=[0, 2, 3])
     rest = rest[rest.index.get_level_values("condition") != "calm"]
     np.testing.assert_allclose(kept[0], rest.mean(), atol=1e-12)
     flat = results(study((CORVETTE,)), QUALITY | {"truth": -1.0})
-    assert shares.ruled(flat) == []
+    assert shares.rankings(flat) == {}
 
 
 def test_a_run_that_lacks_a_place_is_left_out_and_the_others_stay_paired(found):
@@ -81,24 +80,32 @@ def test_a_run_that_lacks_a_place_is_left_out_and_the_others_stay_paired(found):
 
     partial = without(found, lost)
     both = (CORVETTE, SEGOROGENI)
-    whole = shares.shares(found, both, PPO)
-    np.testing.assert_allclose(shares.shares(partial, both, PPO).mean(axis=1),
-                               np.delete(whole, 2, axis=0).mean(axis=1), atol=0.02)  # fmt: skip
-    pairs = shares.paired_shares(partial, [CORVETTE], (PPO, None), ("PPO, raw", None))
-    assert pairs.shape == (4, 8)
-    alone = shares.paired_shares(partial, [CORVETTE], (PPO, None), ("autopilot", "kf-umv-ui"))
-    assert alone.shape == (4, 8)
+    whole = shares.shares(found, both, PPO, "enkf").mean(axis=1)
+    left = shares.shares(partial, both, PPO, "enkf").mean(axis=1)
+    np.testing.assert_allclose(left, whole.drop(2), atol=1e-12)
+    home, raw, classical = (
+        shares.shares(found, [CORVETTE], *each).to_numpy()
+        for each in ((PPO, "kf-umv-ui"), ("PPO, raw", RAW), ("autopilot", "kf-umv-ui"))
+    )
+    pairs = {"PPO, raw": (home - raw, 2), "autopilot": (home - classical, 1)}
+    found_gaps = shares.learned_differences(partial, CORVETTE)
+    for other, (gaps, comparisons) in pairs.items():
+        expected = crossed_interval(np.delete(gaps, 2, axis=0), comparisons)
+        assert found_gaps[PPO, other].half == pytest.approx(expected.half, rel=0.1)
+        assert found_gaps[PPO, other].mean == pytest.approx(expected.mean, abs=1e-3)
     gone = without(found, lambda f: f.condition == "rough" and f.policy == PPO)
-    assert shares.shares(gone, [CORVETTE], PPO) is None
-    assert shares.kept(gone, [CORVETTE], PPO, None) is None
-    assert shares.paired_shares(gone, [CORVETTE], (PPO, None), ("PPO, raw", None)) is None
+    assert shares.shares(gone, [CORVETTE], PPO, "ekf").empty
+    assert shares.kept(gone, CORVETTE, PPO) is None
+    assert not any(shares.learned_differences(gone, CORVETTE)[PPO, other] for other in pairs)
 
 
 def test_the_classical_agent_has_an_interval_over_seeds_and_one_training_run_has_none(found):
-    values = shares.shares(found, [CORVETTE], "autopilot", "ekf")
-    assert shares.kept(found, [CORVETTE], "autopilot", "ekf") == mean_interval(values[0])
-    runs = shares.shares(found, [CORVETTE], PPO)
-    assert shares.kept(found, [CORVETTE], PPO, None, 3) == crossed_interval(runs, 3)
+    values = shares.shares(found, [CORVETTE], "autopilot", "ekf").to_numpy()
+    assert shares.kept(found, CORVETTE, "autopilot", "ekf") == mean_interval(values[0])
+    ranking = shares.rankings(found)[CORVETTE]
+    assert ranking.kept("ekf") == mean_interval(values[0], len(ranking.shares))
+    runs = shares.shares(found, [CORVETTE], PPO, "kf-umv-ui").to_numpy()
+    assert shares.kept(found, CORVETTE, PPO) == crossed_interval(runs)
     assert shares.interval(found, PPO, runs[:1]) == float(runs[0].mean())
 
 
@@ -106,8 +113,9 @@ def test_the_price_is_what_the_score_on_the_truth_is_higher_at_the_same_seeds(fo
     truth, ours = (found.wide("score").xs(("autopilot", name), level=[2, 3]) for name in
                    ("truth", "kf-umv-ui"))  # fmt: skip
     lost = (truth - ours).loc[CORVETTE].to_numpy().mean()
-    assert shares.price(found, [CORVETTE], "autopilot", "kf-umv-ui").mean == pytest.approx(lost)
-    assert shares.price(found, [CORVETTE], "autopilot", "no such") is None
+    price = shares.rankings(found)[CORVETTE].price("kf-umv-ui")
+    assert price.mean == pytest.approx(lost)
+    assert price.high - price.mean != pytest.approx(price.mean - price.low)
 
 
 def test_completed_episodes_and_the_worst_tenth_are_those_of_all_conditions(found):
@@ -115,11 +123,12 @@ def test_completed_episodes_and_the_worst_tenth_are_those_of_all_conditions(foun
     first = (table.estimator == "kf") & (table.condition == "nominal") & (table.seed == 10**9)
     table.loc[first, ["score", "completed"]] = 0.0, False
     lost = replace(found, table=table)
-    done = shares.completed(lost, [CORVETTE], "kf")
+    ranking = shares.rankings(lost)[CORVETTE]
+    done = ranking.completed("kf")
     assert done.mean == pytest.approx(100.0 * 31 / 32)
     own = table[(table.estimator == "kf") & (table.policy == "autopilot")]
     worst = np.sort(own.score.to_numpy(float))[:4].mean()  # of 8 seeds in 4 conditions
-    assert shares.worst_decile(lost, [CORVETTE], "kf") == pytest.approx(worst)
+    assert ranking.worst_decile("kf") == pytest.approx(worst)
 
 
 def test_every_episode_is_a_row_of_the_table_and_parquet_keeps_every_digit(found, tmp_path):
@@ -138,12 +147,11 @@ def test_the_episodes_of_a_run_are_those_of_its_jobs(tmp_path):
     assert not found.missing
     flight = next(f for f in planned.flights if f.estimator == "ekf")
     rows = found.table[found.table.estimator == "ekf"]
-    figures = outcome.values[flight.job.key]["figures"]
+    figures = outcome.values[flight.job.key]["episodes"]
     assert {m.key for m in METRICS} <= set(rows)
     assert rows.score.tolist() == figures["score"]
-    ends = outcome.values[flight.job.key]["ends"]
     success = system_of(SEGOROGENI).task.success
-    assert rows.completed.tolist() == [end == success for end in ends]
+    assert rows.completed.tolist() == [end == success for end in figures["end"]]
     (batch, alone) = found.timings[SEGOROGENI, "ekf"]
     assert (batch[0], alone[0]) == (2, 1)
     assert min(batch[1:] + alone[1:]) > 0.0
@@ -156,14 +164,14 @@ def test_an_episode_has_diverged_if_the_truth_is_outside_the_belief_for_half_of_
     monkeypatch.setattr(flying, "nees_of", lambda flown: nees)
     assert flying._diverged(flown).tolist() == [False, True, True]
     monkeypatch.setattr(flying, "nees_of", lambda flown: None)
-    assert flying._diverged(flown).tolist() == [False] * 3
+    assert np.isnan(flying._diverged(flown)).all()
 
 
 def test_the_estimator_and_the_truth_are_timed_in_turns_and_only_steps_are_timed(monkeypatch):
     clock, flown = [0.0], []
     monkeypatch.setattr(
         flying,
-        "classical_controller",
+        "make_controller",
         lambda *_: SimpleNamespace(reset=lambda rows: None, act=lambda y: y),
     )
     monkeypatch.setattr(flying, "process_time", lambda: clock[0])
