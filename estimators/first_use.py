@@ -1,6 +1,6 @@
 """Users' functions at their first use: several rows are compared with each row alone, twice."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from operator import is_not
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import as_array
+from estimators.checks import short_repr
 from estimators.engine.compiled import Compiled
 from estimators.engine.matrices import is_traced
 
@@ -41,6 +41,7 @@ class FirstUse:
             self.compare(*arguments)
         return self.function(*arguments)
 
+    @np.errstate(all="ignore")
     def compare(self, *arguments: np.ndarray | None) -> None:
         """Compare the values of rows near the first finite one, unless it has been done.
 
@@ -52,34 +53,34 @@ class FirstUse:
         """
         if self.compared or (candidates := self._rows(arguments)) is None:
             return
-        plain = _undecorated(self.function)
-        with np.errstate(all="ignore"):
-            try:
-                rows, found = candidates[0], self._values(plain, candidates[0])
-            except Exception:  # beyond the given point the function may have no values
-                rows, found = candidates[1], self._values(plain, candidates[1])
-            together, again, alone = found
-            if not _equal(together, again):
-                raise ValueError(
-                    f"{self.name} gave two values for the same arguments: it must depend on these"
-                    " alone, without random numbers, clocks or counters of its own"
-                )
-            tolerance = max(1e-9, 64.0 * rounding(alone)) * _size(alone)
-            tolerance += 1e-13 * max(map(_size, filter(_given, rows)), default=0.0)
-            if together.shape == alone.shape[2:] and len(self.shape) == 2:  # one for all rows
-                together = together + 0.0 * alone
-            if not _equal(together, alone, tolerance):
-                raise ValueError(self._of_leading_axes())
-            if plain is not self.function and not _equal(self.function(*rows), alone, tolerance):
-                raise ValueError(
-                    f"{self.name} gives other values compiled than in NumPy: what is compiled must"
-                    " be pure, and keeps what it read when it was traced"
-                )
+        compiled = isinstance(self.function, Compiled)
+        plain = self.function.function if compiled else self.function  # type: ignore[attr-defined]
+        try:
+            rows, found = candidates[0], self._values(plain, candidates[0])
+        except Exception:  # beyond the given point the function may have no values
+            rows, found = candidates[1], self._values(plain, candidates[1])
+        together, again, alone = found
+        if not _equal(together, again):
+            raise ValueError(
+                f"{self.name} gave two values for the same arguments: it must depend on these"
+                " alone, without random numbers, clocks or counters of its own"
+            )
+        sizes = [*map(_size, (alone, *filter(_given, rows)))]
+        tolerance = max(1e-9, 64.0 * rounding(alone)) * sizes[0] + 1e-13 * max(sizes)
+        if together.shape == alone.shape[2:] and len(self.shape) == 2:  # one for all rows
+            together = together + np.zeros(alone.shape)
+        if not _equal(together, alone, tolerance):
+            raise ValueError(self._of_leading_axes())
+        if compiled and not _equal(self.function(*rows), alone, tolerance):
+            raise ValueError(
+                f"{self.name} gives other values compiled than in NumPy: what is compiled must"
+                " be pure, and keeps what it read when it was traced"
+            )
         if self.check is not None:
             self.check(alone[0, 0])
         self.compared = True
 
-    def _rows(self, arguments: tuple[np.ndarray | None, ...]) -> list[list[Any]] | None:
+    def _rows(self, arguments: tuple[np.ndarray | None, ...]) -> list[Any] | None:
         """Rows ``(k, 2, n)``, k no other size: near and far from the first finite ones, or these.
 
         None if none is finite.
@@ -90,10 +91,9 @@ class FirstUse:
         for each in filter(_given, arguments):
             finite = finite & np.logical_and.reduce(np.isfinite(each), -1)
             sizes.add(each.shape[-1])
-        count = min({3, 4, 5, 6, 7, 8} - sizes)
         if not np.logical_or.reduce(finite, None):
             return None
-        candidates: list[list[Any]] = [[], []]
+        count, pairs = min({3, 4, 5, 6, 7, 8} - sizes), []
         for each in arguments:
             near: Any = None
             far: Any = None
@@ -108,23 +108,29 @@ class FirstUse:
                 far = row + np.zeros(near.shape)
                 near.setflags(write=False)
                 far.setflags(write=False)
-            candidates[0].append(near)
-            candidates[1].append(far)
-        return candidates
+            pairs.append((near, far))
+        return [*zip(*pairs, strict=True)]
 
-    def _values(self, function: Callable[..., Any], rows: list[Any]) -> tuple[np.ndarray, ...]:
+    def _values(self, function: Callable[..., Any], rows: Sequence[Any]) -> tuple[np.ndarray, ...]:
         """Values of rows together, twice, and alone."""
         together, again = self._value(function, rows), self._value(function, rows)
         count = max(map(len, filter(_given, rows)), default=1)
-        alone = []
-        for i in range(count):
-            for j in range(2):
-                value = self._value(function, [a if a is None else a[i, j] for a in rows])
-                self._check_shape(value.shape)
-                alone.append(value)
+        alone, single = [], list[Any]()
+        for each in rows:
+            none = each is None
+            single.append([None] * 2 * count if none else [*each.reshape(-1, each.shape[-1])])
+        for row in zip(*single, strict=True):
+            value = self._value(function, row)
+            known = None not in self.shape
+            expected = self.shape if known else (*self.shape[:-1], *value.shape[-1:])
+            if value.shape != expected:
+                raise ValueError(
+                    f"{self.name} gave shape {value.shape} for one row, expected {expected}"
+                )
+            alone.append(value)
         return together, again, np.array(alone).reshape(count, 2, *value.shape)
 
-    def _value(self, function: Callable[..., Any], arguments: list[Any]) -> np.ndarray:
+    def _value(self, function: Callable[..., Any], arguments: Sequence[Any]) -> np.ndarray:
         try:
             value = function(*arguments)
         except TypeError as error:
@@ -141,22 +147,12 @@ class FirstUse:
                     " np.array(x)"
                 )
             raise ValueError(wrong) from error
-        if isinstance(value, list | tuple):
+        if isinstance(value, list | tuple) or np.asarray(value).dtype.kind not in "fiub":
             raise ValueError(
-                f"{self.name} must return an array, not a list: np.stack([...], axis=-1) of its"
-                " components"
+                f"{self.name} must return an array of real numbers, such as np.stack([...],"
+                f" axis=-1) of its components, got {short_repr(value)}"
             )
-        as_array(f"what {self.name} returns", value)
         return np.asarray(value)
-
-    def _check_shape(self, shape: tuple[int, ...]) -> None:
-        if shape != (self.shape if None not in self.shape else (*self.shape[:-1], *shape[-1:])):
-            wanted = ", ".join("m" if size is None else str(size) for size in self.shape)
-            raise ValueError(
-                f"{self.name} gave a matrix of shape {shape}, expected (..., {wanted})"
-                if len(self.shape) == 2
-                else f"{self._of_leading_axes()} (one row gave shape {shape}, expected ({wanted},))"
-            )
 
     def _of_leading_axes(self) -> str:
         return (
@@ -167,14 +163,9 @@ class FirstUse:
 
 def is_own(function: Any) -> bool:
     """Is it a function of this package, which tests compare?"""
-    plain = _undecorated(function)
+    plain = function.function if isinstance(function, Compiled) else function
     plain = plain.func if isinstance(plain, partial) else plain
     return str(getattr(plain, "__module__", "")).split(".")[0] in _OWN
-
-
-def _undecorated(function: Callable[..., Any]) -> Callable[..., Any]:
-    """The function in NumPy, compiled or not."""
-    return function.function if isinstance(function, Compiled) else function
 
 
 def rounding(array: np.ndarray) -> float:
@@ -187,7 +178,7 @@ _given = partial(is_not, None)
 
 def _size(array: np.ndarray) -> float:
     """Largest finite number."""
-    return float(np.maximum.reduce(np.abs(array[np.isfinite(array)]), initial=0.0))
+    return np.maximum.reduce(np.abs(array[np.isfinite(array)]), initial=0.0)
 
 
 def _equal(found: np.ndarray, expected: np.ndarray, tolerance: float = 0.0) -> bool:

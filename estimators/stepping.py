@@ -71,7 +71,7 @@ class StepProgram:
         self.inside, self._alike = inside, dict[str, Any]()
         self._batch: tuple[int, ...] | None = None
         self._arrays: list[np.ndarray] = []
-        self._function = trace(function, rows, True, True)[0]
+        self._function = trace(function, rows, True, True)
         self._names, self._others = list[str](), list[int]()
         for i in self._function.arguments:
             (self._names if i < len(names) else self._others).append(sources[i])
@@ -85,7 +85,7 @@ class StepProgram:
         ]
         results = self._function.call(*arrays)
         if results is None:
-            results = self._function.compute(arrays)
+            results = self._function.compute(*arrays)
         if self._batch != (batch := belief.mean.shape[:-1]):
             self._batch = batch
             self._arrays = [*map(partial(_repeated, batch=batch), self._alike.values())]

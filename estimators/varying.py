@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from estimators.checks import finite_array, frozen, integer, number
-from estimators.engine.arrays import scalar
 from estimators.engine.compiled import Compiled
-from estimators.engine.matrices import MatrixTracer, is_traced, lookup_matrix, matrix
+from estimators.engine.matrices import MatrixTracer, is_traced, matrix
+from estimators.engine.tables import lookup
 from estimators.first_use import FirstUse
 
 Matrix = np.ndarray | Callable[[np.ndarray | None], np.ndarray]
@@ -81,8 +81,8 @@ class Schedule(Frozen):
             raise ValueError(f"{follows} the known input, but u has {u.shape[-1]}")
         index = u[..., self.component] * self.scale + self.middle
         if is_traced(u):
-            found = lookup_matrix(self.table, scalar(index))
-            return found if isinstance(u, MatrixTracer) else found.scalars()
+            found = lookup(self.table, index)
+            return matrix(u.program, found) if isinstance(u, MatrixTracer) else found
         # The first entry where u is not a number.
         within = np.fmin(np.fmax(index, 0.0), len(self.table) - 1.0)
         return self.table.take(within.astype(np.intp), axis=0)

@@ -8,6 +8,7 @@ import numpy as np
 
 from estimators.engine.program import NotTraceable, Program
 from estimators.engine.tracer import (
+    KINDS,
     OPCODES,
     Tracer,
     cast,
@@ -59,36 +60,22 @@ class TracedArray(np.ndarray):
             )
         return super().__getitem__(key)
 
-    def __setitem__(self, key: Any, value: Any) -> None:
-        if isinstance(key, Tracer | TracedArray):
-            if np.shape(key) != self.shape or np.size(value) != 1:
-                raise NotTraceable(
-                    "x[mask] = value is of a mask of x's shape and one value: use np.where"
-                )
-            key, value = ..., each_entry(where, key, scalar(value), self)
-        super().__setitem__(key, value)
-
     @property
     def program(self) -> Program | None:
         """The program of its entries; None if all are constants."""
         return program_of(self.flat)
 
-    @property
-    def mT(self) -> Any:
-        """The transposed matrix."""
-        return np.swapaxes(self, -1, -2)
-
     def astype(self, dtype: Any, *_: Any, **__: Any) -> Any:
         """As another kind of number."""
         found = np.dtype(dtype)
-        if found.kind == "O" or found.itemsize not in (1, 8):
+        if found not in KINDS.values():
             raise NotTraceable(f"a traced function has float64, int64 and masks, not {found}")
         return each_entry(lambda x: cast(x, found.kind), self)
 
     def mean(self, axis: Any = None, **others: Any) -> Any:  # type: ignore[override]
         """The mean over axes of the row."""
-        count = self.size if axis is None else np.prod([self.shape[i] for i in np.atleast_1d(axis)])
-        return self.sum(axis, **others) / float(count)
+        total = self.sum(axis, **others)
+        return total / (self.size / np.size(total))
 
     def clip(self, low: Any = None, high: Any = None, *, min: Any = None, max: Any = None) -> Any:  # type: ignore[override]
         """Within bounds."""
@@ -98,13 +85,6 @@ class TracedArray(np.ndarray):
 
 
 Tracer.as_array = TracedArray.of
-
-
-def scalar(value: Any) -> Any:
-    """The entry of an array of one, a tracer or a number as it is."""
-    if isinstance(value, np.ndarray) and value.size == 1:
-        return value.reshape(-1).tolist()[0]
-    return value
 
 
 def _plain(value: Any) -> Any:
@@ -138,14 +118,10 @@ SCALAR_FUNCTIONS: dict[str, Callable[..., Any]] = {
     "square": lambda x: power(x, 2),
     "power": power,
     "sign": lambda x: where(x > 0.0, 1.0, where(x < 0.0, -1.0, x + 0.0)),
-    "log10": lambda x: operation("log", x) / float(np.log(10.0)),
     **dict.fromkeys(("deg2rad", "radians"), lambda x: x * (np.pi / 180.0)),
     **dict.fromkeys(("rad2deg", "degrees"), lambda x: x * (180.0 / np.pi)),
-    "isinf": lambda x: operation("equal", operation("absolute", x), np.inf),
-    "signbit": lambda x: operation("copysign", 1.0, x) < 0.0,
     "logical_and": lambda x, y: operation("bitwise_and", cast(x, "b"), cast(y, "b")),
     "logical_or": lambda x, y: operation("bitwise_or", cast(x, "b"), cast(y, "b")),
-    "logical_xor": lambda x, y: operation("bitwise_xor", cast(x, "b"), cast(y, "b")),
     "logical_not": lambda x: operation("invert", cast(x, "b")),
 }
 """NumPy's functions entry by entry, of scalars, by their names."""
@@ -185,25 +161,8 @@ def _apply(ufunc: Any, method: str, operands: Sequence[Any], others: dict[str, A
     return found if isinstance(found, Tracer) else _wrapped(found)
 
 
-def _norm(x: Any, ord: Any = None, axis: Any = None, keepdims: bool = False) -> Any:
-    if ord not in (None, 2) or (ord == 2 and np.ndim(x) > 1 and not isinstance(axis, int)):
-        raise NotTraceable("np.linalg.norm in a traced function is the root of a sum of squares")
-    return np.sqrt((x * x).sum(axis, keepdims=keepdims))
-
-
-def _select(masks: Any, choices: Any, default: Any = 0.0) -> Any:
-    for mask, choice in zip(masks[::-1], choices[::-1], strict=True):
-        default = each_entry(where, mask, choice, default)
-    return default
-
-
-def _cumsum(a: Any, axis: Any = None) -> Any:
-    a = TracedArray.of(a)
-    return _apply(np.add, "accumulate", (a if axis is not None else a.ravel(), axis or 0), {})
-
-
-def _filled(value: float) -> Callable[..., Any]:
-    return lambda a, *_, **__: TracedArray.of(np.full(np.shape(a), value, object))
+def _full(a: Any, value: Any, *_: Any, **__: Any) -> TracedArray:
+    return TracedArray.of(np.full(np.shape(a), value, object))
 
 
 def _reduction(ufunc: Any) -> Callable[..., Any]:
@@ -214,15 +173,10 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.where: partial(each_entry, where),
     np.clip: lambda a, *bounds, **named: TracedArray.of(a).clip(*bounds, **named),
     np.mean: lambda a, *args, **others: TracedArray.of(a).mean(*args, **others),
-    np.zeros_like: _filled(0.0),
-    np.empty_like: _filled(0.0),
-    np.ones_like: _filled(1.0),
-    np.full_like: lambda a, value, *_, **__: TracedArray.of(
-        np.full(np.shape(a), scalar(value), object)
-    ),
-    np.cumsum: _cumsum,
-    np.linalg.norm: _norm,
-    np.select: _select,
+    np.zeros_like: lambda a, *_, **__: _full(a, 0.0),
+    np.empty_like: lambda a, *_, **__: _full(a, 0.0),
+    np.ones_like: lambda a, *_, **__: _full(a, 1.0),
+    np.full_like: _full,
     np.round: lambda x: np.rint(x),
 }
 for _name, _ufunc in {"sum": np.add, "prod": np.multiply, "max": np.maximum, "min": np.minimum, "any": np.logical_or,
@@ -233,7 +187,8 @@ _REARRANGING = frozenset((
     "stack", "concatenate", "hstack", "vstack", "column_stack", "split", "moveaxis", "swapaxes", "transpose",
     "matrix_transpose", "reshape", "ravel", "squeeze", "expand_dims", "broadcast_to", "broadcast_arrays", "roll",
     "flip", "repeat", "tile", "take", "diagonal", "diag", "trace", "append", "atleast_1d", "atleast_2d", "dot",
-    "inner", "outer", "cross", "einsum", "diff", "copy", "shape", "ndim", "size", "block", "unstack", "polyval",
+    "inner", "outer", "cross", "einsum", "norm", "cumsum", "diff", "copy", "shape", "ndim", "size",
+    "block", "unstack", "polyval",
 ))  # fmt: skip
 """NumPy's functions that move entries, or add and multiply them, as they do of any objects."""
 

@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Callable, Sequence
-from functools import partial, update_wrapper, wraps
+from functools import partial, update_wrapper
 from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
 from estimators.engine.arrays import TracedArray, entries
-from estimators.engine.function import Argument, Function, unlike
+from estimators.engine.function import Argument, Function
 from estimators.engine.matching import in_memory
 from estimators.engine.matrices import MatrixTracer, is_traced, matrix_input
 from estimators.engine.program import Program
@@ -21,8 +21,8 @@ def trace(
     rows: Sequence[Argument | None],
     matrices: bool = False,
     sealed: bool = False,
-) -> tuple[Function, bool]:
-    """A function of arrays, traced for rows of some shapes; and whether it gives several results.
+) -> Function:
+    """A function of arrays, traced for rows of some shapes.
 
     Args:
         function: Pure; it gets tracers of a row of each argument.
@@ -45,16 +45,13 @@ def trace(
     results = function(*given)
     several = isinstance(results, tuple | list)
     outputs = [*map(partial(_output, program), results if several else [results])]
-    return Function(program, arguments, outputs, sealed), several
+    return Function(program, arguments, outputs, several, sealed)
 
 
-def scalar_inputs(
-    program: Program, argument: int, shape: tuple[int, ...], kind: str
-) -> TracedArray:
+def scalar_inputs(program: Program, argument: int, shape: tuple[int, ...], kind: str) -> Any:
     """Tracers of the entries of an argument."""
-    size = math.prod(shape)
-    scalars = np.empty(size, object)
-    for column in range(size):
+    scalars = np.empty(math.prod(shape), object)
+    for column in range(scalars.size):
         value = program.add("input", (), kind, None, (argument, column))
         scalars[column] = Tracer(program, value)
     return scalars.reshape(shape).view(TracedArray)
@@ -81,8 +78,8 @@ class Compiled:
     ) -> None:
         update_wrapper(self, function)
         self.function, self._axes, self._matrices = function, axes, matrices
-        self._traced: dict[Any, tuple[Function, bool]] = {}
-        self._last: tuple[dict[str, Any], Callable[..., Any], bool] = {}, unlike, False
+        self._traced: dict[Any, Function] = {}
+        self._last: Any = None, None  # constants of the last call, and the traced function
 
     @property
     def __self__(self) -> Any:
@@ -90,10 +87,8 @@ class Compiled:
         return getattr(self.function, "__self__", None)
 
     def __get__(self, instance: Any, owner: Any = None) -> Any:
-        if instance is None:
-            return wraps(self.function)(
-                lambda instance, *arrays, **static: self.__get__(instance)(*arrays, **static)
-            )
+        if instance is None:  # the class' own: plain, with the object as an argument
+            return self.function
         own = instance.__dict__.get(_METHODS)
         if own is None:
             own = instance.__dict__[_METHODS] = _Methods()
@@ -103,10 +98,10 @@ class Compiled:
 
     def __call__(self, *arrays: Any, **static: Any) -> Any:
         """Results for arrays; of tracers, what is traced with its caller."""
-        constants, call, several = self._last  # as it was called last
-        if static != constants or (results := call(*arrays)) is None:
+        constants, function = self._last
+        if static != constants or (results := function.call(*arrays)) is None:
             return self._call(arrays, static)
-        return results if several else results[0]
+        return results if function.several else results[0]
 
     def _call(self, arrays: tuple[Any, ...], static: dict[str, Any]) -> Any:
         """Results for arguments unlike the last ones."""
@@ -124,10 +119,10 @@ class Compiled:
         key = *rows, *static.items()
         if key not in self._traced:
             self._traced[key] = trace(partial(self.function, **static), rows, self._matrices)
-        function, several = self._traced[key]
-        results = function.compute(held)
-        self._last = static, function.call, several
-        return results if several else results[0]
+        function = self._traced[key]
+        self._last = static, function
+        results = function.call(*held) or function.compute(*held)
+        return results if function.several else results[0]
 
     def __reduce__(self) -> Any:
         if (instance := self.__self__) is not None:
@@ -170,5 +165,5 @@ def compiled(
         function.compiled = True  # type: ignore[attr-defined]
         return function
     if function is None:
-        return lambda function: Compiled(function, axes, matrices)
+        return partial(compiled, axes=axes, matrices=matrices)
     return Compiled(function, axes, matrices)

@@ -8,7 +8,7 @@ import itertools
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache, reduce
-from operator import or_
+from operator import attrgetter, or_
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from estimators.engine.tracer import KINDS, Tracer, cast, constant, within
 
 _OPERATIONS = {
     "add": ("fadd", "add", "add"), "subtract": ("fsub", "sub", "sub"), "multiply": ("fmul", "mul", "mul"),
-    "divide": ("fdiv",), "negative": ("fneg",), "fmod": ("frem", "srem", "urem"),
+    "divide": ("fdiv",), "negative": ("fneg",), "fmod": ("frem",),
     "bitwise_and": ("", "and", "and", "and"),
     "bitwise_or": ("", "or", "or", "or"), "bitwise_xor": ("", "xor", "xor", "xor"),
     "left_shift": ("", "shl", "shl"), "right_shift": ("", "ashr", "lshr"),
@@ -34,9 +34,10 @@ _INTRINSICS = {"absolute": "fabs"} | {
 }
 
 
+@cache
 def type_of(kind: str, width: int) -> str:
-    """The LLVM type of so many lanes of a kind."""
-    scalar = {"f": "double", "b": "i1"}.get(kind, "i64")
+    """The LLVM type of so many lanes of a kind; "m" is a mask in memory."""
+    scalar = {"f": "double", "b": "i1", "m": "i8"}.get(kind, "i64")
     return scalar if width == 1 else f"<{width} x {scalar}>"
 
 
@@ -124,13 +125,25 @@ class Lanes(Program):
         self, opcode: str, operands: Any, kind: str, size: Any = None, attributes: Any = ()
     ) -> int:
         """Emit an operation."""
-        kinds, names = (
-            "".join(self.kinds[value] for value in operands),
-            [self._names[value] for value in operands],
-        )
-        return int(
-            self.value(self.emitter.operation(opcode, kinds, names, self.width, kind), kind).value
-        )
+        kinds = "".join(map(self.kinds.__getitem__, operands))
+        names = [*map(self._names.__getitem__, operands)]
+        T = type_of(kinds[0], self.width)
+        if opcode in EXPANSIONS:
+            function = self.emitter.module.elementary(opcode, self.width)
+            text = f"call {T} {function}({', '.join(f'{T} {each}' for each in names)})"
+        elif opcode in _INTRINSICS:
+            text = self.emitter.call(_INTRINSICS[opcode], kinds, self.width, *names)
+        elif opcode in _OPERATIONS:
+            text = f"{_OPERATIONS[opcode]['fiub'.index(kinds[0])]} {T} {', '.join(names)}"
+        elif opcode == "where":
+            chosen = type_of(kinds[1], self.width)
+            text = f"select {T} {names[0]}, {chosen} {names[1]}, {chosen} {names[2]}"
+        else:
+            word = _CASTS.get(kinds + kind, "bitcast") if opcode == "cast" else "bitcast"
+            text = f"{word} {T} {names[0]} to {type_of(kind, self.width)}"
+        result = self.new(kind)
+        self._names[result] = self.emitter.line(text)
+        return result
 
     def constant(self, value: Any, kind: str) -> int:
         """A constant scalar, the same in all lanes."""
@@ -152,15 +165,14 @@ class Lanes(Program):
 class Emitter:
     """Instructions of a program as lines of a function, with ``width`` rows side by side."""
 
-    def __init__(
-        self, program: Program, module: Module, width: int, within: "Emitter | None" = None
-    ) -> None:
+    def __init__(self, program: Program, module: Module, width: int) -> None:
         self.program, self.module, self.width = program, module, width
-        self.lines: list[str] = within.lines if within else []
-        self.labels: list[str] = within.labels if within else ["entry"]
-        self._numbers: Iterator[int] = within._numbers if within else itertools.count(1)
-        self._lanes: dict[int, Lanes] = within._lanes if within else {}
-        self.names: dict[int, str] = {}
+        self.lines: list[str] = []
+        self.labels = ["entry"]
+        self.scalars: dict[int, int] = {}  # of the program, as values of `own`
+        self._read: dict[tuple[str, int, int], int] = {}
+        self._numbers: Iterator[int] = itertools.count(1)
+        self._lanes: dict[int, Lanes] = {}
         self.one, self.own = self.lanes(1), self.lanes(width)
 
     # --- lines ------------------------------------------------------------------------------------
@@ -192,18 +204,25 @@ class Emitter:
         types = [type_of(kind, width) for kind in kinds]
         name = f"@llvm.{intrinsic}.{scalar if width == 1 else f'v{width}{scalar}'}"
         self.module.declared[f"declare {types[0]} {name}({', '.join(types)})"] = None
-        pairs = ", ".join(
-            f"{kind} {operand}" for kind, operand in zip(types, operands, strict=True)
+        return (
+            f"call {types[0]} {name}({', '.join(map(' '.join, zip(types, operands, strict=True)))})"
         )
-        return self.line(f"call {types[0]} {name}({pairs})")
 
-    def name(self, value: int) -> str:
-        """The name of a scalar of the program, or its literal."""
-        if value not in self.program.constants:
-            return self.names[value]
-        if value not in self.module.places:
-            return literal(self.program.constants[value], self.program.kinds[value], self.width)
-        return self.own.name(self.spread(self.read(self.constant(value, 0), 1), self.width))
+    def scalar(self, value: int) -> Tracer:
+        """A scalar of the program."""
+        return Tracer(self.own, self._own_value(value))
+
+    def _own_value(self, value: int) -> int:
+        if value in self.module.places:  # read once a basic block
+            place = self.labels[-1], self.width, value
+            if place not in self._read:
+                number = self.read(self.constant(value, 0), 1)
+                self._read[place] = self.spread(number, self.width).value
+            return self._read[place]
+        if value not in self.scalars:
+            number, kind = self.program.constants[value], self.program.kinds[value]
+            self.scalars[value] = self.own.constant(number, kind)
+        return self.scalars[value]
 
     def at(self, base: str, entry: Any, T: str = "double") -> str:
         """The address of an entry."""
@@ -282,65 +301,39 @@ class Emitter:
             if hasattr(self, f"_emit_{each.opcode}"):
                 self.special(each)
                 continue
-            values: Any = each.operands
-            kinds = "".join(self.program.kinds[value] for value in values)
-            operands = [self.name(value) for value in values]
+            operands = [self._own_value(value) for value in each.operands]  # type: ignore[arg-type]
             kind = self.program.kinds[each.result]
-            self.names[each.result] = self.operation(each.opcode, kinds, operands, self.width, kind)
+            self.scalars[each.result] = self.own.add(each.opcode, operands, kind)
 
     def special(self, instruction: Instruction) -> None:
         """An instruction that is more than one operation of scalars, by the method of its name."""
         getattr(self, f"_emit_{instruction.opcode}")(instruction)
 
-    def scalar(self, value: int) -> Tracer:
-        """A scalar of the program."""
-        return self.own.value(self.name(value), self.program.kinds[value])
-
-    def operation(
-        self, opcode: str, kinds: str, operands: Sequence[str], width: int, result: str = "f"
-    ) -> str:
-        """One opcode of scalars of some kinds, ``width`` of them side by side."""
-        kind, T, x = kinds[0], type_of(kinds[0], width), operands[0]
-        if opcode in EXPANSIONS:
-            name = self.module.elementary(opcode, width)
-            return self.line(f"call {T} {name}({', '.join(f'{T} {each}' for each in operands)})")
-        if opcode in _OPERATIONS:
-            return self.line(f"{_OPERATIONS[opcode]['fiub'.index(kind)]} {T} {', '.join(operands)}")
-        if opcode in _INTRINSICS:
-            return self.call(_INTRINSICS[opcode], kinds, width, *operands)
-        if opcode == "where":
-            chosen = type_of(kinds[1], width)
-            return self.line(f"select {T} {x}, {chosen} {operands[1]}, {chosen} {operands[2]}")
-        word = "bitcast" if opcode == "bits" else _CASTS.get(kind + result, "bitcast")
-        return self.line(f"{word} {T} {x} to {type_of(result, width)}")
-
     def _emit_sin(self, instruction: Instruction) -> None:
         """Sine and cosine are computed together; LLVM finds calls that are equal."""
         value: Any = instruction.operands[0]
         T, name = type_of("f", self.width), self.module.elementary("sincos", self.width)
-        pair = self.line(f"call {{{T}, {T}}} {name}({T} {self.name(value)})")
-        which = int(instruction.opcode == "cos")
-        self.names[instruction.result] = self.line(f"extractvalue {{{T}, {T}}} {pair}, {which}")
+        pair = self.line(f"call {{{T}, {T}}} {name}({T} {self.own.name(self.scalar(value))})")
+        part = f"extractvalue {{{T}, {T}}} {pair}, {instruction.opcode == 'cos':d}"
+        self.scalars[instruction.result] = self.own.value(self.line(part)).value
 
     _emit_cos = _emit_sin
 
-    def gather(self, one: Callable[[int], str], scalar: str = "double") -> str:
-        """A vector of what a function gives for each lane, of a type of LLVM."""
+    def gather(self, one: Callable[[int], str], kind: str = "f") -> str:
+        """A vector of what a function gives for each lane."""
         if self.width == 1:
             return one(0)
-        vector = "poison"
+        vector, T = "poison", type_of(kind, 1)
         for lane in range(self.width):
-            vector = self.line(
-                f"insertelement <{self.width} x {scalar}> {vector}, {scalar} {one(lane)}, i32"
-                f" {lane}"
-            )
+            parts = f"<{self.width} x {T}> {vector}, {T} {one(lane)}, i32 {lane}"
+            vector = self.line(f"insertelement {parts}")
         return vector
 
-    def lane(self, vector: str, scalar: str, lane: int) -> str:
+    def lane(self, vector: str, kind: str, lane: int) -> str:
         """One lane of a vector."""
         if self.width == 1:
             return vector
-        return self.line(f"extractelement <{self.width} x {scalar}> {vector}, i32 {lane}")
+        return self.line(f"extractelement {type_of(kind, self.width)} {vector}, i32 {lane}")
 
     def any(self, mask: Tracer) -> Tracer:
         """Is a mask true in any lane?"""
@@ -354,29 +347,31 @@ class Emitter:
         """Whole numbers of the lanes, clipped to ``[0, count - 1]``, of a float or an integer."""
         zero = KINDS[index.kind].type(0)
         vector = self.own.name(cast(within(index, zero, zero + (count - 1)), "i"))
-        return [self.one.value(self.lane(vector, "i64", lane), "i") for lane in range(self.width)]
+        return [self.one.value(self.lane(vector, "i", lane), "i") for lane in range(self.width)]
 
     def _emit_lookup(self, instruction: Instruction) -> None:
         value: Any = instruction.operands[0]
         place, count, across, column = instruction.attributes
         entries = self.places(self.scalar(value), count)
-        self.names[instruction.result] = self.gather(
+        vector = self.gather(
             lambda lane: self.one.name(
                 self.read(self.constant(place, entries[lane] * across + column), 1)
             )
         )
+        self.scalars[instruction.result] = self.own.value(vector).value
 
     def _emit_repeat(self, instruction: Instruction) -> None:
         loop: Loop = instruction.attributes[0]
 
         def body(_: Tracer, *carried: Tracer) -> list[Tracer]:
-            self.names.update(zip(loop.parameters, map(self.own.name, carried), strict=True))
+            self.scalars |= zip(loop.parameters, map(attrgetter("value"), carried), strict=True)
             self.block(loop.body)
             return list(map(self.scalar, loop.after))
 
         def going(*carried: Tracer) -> Tracer:
             return self.any(reduce(or_, carried[: loop.masks]))
 
-        initial = [self.scalar(value) for value in instruction.operands if isinstance(value, int)]
+        operands: Any = instruction.operands[: len(loop.parameters)]
+        initial = list(map(self.scalar, operands))
         results = self.loop(0, loop.count, body, initial, going=going if loop.masks else None)
-        self.names.update(zip(loop.results, map(self.own.name, results), strict=True))
+        self.scalars |= zip(loop.results, map(attrgetter("value"), results), strict=True)

@@ -5,15 +5,15 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import partial
-from operator import attrgetter, itemgetter
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimators.engine import machine
-from estimators.engine.emit import LITERAL, Module, literal, type_of
+from estimators.engine.emit import LITERAL, Module, type_of
 from estimators.engine.linear_emit import LinearEmitter
-from estimators.engine.matching import described, in_memory, invoker
+from estimators.engine.matching import in_memory, invoker
 from estimators.engine.matrix_emit import Index
 from estimators.engine.program import Instruction, Program, View, value_of
 from estimators.engine.tracer import KINDS, Tracer, cast, operation, where
@@ -43,13 +43,15 @@ class Function:
         program: What it computes; its instructions ``input`` and ``input_matrix`` read the
             arguments.
         arguments: Rows of what it takes.
-        outputs: For each result its scalars and views of matrices, one after the other, and an
-            argument like it.
+        outputs: For each result its scalars or the view of a matrix, and an argument like it.
+        several: Does the traced function give a tuple of results?
         sealed: Takes the arguments that it reads alone, and gives read-only arrays.
 
     Attributes:
         arguments: Rows of what `call` takes, by their numbers.
+        call: Results of arrays; None of arrays unlike the last ones, for which there is `compute`.
         layout: Places of matrices in the scratch.
+        several: As given.
     """
 
     def __init__(
@@ -57,9 +59,10 @@ class Function:
         program: Program,
         arguments: Sequence[Argument],
         outputs: Sequence[tuple[Any, Argument]],
-        sealed: bool = False,
+        several: bool,
+        sealed: bool,
     ) -> None:
-        self.program, self._sealed = program, sealed
+        self.program, self.several, self._sealed = program, several, sealed
         self.outputs: tuple[Any, ...] = tuple(map(itemgetter(0), outputs))
         self.results: tuple[Argument, ...] = tuple(map(itemgetter(1), outputs))
         values = [*map(value_of, itertools.chain(*self.outputs))]
@@ -72,38 +75,44 @@ class Function:
             self.arguments = dict(enumerate(arguments))
         self.layout, self._scratch = _laid_out(program, self.instructions, values)
         self._places, self._literals, self._constants = _placed(program)
+        self._address = self._constants.__array_interface__["data"][0]
         self._codes: dict[int, int] = {}
-        self.call: Callable[..., Any] = unlike
+        self.call: Callable[..., tuple[np.ndarray, ...] | None] = self.compute
 
-    def compute(self, arrays: Sequence[Any]) -> Any:
-        """Results of arrays that have one batch, or none where all rows share them.
-
-        From then on `call` gives them for arrays of such types and shapes, and None for others.
-        """
-        results = self.call(*arrays)
-        if results is None:
-            own, given, leading = list(self.arguments.values()), [], []
-            for array, each in zip(arrays, own, strict=True):
-                given.append(a := in_memory(array, each.kind))
-                leading.append(a.shape[: a.ndim - len(each.shape)])
-            batch = leading[0] if len({*leading}) == 1 else np.broadcast_shapes(*leading)
-            shared = 0
-            for i, axes in enumerate(leading):
-                if math.prod(axes) == 1:
-                    shared |= (axes != batch) << i
-                elif axes != batch:
-                    given[i] = np.broadcast_to(given[i], batch + own[i].shape).copy()
-            rows = math.prod(batch)
-            width = LANES if rows >= FEW else 1
-            room = machine.scratch(width * self._scratch)
-            flags = ~0x400 if self._sealed else -1  # NPY_ARRAY_WRITEABLE
-            head = self._code(width), rows, shared, room, machine.address(self._constants), flags
-            like = [*map(attrgetter("dtype", "shape"), given)]
-            for each in self.results:
-                like.append((KINDS[each.kind], batch + each.shape))
-            self.call = call = partial(invoker(), described(head, len(given), like))
-            results = call(*given)
-        return results
+    def compute(self, *arrays: Any) -> tuple[np.ndarray, ...]:
+        """Results of arrays that have one batch, or none where all rows share them."""
+        own, given, leading = list(self.arguments.values()), [], []
+        for array, each in zip(arrays, own, strict=True):
+            given.append(a := in_memory(array, each.kind))
+            leading.append(a.shape[: a.ndim - len(each.shape)])
+        batch = leading[0] if len({*leading}) == 1 else np.broadcast_shapes(*leading)
+        shared = 0
+        for i, axes in enumerate(leading):
+            if math.prod(axes) == 1:
+                shared |= (axes != batch) << i
+            elif axes != batch:
+                given[i] = np.broadcast_to(given[i], batch + own[i].shape).copy()
+        rows = math.prod(batch)
+        width = LANES if rows >= FEW else 1
+        room = machine.scratch(width * self._scratch)
+        flags = ~0x400 if self._sealed else -1  # NPY_ARRAY_WRITEABLE
+        table = [
+            self._code(width),
+            rows,
+            shared,
+            room,
+            self._address,
+            flags,
+            len(own),
+            len(self.results),
+        ]
+        for a in given:
+            table += id(a.dtype), a.ndim, *a.shape
+        for each in self.results:
+            shape = batch + each.shape
+            table += id(KINDS[each.kind]), len(shape), *shape
+        self.call = partial(invoker(), np.array(table, np.int64))
+        return self.call(*given)  # type: ignore[return-value]
 
     def _code(self, width: int) -> int:
         """Machine code for ``width`` rows side by side; programs with other numbers share it."""
@@ -121,24 +130,19 @@ class Function:
         return driver.module.text([driver.function(name, self.instructions, self.outputs)])
 
 
-def unlike(*_: Any) -> None:
-    """A call before there was one."""
-
-
-def _placed(program: Program) -> tuple[dict[int, int], dict[int, str], np.ndarray]:
-    """Constants of a program: begins in memory, texts of those in the code, numbers in memory."""
-    numbers: dict[int, Any] = {}
-    literals: dict[int, str] = {}
+def _placed(program: Program) -> tuple[dict[int, int], dict[int, Any], np.ndarray]:
+    """Constants of a program: begins of those in memory, those in the code, numbers in memory."""
+    places, literals, numbers = dict[int, int](), dict[int, Any](), list[float]()
     for value, x in program.constants.items():
-        kind = program.kinds[value]
-        if kind != "f" or x in LITERAL or x != x:
-            literals[value] = literal(x, kind, 1)
+        if program.kinds[value] != "f" or x in LITERAL or x != x:
+            literals[value] = x
         else:
-            numbers[value] = (x,)
-    numbers |= program.tables
-    starts = itertools.accumulate(map(len, numbers.values()), initial=0)
-    constants = np.array([*itertools.chain(*numbers.values())], float)
-    return dict(zip(numbers, starts, strict=False)), literals, constants
+            places[value] = len(numbers)
+            numbers.append(x)
+    for value, table in program.tables.items():
+        places[value] = len(numbers)
+        numbers.extend(table)
+    return places, literals, np.array(numbers, float)
 
 
 def _laid_out(
@@ -190,13 +194,19 @@ class Driver(LinearEmitter):
             own = [operation("minimum", row + lane, end - 1) for lane in range(self.width)]
 
             def places(array: str, size: Any, kind: str) -> list[str]:
-                return [self.at(array, each * size, _MEMORY[kind]) for each in own]
+                T = type_of(_MEMORY.get(kind, kind), 1)
+                return [self.at(array, each * size, T) for each in own]
 
             for (i, each), stride in zip(arguments.items(), strides, strict=True):
                 self._bases[i] = places(f"%a{i}", stride, each.kind)
             self.block(instructions)
             for i, (parts, each) in enumerate(zip(outputs, results, strict=True)):
-                self._output(parts, each.kind, places(f"%o{i}", each.size, each.kind))
+                bases = places(f"%o{i}", each.size, each.kind)
+                for column, part in enumerate(parts):
+                    if isinstance(part, View):
+                        self._output(part, each.kind, bases)
+                    else:
+                        self._stored(self.scalar(part), each.kind, bases, column)
 
         self.loop(0, end, body, step=self.width)
         arrays = [f"%a{i}" for i in arguments] + [f"%o{i}" for i in range(len(results))]
@@ -213,22 +223,20 @@ class Driver(LinearEmitter):
     def _loaded(self, argument: int, column: Any) -> Tracer:
         """An entry of the rows of an argument."""
         kind = self._function.arguments[argument].kind
-        memory = _MEMORY[kind]
+        memory = _MEMORY.get(kind, kind)
+        T = type_of(memory, 1)
 
         def one(lane: int) -> str:
-            place = self.at(self._bases[argument][lane], column, memory)
-            return self.line(f"load {memory}, ptr {place}")
+            return self.line(f"load {T}, ptr {self.at(self._bases[argument][lane], column, T)}")
 
         value = self.gather(one, memory)
         if kind == "b":
-            T = memory if self.width == 1 else f"<{self.width} x {memory}>"
-            value = self.line(
-                f"icmp ne {T} {value}, {'0' if self.width == 1 else 'zeroinitializer'}"
-            )
+            wide = type_of(memory, self.width)
+            value = self.line(f"trunc {wide} {value} to {type_of(kind, self.width)}")
         return self.own.value(value, kind)
 
     def _emit_input(self, instruction: Instruction) -> None:
-        self.names[instruction.result] = self.own.name(self._loaded(*instruction.attributes))
+        self.scalars[instruction.result] = self._loaded(*instruction.attributes).value
 
     def _emit_input_matrix(self, instruction: Instruction) -> None:
         (argument,) = instruction.attributes
@@ -265,23 +273,13 @@ class Driver(LinearEmitter):
             size //= 2
         return [self.own.value(name) for name in names]
 
-    def _output(self, parts: Sequence[Any], kind: str, bases: Sequence[str]) -> None:
-        """Store scalars and matrices in columns one after the other."""
-        column = 0
-        for part in parts:
-            if isinstance(part, View):
-                self._output_matrix(part, kind, bases, column)
-                column += math.prod(part.shape)
-            else:
-                self._stored(self.scalar(part), kind, bases, column)
-                column += 1
-
-    def _output_matrix(self, view: View, kind: str, bases: Sequence[str], column: int) -> None:
+    def _output(self, view: View, kind: str, bases: Sequence[str]) -> None:
+        """Store a matrix."""
         if view.steps == (view.shape[1], 1):  # it lies in one piece
             view = View(view.value, (1, math.prod(view.shape)), view.start, (0, 1))
 
         def some(i: Index, j: Index, count: int) -> None:
-            at = column + i * view.shape[1] + j
+            at = i * view.shape[1] + j
             entries = [self.load(view, i, j + m) for m in range(count)]
             if kind == "f" and count == self.width > 1:
                 for entry, base in zip(self._transposed(entries), bases, strict=True):
@@ -294,14 +292,15 @@ class Driver(LinearEmitter):
         self.over(*view.shape, some, LANES)
 
     def _stored(self, x: Tracer, kind: str, bases: Sequence[str], column: Any) -> None:
-        memory, value = _MEMORY[kind], self.own.name(cast(x, kind))
+        memory, value = _MEMORY.get(kind, kind), self.own.name(cast(x, kind))
         if kind == "b":
-            R = "i8" if self.width == 1 else f"<{self.width} x i8>"
-            value = self.line(f"zext {type_of('b', self.width)} {value} to {R}")
+            wide = type_of(kind, self.width)
+            value = self.line(f"zext {wide} {value} to {type_of(memory, self.width)}")
+        T = type_of(memory, 1)
         for lane, base in enumerate(bases):
-            place = self.at(base, column, memory)
-            self.lines.append(f"  store {memory} {self.lane(value, memory, lane)}, ptr {place}")
+            place = self.at(base, column, T)
+            self.lines.append(f"  store {T} {self.lane(value, memory, lane)}, ptr {place}")
 
 
 _INPUTS = "input", "input_matrix"
-_MEMORY = {"f": "double", "i": "i64", "u": "i64", "b": "i8"}
+_MEMORY = {"b": "m"}

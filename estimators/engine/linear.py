@@ -1,13 +1,12 @@
 """Linear algebra of traced matrices: products, factorisations, solutions, each an instruction."""
 
 from functools import partial
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
 from estimators.engine.matrices import FUNCTIONS, MatrixTracer, matrix, shapes
-from estimators.engine.program import NotTraceable, Program
+from estimators.engine.program import Program
 from estimators.engine.tracer import program_of
 
 
@@ -17,9 +16,8 @@ def _matrices(*operands: Any) -> tuple[Program, Any, Any]:
     return program, *map(partial(matrix, program), operands)
 
 
-def _check(word: str, fit: bool, *operands: Any) -> None:
-    if not fit or {*map(attrgetter("ndim", "kind"), operands)} != {(2, "f")}:
-        raise ValueError(f"{shapes(operands)} have no {word} in a traced formula")
+def _misfit(word: str, *operands: Any) -> ValueError:
+    return ValueError(f"{shapes(operands)} have no {word} in a traced formula")
 
 
 def _for_every_row(program: Program, values: np.ndarray) -> MatrixTracer:
@@ -29,17 +27,13 @@ def _for_every_row(program: Program, values: np.ndarray) -> MatrixTracer:
 
 def _matmul(a: Any, b: Any) -> Any:
     program, a, b = _matrices(a, b)
-    if (a.ndim, b.ndim) != (2, 2) or a.kind == b.kind == "b":
-        raise NotTraceable(
-            "@ in a traced formula is of matrices of numbers; of a matrix and a vector there is"
-            " np.matvec"
-        )
-    if a.shape[1] != b.shape[0]:
-        raise ValueError(f"{shapes((a, b))} have no product in a traced formula")
+    if not a.ndim == b.ndim == 2 or a.shape[1] != b.shape[0]:
+        raise _misfit("product (of a matrix and a vector: np.matvec)", a, b)
     rows, columns = a.shape[0], b.shape[1]
     if a.shape[1] == 0:
         return _for_every_row(program, np.zeros((rows, columns)))
-    value = program.add("matmul", (a.view, b.view), "f", rows * columns)
+    symmetric = a.view == b.mT.view
+    value = program.add("matmul", (a.view, b.view), "f", rows * columns, (symmetric,))
     return MatrixTracer(program, value, (rows, columns))
 
 
@@ -47,32 +41,28 @@ def _matvec(a: Any, x: Any) -> Any:
     return _matmul(a, x[..., None])[..., 0]
 
 
-def inner(a: Any, b: Any) -> Any:
-    """``A B'`` of ``(i, N)`` and ``(j, N)``; an entry is eight partial sums, halves added."""
-    program, a, b = _matrices(a, b)
-    _check("inner products", a.shape[-1] == b.shape[-1], a, b)
-    symmetric = a.view == b.view
-    value = program.add("inner", (a.view, b.view), "f", a.shape[0] * b.shape[0], (symmetric,))
-    return MatrixTracer(program, value, (a.shape[0], b.shape[0]))
+def solve_lower(t: Any, b: Any) -> Any:
+    """``L^-1 B`` of a lower triangular L."""
+    program, t, b = _matrices(t, b)
+    if b.ndim != 2 or t.shape != (b.shape[0],) * 2:
+        raise _misfit("solution (of a vector b: b[..., None])", t, b)
+    return MatrixTracer(program, program.add("solve_lower", (t.view, b.view), "f", b.size), b.shape)
 
 
-def _solved(opcode: str, s: Any, b: Any) -> Any:
-    program, s, b = _matrices(s, b)
-    _check("solution (of a vector b: b[..., None])", s.shape[0] == s.shape[-1] == b.shape[0], s, b)
-    value = program.add(opcode, (s.view, b.view), "f", b.size + s.size)  # factors stand behind it
-    return MatrixTracer(program, value, b.shape)
+def solve_upper(t: Any, b: Any) -> Any:
+    """``U^-1 B`` of an upper triangular U: a lower one, read backwards."""
+    return solve_lower(t[..., ::-1, ::-1], b[..., ::-1, :])[..., ::-1, :]
 
 
-solve_definite: Any = partial(_solved, "solve")
-"""``S^-1 B`` of a symmetric positive definite S; NaN of any other."""
-solve_lower: Any = partial(_solved, "solve_lower")
-"""``L^-1 B`` of a lower triangular L."""
-solve_upper: Any = partial(_solved, "solve_upper")
-"""``U^-1 B`` of an upper triangular U."""
+def solve_definite(s: Any, b: Any) -> Any:
+    """``S^-1 B`` of a symmetric positive definite S; NaN of any other."""
+    root = cholesky(s)
+    return solve_upper(root.mT, solve_lower(root, b))
 
 
 def _of_square(opcode: str, a: Any) -> MatrixTracer:
-    _check(opcode, a.shape[0] == a.shape[-1], a)
+    if a.shape != a.shape[::-1] or a.ndim != 2:
+        raise _misfit(opcode, a)
     return MatrixTracer(a.program, a.program.add(opcode, (a.view,), "f", a.size), a.shape)
 
 

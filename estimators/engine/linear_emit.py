@@ -16,8 +16,7 @@ from estimators.engine.tracer import Tracer, cast, constant, where
 # columns of a product that are summed at a time: as many vectors as processors have registers for
 _ACROSS = 48
 _OUTLINED = frozenset((
-    "each", "join", "matmul", "inner", "solve", "solve_lower", "solve_upper", "cholesky",
-    "semidefinite_cholesky", "rotate",
+    "each", "join", "matmul", "solve_lower", "cholesky", "semidefinite_cholesky", "rotate",
 ))  # fmt: skip
 _INLINED = 16  # entries of the operands up to which there is no call
 _EPS = float(np.finfo(float).eps)
@@ -60,17 +59,17 @@ class LinearEmitter(MatrixEmitter):
         parameters: list[str] = []
         for i, each in enumerate(instruction.operands):
             if isinstance(each, View):
-                value = program.new("f", math.prod(each.shape))
-                operands.append(View(value, each.shape, 0, each.steps))
+                value = program.new("f")
+                operands.append(each._replace(value=value, start=0))
                 emitter.pointers[value] = f"%p{i}"
                 if each.value in self.program.tables:
                     program.tables[value] = self.program.tables[each.value]
                 parameters.append(f"ptr %p{i}")
             else:
                 operands.append(program.new("f"))
-                emitter.names[i] = f"%p{i}"
+                emitter.scalars[i] = emitter.own.value(f"%p{i}").value
                 parameters.append(f"{type_of('f', self.width)} %p{i}")
-        result = program.new("f", self.program.sizes[instruction.result])
+        result = program.new("f")
         emitter.pointers[result] = "%r"
         own = instruction._replace(operands=tuple(operands), result=result)
         name = f"@outlined.{sha256(f'{own} {list(program.tables)}'.encode()).hexdigest()[:16]}"
@@ -85,8 +84,12 @@ class LinearEmitter(MatrixEmitter):
     def _emit_matmul(self, instruction: Instruction) -> None:
         a, b = self._operands(instruction)
         (rows, inner), columns = a.shape, b.shape[1]
-        together = self.width == 1 and b.view.steps[1] == 1
-        target = self.matrix(instruction.result, (rows, columns)).view
+        result = self.matrix(instruction.result, (rows, columns))
+        if inner >= 2 * CHUNK and a.view.steps[1] == b.view.steps[0] == 1:
+            right = View(b.view.value, (columns, inner), b.view.start, b.view.steps[::-1])
+            self._inner_products(a.view, right, result, instruction.attributes[0])
+            return
+        together, target = self.width == 1 and b.view.steps[1] == 1, result.view
 
         def some(i: Index, first: Index, count: int) -> None:
             """Sums of neighbouring entries of a row: of a row alone vectors of them."""
@@ -116,37 +119,31 @@ class LinearEmitter(MatrixEmitter):
         """Sums and the products that each index adds to them."""
         return self.loop(low, high, lambda k, *sums: list(map(add, sums, products(k))), sums, step)
 
-    def _emit_inner(self, instruction: Instruction) -> None:
-        a, b = self._operands(instruction)
-        (rows, count), columns = a.shape, b.shape[0]
-        target = self.matrix(instruction.result, (rows, columns))
-
-        def one(i: Index, j: Index, _: int = 1) -> None:
-            total = self._inner_product(a.view, i, b.view, j, count)
-            target[i, j] = total
-            if instruction.attributes[0]:
+    def _inner_products(self, a: View, b: View, target: Matrix, symmetric: bool) -> None:
+        def one(i: Index, j: Index) -> None:
+            target[i, j] = total = self._inner_product(a, i, b, j)
+            if symmetric:
                 target[j, i] = total
 
-        if instruction.attributes[0]:
-            self.loop(0, rows, lambda i: self.loop(0, i + 1, lambda j: one(i, j)))
-        else:
-            self.over(rows, columns, one)
+        rows, columns = target.shape
+        self.loop(
+            0, rows, lambda i: self.loop(0, i + 1 if symmetric else columns, lambda j: one(i, j))
+        )
 
-    def _inner_product(self, a: View, i: Index, b: View, j: Index, count: int) -> Tracer:
+    def _inner_product(self, a: View, i: Index, b: View, j: Index) -> Tracer:
         """``a_i . b_j``: eight partial sums, added by halves, then the remaining terms in order."""
+        count = a.shape[1]
         whole = count // CHUNK * CHUNK
-        together = self.width == 1 and a.steps[1] == b.steps[1] == 1
-        lanes = self.lanes(CHUNK if together else self.width)
+        lanes = self.lanes(CHUNK if self.width == 1 else self.width)
 
         def products(k: Index) -> list[Tracer]:
-            if together:
+            if self.width == 1:
                 return [self.load(a, i, k, CHUNK) * self.load(b, j, k, CHUNK)]
             return [self.load(a, i, k + m) * self.load(b, j, k + m) for m in range(CHUNK)]
 
-        sums = [constant(lanes, 0.0)] * (1 if together else CHUNK)
-        if whole:
-            sums = self._accumulated(0, whole, products, sums, CHUNK)
-        if together:
+        sums = [constant(lanes, 0.0)] * (1 if self.width == 1 else CHUNK)
+        sums = self._accumulated(0, whole, products, sums, CHUNK)
+        if self.width == 1:
             vector = f"extractelement <{CHUNK} x double> {lanes.name(sums[0])}, i32"
             sums = [self.one.value(self.line(f"{vector} {m}")) for m in range(CHUNK)]
         while len(sums) > 1:
@@ -159,74 +156,32 @@ class LinearEmitter(MatrixEmitter):
 
     # --- solutions --------------------------------------------------------------------------------
 
-    def _substitute(
-        self,
-        factor: Callable[[Index, Index], Tracer],
-        b: View,
-        z: View,
-        lower: bool,
-        divided: str = "",
-    ) -> None:
-        """Entries ``z_i`` in order: ``b_i`` less the ``factor(i, k) z_k`` of those before it.
+    def _emit_solve_lower(self, instruction: Instruction) -> None:
+        """Entries ``z_i`` in order: ``b_i`` less the ``t_ik z_k`` before it, divided by ``t_ii``.
 
-        They are divided by ``factor(i, i)`` "before" or "after". Columns of a row alone that are
-        neighbours are eight lanes of vectors.
+        Columns of a row alone that are neighbours are eight lanes of vectors.
         """
-        n, neighbours = (
-            z.shape[0],
-            self.width == 1 and b.steps[1] == 1 and b.value not in self.program.tables,
+        t, b = self._operands(instruction)
+        z = self.matrix(instruction.result, b.shape)
+        neighbours = (
+            self.width == 1 and b.view.steps[1] == 1 and b.view.value not in self.program.tables
         )
 
         def column(_: Index, c: Index, count: int) -> None:
-            right, solution = Matrix(self, b, count), Matrix(self, z, count)
+            right, solution = Matrix(self, b.view, count), Matrix(self, z.view, count)
 
             def wide(i: Index, k: Index) -> Tracer:
-                return self.spread(factor(i, k), self.width * count)
+                return self.spread(t[i, k], self.width * count)
 
-            def entry(m: Index) -> None:
-                i = m if lower else n - 1 - m
-                low, high = (0, i) if lower else (i + 1, n)
-                first = right[i, c] / wide(i, i) if divided == "before" else right[i, c]
+            def entry(i: Index) -> None:
                 rest = self.total(
-                    first, low, high, lambda k, rest: rest - wide(i, k) * solution[k, c]
+                    right[i, c], 0, i, lambda k, rest: rest - wide(i, k) * solution[k, c]
                 )
-                solution[i, c] = rest / wide(i, i) if divided == "after" else rest
+                solution[i, c] = rest / wide(i, i)
 
-            self.loop(0, n, entry)
+            self.loop(0, z.shape[0], entry)
 
         self.over(1, z.shape[1], column, CHUNK if neighbours else 1)
-
-    def _emit_solve(self, instruction: Instruction) -> None:
-        """``S^-1 B`` by ``S = L D L'``; f holds L D below its diagonal, D on it and L' above."""
-        s, b = self._operands(instruction)
-        n, z = s.shape[0], self.matrix(instruction.result, b.shape)
-        f = self.matrix(instruction.result, s.shape, math.prod(b.shape))
-
-        def column(j: Index) -> None:
-            def below(i: Index) -> None:
-                f[i, j] = self.total(s[i, j], 0, j, lambda k, rest: rest - f[i, k] * f[k, j])
-
-            def above(i: Index) -> None:
-                f[j, i] = f[i, j] / pivot
-
-            self.loop(j, n, below)
-            pivot = f[j, j]
-            pivot = where(pivot > 0.0, pivot, np.nan)
-            f[j, j] = pivot
-            self.loop(j + 1, n, above)
-
-        self.loop(0, n, column)
-        self._substitute(lambda i, k: f[k, i], b.view, z.view, True)
-        self._substitute(lambda i, k: f[i, k], z.view, z.view, False, "before")
-
-    def _emit_solve_lower(self, instruction: Instruction) -> None:
-        t, b = self._operands(instruction)
-        z = self.matrix(instruction.result, b.shape)
-        self._substitute(
-            lambda i, k: t[i, k], b.view, z.view, instruction.opcode == "solve_lower", "after"
-        )
-
-    _emit_solve_upper = _emit_solve_lower
 
     def _emit_cholesky(self, instruction: Instruction) -> None:
         """``L L' = S``; a pivot that is not positive gives NaN or, semidefinite, zeros."""
@@ -270,13 +225,11 @@ class LinearEmitter(MatrixEmitter):
             self.matrix(instruction.result, (wanted, n), m * n),
         )
         self.copy(a.view, z)
-        if wanted:
 
-            def diagonal(i: Index) -> None:
-                v[i, i] = 1.0
+        def unit(i: Index, j: Index, _: int) -> None:
+            v[i, j] = self.spread(cast(constant(self.one, i) == j, "f"), self.width)
 
-            self.fill(v, 0.0)
-            self.loop(0, n, diagonal)
+        self.over(wanted, n, unit)
         still = constant(self.one, np.False_)
 
         def row(p: Index, turning: Tracer) -> list[Tracer]:

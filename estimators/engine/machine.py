@@ -4,7 +4,6 @@ import ctypes
 import os
 import stat
 import sys
-import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -43,7 +42,6 @@ def load(code: bytes, emit: Callable[[str], str]) -> int:
             found = _object(emit(name))
             _keep(path, found)
         engine.add_object_file(binding.ObjectFileRef.from_data(found))
-        engine.finalize_object()
         _loaded[key] = engine.get_function_address(name)
     return _loaded[key]
 
@@ -53,6 +51,8 @@ def linker() -> tuple[Any, Any]:
     """LLVM's engine, which keeps the machine code of this process, and its module."""
     from llvmlite import binding
 
+    binding.initialize_native_target()
+    binding.initialize_native_asmprinter()
     for symbol in _PYTHON:
         place = ctypes.c_byte.in_dll(ctypes.pythonapi, symbol)
         binding.add_symbol(symbol, ctypes.addressof(place))
@@ -105,12 +105,10 @@ def _machine() -> Any:
     """The processor as LLVM describes it; an execution engine owns its own and frees it."""
     from llvmlite import binding
 
-    binding.initialize_native_target()
-    binding.initialize_native_asmprinter()
     _, triple, name, features = _processor()
     # Not "pic": LLVM's linker takes all offsets from the table of the first object that has one.
     return binding.Target.from_triple(triple).create_target_machine(
-        cpu=name, features=features, opt=2 if OPTIMISED else 0, reloc="static", jit=True
+        cpu=name, features=features, opt=1 if OPTIMISED else 0, reloc="static", jit=True
     )
 
 
@@ -121,16 +119,11 @@ def _numpy_functions() -> Any:
     return table(np._core._multiarray_umath._ARRAY_API, None)  # type: ignore[attr-defined]
 
 
-def address(array: np.ndarray) -> int:
-    """Address of the numbers of an array."""
-    return array.__array_interface__["data"][0]
-
-
 def scratch(size: int) -> int:
     """Address of so many numbers, where a line of the cache begins, as vectors of eight do."""
     if not _rooms or len(_rooms[-1]) < size + 8:
         _rooms.append(np.empty(2 * size + 8))  # the former ones stay: calls have their addresses
-    return -(-address(_rooms[-1]) // 64) * 64
+    return -(-_rooms[-1].__array_interface__["data"][0] // 64) * 64
 
 
 # --- objects on disk ------------------------------------------------------------------------------
@@ -138,13 +131,11 @@ def scratch(size: int) -> int:
 
 def _keep(path: str, code: bytes) -> None:
     """Write an object, after its digest, where others find it whole or not at all."""
-    with (
-        suppress(OSError),
-        tempfile.NamedTemporaryFile(dir=os.path.dirname(path), suffix=".new", delete=False) as file,
-    ):
-        file.write(sha256(code).digest() + code)
-        file.close()
-        os.replace(file.name, path)
+    own = f"{path}.{os.urandom(8).hex()}"
+    with suppress(OSError):
+        with open(own, "xb") as file:
+            file.write(sha256(code).digest() + code)
+        os.replace(own, path)
 
 
 def _kept(path: str) -> bytes | None:
@@ -161,7 +152,7 @@ def _kept(path: str) -> bytes | None:
 @cache
 def _announce() -> None:
     """Say once on stderr that equations are compiled; stdout belongs to the results."""
-    if sys.stderr is not None and not any(folder().glob("*.o")):
+    if sys.stderr is not None and not any(Path(folder()).glob("*.o")):
         print(
             f"vessel-gym: compiling equations once, a few seconds; kept in {folder()}",
             file=sys.stderr,
@@ -170,7 +161,7 @@ def _announce() -> None:
 
 
 @cache
-def folder() -> Path:
+def folder() -> str:
     """Folder of objects: in ``VESSEL_GYM_CACHE`` or beside the code, or in the user's cache.
 
     Objects are executed, so a folder counts only if the user alone can write to it. Without one
@@ -180,8 +171,8 @@ def folder() -> Path:
     for place in (os.path.abspath(first), os.path.expanduser("~/.cache")):
         if os.path.isabs(place) and (found := _own(Path(place))):
             _forget(found)
-            return found
-    return Path(os.devnull)
+            return str(found)
+    return os.devnull
 
 
 def _forget(place: Path) -> None:

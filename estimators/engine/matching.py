@@ -4,7 +4,7 @@ Python's own comparison of arguments, and its fresh arrays for results, take lon
 """
 
 import ctypes
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -30,29 +30,14 @@ def in_memory(value: Any, kind: str = "") -> np.ndarray:
     return array if array.dtype is KINDS[kind] else array.view(KINDS[kind])
 
 
-def described(
-    head: Sequence[int], count: int, arrays: Sequence[tuple[np.dtype, Any]]
-) -> np.ndarray:
-    """Table of a call for `invoker`: of arrays like these, with results of such types and shapes.
-
-    Args:
-        head: Address of the code, its whole numbers, the addresses of its scratch and constants,
-            and the flags that fresh arrays keep.
-        count: How many are arguments.
-        arrays: Types and shapes of arguments and results. Types must live as long as the table.
-    """
-    table = [*head, count, len(arrays) - count]
-    for dtype, shape in arrays:
-        table += (id(dtype), len(shape), *shape)
-    return np.array(table, np.int64)
-
-
 @cache
 def invoker() -> Callable[..., tuple[np.ndarray, ...] | None]:
     """The function ``(table, *arrays)`` that gives fresh arrays of results.
 
-    It gives None unless there are as many arrays as in the table, in C order and of such types and
-    shapes.
+    A table of whole numbers has the address of the code, its arguments, the flags that fresh arrays
+    keep, the numbers of arguments and results, and for each of these the address of its type, its
+    number of axes and its shape. It gives None unless there are as many arrays, in C order and of
+    such types and shapes.
     """
     address = machine.load(b"invoker", lambda name: _TEXT.replace("@call(", f"@{name}("))
     # bytes: the collector of garbage may empty a structure of ctypes before the function reads it

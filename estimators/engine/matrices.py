@@ -16,8 +16,7 @@ import numpy as np
 
 from estimators.engine.arrays import SCALAR_FUNCTIONS, TracedArray, entries
 from estimators.engine.program import NotTraceable, Program, View
-from estimators.engine.tables import lookup
-from estimators.engine.tracer import OPERATORS, UNARY, Tracer, cast, constant, known, program_of
+from estimators.engine.tracer import OPERATORS, UNARY, Tracer, cast, constant, program_of
 
 _INDICES = {slice, int, np.int64, type(None)}
 _Operators: Any = object  # which are set below, and unknown to a checker of types
@@ -32,9 +31,7 @@ class MatrixTracer(_Operators):
 
     __array_priority__ = 3000.0
 
-    def __init__(
-        self, program: Program, value: int, places: Any, kind: str = "f", constant: bool = False
-    ) -> None:
+    def __init__(self, program: Program, value: int, places: Any, kind: str = "f") -> None:
         """A new tracer.
 
         Args:
@@ -43,13 +40,11 @@ class MatrixTracer(_Operators):
             places: Which entry of the value stands where ``(n,)`` or ``(n, m)``; or the shape of
                 all of them.
             kind: "b" of a mask.
-            constant: Is it an array that has no axes of a batch?
         """
         if isinstance(places, tuple):
             places = np.arange(math.prod(places)).reshape(places)
         self.program, self.value, self.places, self.kind = program, value, places, kind
         self.shape, self.ndim, self.size = places.shape, places.ndim, places.size
-        self.constant = constant
         if not 1 <= self.ndim <= 2:
             raise NotTraceable(
                 "a traced formula's arrays are numbers, vectors and matrices a row, not of shape"
@@ -82,11 +77,6 @@ class MatrixTracer(_Operators):
         return FUNCTIONS[function](*args, **kwargs)
 
     @property
-    def dtype(self) -> np.dtype:
-        """The type of a mask or of numbers."""
-        return np.dtype(bool if self.kind == "b" else float)
-
-    @property
     def view(self) -> View:
         """Places of its entries, as those of a matrix; steps are 0 over one row or column."""
         places = self.places if self.ndim == 2 else self.places[None]
@@ -102,7 +92,7 @@ class MatrixTracer(_Operators):
     def _part(self, places: Any) -> Any:
         """Entries at some places; at one, a number."""
         if getattr(places, "ndim", 0):
-            return MatrixTracer(self.program, self.value, places, self.kind, self.constant)
+            return MatrixTracer(self.program, self.value, places, self.kind)
         place = View(self.value, (1, 1), int(places), (0, 0))
         return Tracer(self.program, self.program.add("element", (place,), self.kind))
 
@@ -110,9 +100,9 @@ class MatrixTracer(_Operators):
         """Its entries, one by one."""
         return np.frompyfunc(self._part, 1, 1)(self.places).view(TracedArray)
 
-    def diagonal(self, offset: int = 0, axis1: int = 0, axis2: int = 1) -> "MatrixTracer":
+    def diagonal(self, *axes: int) -> "MatrixTracer":
         """The diagonal of a matrix, whose axes are the last two."""
-        if (offset, axis1, axis2) != (0, -2, -1):
+        if axes != (0, -2, -1):
             raise NotTraceable("a traced formula's matrices have diagonal(0, -2, -1) alone")
         return self._part(self.places.diagonal())
 
@@ -123,15 +113,10 @@ class MatrixTracer(_Operators):
         whole: Any = self[..., None, :] if self.ndim == 1 else self
         if axis != -1:
             whole = (np.zeros((1, whole.shape[0])) + 1.0) @ whole
-        if axis != -2:
-            whole = (whole @ (np.zeros((whole.shape[1], 1)) + 1.0))[..., 0]
-        return (
-            whole
-            if axis == -1 and self.ndim == 2
-            else whole[..., 0, :]
-            if axis == -2
-            else whole[..., 0]
-        )
+        if axis == -2:
+            return whole[..., 0, :]
+        total = (whole @ (np.zeros((whole.shape[1], 1)) + 1.0))[..., 0]
+        return total if axis == -1 and self.ndim == 2 else total[..., 0]
 
     def __getitem__(self, key: Any) -> Any:
         first, *named = key if isinstance(key, tuple) else (key,)
@@ -165,16 +150,14 @@ def matrix(program: Program, value: Any) -> Any:
         return constant(program, array)
     if not isinstance(value, TracedArray):
         kind = "b" if array.dtype.kind == "b" else "f"
-        return MatrixTracer(program, program.table(array), array.shape, kind, True)
+        return MatrixTracer(program, program.table(array), array.shape, kind)
     scalars = entries(value, program)
     kind = "b" if {*map(_kind, scalars)} == {"b"} else "f"
-    if kind == "f":
-        scalars = [*map(_float, scalars)]
     packed = program.add("pack", (*map(_value, scalars),), "f", value.size)
     return MatrixTracer(program, packed, value.shape, kind)
 
 
-_kind, _value, _float = attrgetter("kind"), attrgetter("value"), partial(cast, kind="f")
+_kind, _value = attrgetter("kind"), attrgetter("value")
 
 
 def matrix_input(program: Program, argument: int, shape: tuple[int, ...], kind: str) -> Any:
@@ -183,11 +166,6 @@ def matrix_input(program: Program, argument: int, shape: tuple[int, ...], kind: 
         return Tracer(program, program.add("input", (), kind, None, (argument, 0)))
     value = program.add("input_matrix", (), "f", math.prod(shape), (argument,))
     return MatrixTracer(program, value, shape, kind)
-
-
-def lookup_matrix(table: np.ndarray, index: Tracer) -> MatrixTracer:
-    """The matrix of a constant table ``(k, n, m)`` at a truncated index; beyond, the nearest."""
-    return matrix(index.program, lookup(table, index))
 
 
 def columnwise(function: Any, *operands: Any) -> MatrixTracer:
@@ -210,8 +188,7 @@ def columnwise(function: Any, *operands: Any) -> MatrixTracer:
 
     def body(*parameters: tuple[int, ...]) -> list[int]:
         columns = (
-            np.array([Tracer(program, value) for value in column], object).view(TracedArray)
-            for column in parameters
+            TracedArray.of([Tracer(program, value) for value in column]) for column in parameters
         )
         arguments = [
             next(columns) if each is not None and each.ndim == 2 else vector
@@ -268,20 +245,12 @@ def entrywise(function: Any, *values: Any) -> Any:
     if name not in SCALAR_FUNCTIONS:
         raise NotTraceable(f"a traced formula cannot have np.{name} in it")
     operands = [*map(partial(matrix, program), values)]
-    kinds, views, places, most, axes = "", [], [], 0, set()
+    kinds, views, places = "", [], []
     for each in operands:
         whole = isinstance(each, MatrixTracer)
         kinds += "b" if each.kind == "b" or (name == "where" and not kinds) else "f"
         views.append(each.view if whole else each.value)
         places.append(each.places if whole else 0)
-        most = max(most, each.ndim)
-        if not (each.constant if whole else known(each) is not None):
-            axes.add(each.ndim)
-    if len(axes) > 1 or most > min(axes, default=2):
-        raise ValueError(
-            f"{shapes(operands)} have axes of other number in a traced formula: add some by a[...,"
-            " None]"
-        )
     kind, shape = _result_kind(name, kinds), np.broadcast(*places).shape
     rows, columns = (1,) * (2 - len(shape)) + shape
     value = program.add("each", tuple(views), "f", rows * columns, (name, kinds, rows, columns))
@@ -296,11 +265,8 @@ def shapes(operands: Sequence[Any]) -> str:
 def joined(parts: Sequence[Any], axis: int) -> Any:
     """Arrays below (axis -2) or beside (axis -1) each other; constants among them are matrices."""
     parts = [*map(partial(matrix, program := program_of(parts)), parts)]
-    if not -parts[0].ndim <= axis < 0 or any(part.constant and part.ndim < 2 for part in parts):
-        raise ValueError(
-            f"{shapes(parts)} cannot be joined along axis {axis} in a traced formula: axes are -1"
-            " and -2, constants matrices"
-        )
+    if axis >= 0:
+        raise NotTraceable("a traced formula's arrays are joined along their last axes, -1 or -2")
     shape = np.concatenate([part.places for part in parts], axis).shape
     step = shape[-1] if axis == -2 else 1
     sizes = np.cumsum([0, *(part.shape[axis] for part in parts[:-1])])
@@ -311,17 +277,8 @@ def joined(parts: Sequence[Any], axis: int) -> Any:
     return MatrixTracer(program, value, shape, "b" if {*map(_kind, parts)} == {"b"} else "f")
 
 
-def _concatenate(parts: Any, axis: int = 0) -> MatrixTracer:
-    if not all(isinstance(part, MatrixTracer | TracedArray) for part in parts):
-        raise NotTraceable(
-            "np.concatenate in a traced formula is of its arrays alone: for constants beside them"
-            " there is estimators.linalg.joined"
-        )
-    return joined(parts, axis)
-
-
 FUNCTIONS: dict[Any, Any] = {
     np.where: partial(entrywise, np.where),
-    np.concatenate: _concatenate,
+    np.concatenate: joined,
 }
 """NumPy's functions of whole matrices; `estimators.engine.linear` adds linear algebra."""

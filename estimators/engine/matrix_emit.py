@@ -1,6 +1,7 @@
 """Instructions of matrices as loops in LLVM IR, over entries whose rows stand side by side."""
 
 from collections.abc import Callable
+from copy import copy
 from typing import Any
 
 from estimators.engine.arrays import SCALAR_FUNCTIONS
@@ -112,8 +113,8 @@ class MatrixEmitter(Emitter):
 
     def _emit_element(self, instruction: Instruction) -> None:
         place: Any = instruction.operands[0]
-        value = cast(self.load(place), self.program.kinds[instruction.result])
-        self.names[instruction.result] = self.own.name(value)
+        kind = self.program.kinds[instruction.result]
+        self.scalars[instruction.result] = cast(self.load(place), kind).value
 
     def _emit_pack(self, instruction: Instruction) -> None:
         target = self.matrix(instruction.result, (1, len(instruction.operands)))
@@ -133,14 +134,6 @@ class MatrixEmitter(Emitter):
             target[i, j] = self.load(view, i, j)
 
         self.over(*view.shape, one)
-
-    def fill(self, target: Matrix, value: float) -> None:
-        """Set all entries to a number."""
-
-        def one(i: Index, j: Index, _: int) -> None:
-            target[i, j] = value
-
-        self.over(*target.shape, one)
 
     def _emit_each(self, instruction: Instruction) -> None:
         name, kinds, rows, columns = instruction.attributes
@@ -177,14 +170,14 @@ class MatrixEmitter(Emitter):
             j = at
             if together:  # the last ones begin before the end, and compute some again
                 last = self.one.name(at * CHUNK), str(loop.size - CHUNK)
-                j = self.one.value(self.call("smin", "ii", 1, *last), "i")
-            inside = Emitter(self.program, self.module, width, self)
-            read = {value: self.spread(self.scalar(value), width) for value in outer
-                    if value not in self.program.constants}  # fmt: skip
+                j = self.one.value(self.line(self.call("smin", "ii", 1, *last)), "i")
+            inside = copy(self)
+            inside.width, inside.own = width, self.lanes(width)
+            inside.scalars = {value: self.spread(self.scalar(value), width).value for value in outer
+                              if value not in self.program.constants}  # fmt: skip
             for view, parameters in zip(views, loop.parameters, strict=True):
                 for i, value in enumerate(parameters):
-                    read[value] = self.load(view, i, j, width // self.width)
-            inside.names = {value: inside.own.name(x) for value, x in read.items()}
+                    inside.scalars[value] = self.load(view, i, j, width // self.width).value
             inside.block(loop.body)
             for i, value in enumerate(loop.results):
                 target[i, j] = inside.scalar(value)

@@ -38,12 +38,7 @@ class Instruction(NamedTuple):
     @property
     def values(self) -> set[int]:
         """The values that it reads."""
-        found = {*map(value_of, self.operands)}
-        if self.opcode == "repeat":
-            loop: Loop = self.attributes[0]
-            found.update(*(each.values for each in loop.body), loop.after)
-            found.difference_update(loop.parameters, (each.result for each in loop.body))
-        return found
+        return {*map(value_of, self.operands)}
 
     @property
     def results(self) -> tuple[int, ...]:
@@ -146,22 +141,18 @@ class Program:
         """Apply a body, traced once, to scalars ``count`` times, or until the masks are false."""
         kinds = [self.kinds[value] for value in initial]
         parameters = tuple(map(self.new, kinds))
-        after, inside = self._block(body, parameters, "the body of a repeat")
-        if [self.kinds[value] for value in after] != kinds:
-            raise TypeError(
-                "the body of a repeat must give as many numbers as it takes, of the same kinds"
-            )
+        after, inside, outer = self._block(body, parameters, "the body of a repeat")
         if set(kinds[:masks]) - {"b"}:
             raise TypeError("a repeat ends by a mask, such as x > 0.0")
         results = tuple(map(self.new, kinds))
         loop = Loop(count, masks, parameters, inside, after, results)
-        self._blocks[-1][loop] = Instruction("repeat", tuple(initial), results[0], (loop,))
+        self._blocks[-1][loop] = Instruction("repeat", (*initial, *outer), results[0], (loop,))
         return results
 
     def _block(
         self, body: Callable[..., Sequence[int]], parameters: tuple[Any, ...], word: str
-    ) -> tuple[tuple[int, ...], tuple[Instruction, ...]]:
-        """Results of a body for parameters, and its instructions."""
+    ) -> tuple[tuple[int, ...], tuple[Instruction, ...], list[int]]:
+        """Results of a body for parameters, its instructions, and other values that it reads."""
         self._blocks.append({})
         try:
             results = tuple(body(*parameters))
@@ -169,14 +160,15 @@ class Program:
             inside = tuple(self._blocks.pop().values())
         if any(each.result in self.sizes for each in inside):
             raise TypeError(f"{word} computes scalars, no matrices")
-        return results, inside
+        own = {value for each in inside for value in each.results}.union(parameters)
+        outer = sorted(set(results).union(*(each.values for each in inside)) - own)
+        return results, inside, outer
 
     def columns(self, views: Sequence[View], body: Callable[..., Sequence[int]]) -> int:
         """The matrix of what a body, traced once, makes of each column of matrices."""
         parameters = tuple(tuple(self.new("f") for _ in range(view.shape[0])) for view in views)
-        results, inside = self._block(body, parameters, "a function of columns")
-        own = {value for each in inside for value in each.results}.union(*parameters)
-        outer = sorted(set(results).union(*(each.values for each in inside)) - own)
+        results, inside, outer = self._block(body, parameters, "a function of columns")
+        outer = sorted({*outer}.difference(*parameters))
         count = views[0].shape[1]
         loop = Columns(count, parameters, inside, results)
         value = self.new("f", len(results) * count)

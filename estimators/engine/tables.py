@@ -14,7 +14,9 @@ def _interpolated(x: Any, xp: Any, fp: Any) -> Any:
     slopes = np.append(np.diff(fp) / np.diff(xp), 0.0)
 
     def one(x: Any) -> Any:
-        index = lookup_index(x, xp)
+        index: Any = 0  # of the last entry that is at most x
+        for bound in xp[1:]:
+            index = cast(x >= float(bound), "i") + index
         value = lookup(slopes, index) * (x - lookup(xp, index)) + lookup(fp, index)
         value = where(
             x >= float(xp[-1]), float(fp[-1]), where(x < float(xp[0]), float(fp[0]), value)
@@ -22,14 +24,6 @@ def _interpolated(x: Any, xp: Any, fp: Any) -> Any:
         return where(operation("isnan", x), x, value)
 
     return each_entry(one, x)
-
-
-def lookup_index(x: Any, xp: np.ndarray) -> Any:
-    """The last entry of rising numbers that is at most x; 0 below all."""
-    index: Any = 0
-    for bound in xp[1:]:
-        index = cast(x >= float(bound), "i") + index
-    return index
 
 
 def lookup(table: Any, index: Any) -> Any:

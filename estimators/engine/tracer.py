@@ -57,9 +57,6 @@ class Tracer(_Operators):
         array[()] = self
         return array
 
-    def __repr__(self) -> str:
-        return f"Tracer({self.value}, {self.kind!r})"
-
     def __array_ufunc__(self, ufunc: Any, method: str, *operands: Any, **others: Any) -> Any:
         return self.as_array().__array_ufunc__(ufunc, method, *operands, **others)
 
@@ -87,15 +84,10 @@ def constant(program: Program, value: Any) -> Tracer:
         value = value[()]
     if type(value) is Tracer:
         return value
-    if not isinstance(value, float):  # np.float64 is one, too
-        value = np.asarray(value)[()]
-        kind = value.dtype.kind if isinstance(value, np.generic) else "O"
-        if kind not in KINDS:
-            raise NotTraceable(
-                f"a traced function computes with real numbers and masks, not {value!r}"
-            )
-        return Tracer(program, program.constant(KINDS[kind].type(value), kind))
-    return Tracer(program, program.constant(value, "f"))
+    kind = "f" if isinstance(value, float) else np.asarray(value).dtype.kind
+    if kind not in KINDS:
+        raise NotTraceable(f"a traced function computes with real numbers and masks, not {value!r}")
+    return Tracer(program, program.constant(KINDS[kind].type(value), kind))
 
 
 def known(tracer: Tracer) -> Any:
@@ -139,10 +131,9 @@ def _arithmetic(x: Tracer, y: Tracer) -> tuple[Tracer, Tracer]:
 
 
 ELEMENTARY = frozenset((
-    "sin", "cos", "tan", "exp", "expm1", "log", "log1p", "arctan", "arcsin", "arccos", "tanh", "arctan2", "hypot",
+    "sin", "cos", "exp", "log", "log1p", "arctan", "arcsin", "arccos", "arctan2", "hypot",
 ))  # fmt: skip
 """Opcodes that `estimators.engine.elementary` computes; the others are exactly NumPy's."""
-_FLOATS = frozenset(("add", "subtract", "multiply", "divide"))
 _BITWISE = frozenset(("bitwise_and", "bitwise_or", "bitwise_xor"))
 _GIVE_MASKS = frozenset(("greater", "greater_equal", "equal", "not_equal"))
 _SHIFTS = frozenset(("left_shift", "right_shift"))
@@ -158,6 +149,20 @@ def program_of(operands: Iterable[Any]) -> Any:
     return None
 
 
+def _converted(opcode: str, operands: list[Tracer], kinds: set[str]) -> list[Any]:
+    """Operands as the kinds that an opcode has."""
+    if opcode in _BITWISE and "f" in kinds:
+        raise NotTraceable("&, | and ^ are of masks or whole numbers")
+    if opcode in _SHIFTS:
+        if operands[0].kind not in "iu" or known(operands[1]) not in range(64):
+            raise NotTraceable("<< and >> shift whole numbers by a constant from 0 to 63")
+        return [operands[0], cast(operands[1], operands[0].kind)]
+    if opcode not in _PROMOTING:
+        return [*map(partial(cast, kind="f"), operands)]
+    masks = kinds == {"b"} and opcode in ("equal", "not_equal", *_BITWISE)
+    return operands if masks else [*_arithmetic(*operands)]
+
+
 def operation(opcode: str, *operands: Any) -> Any:
     """The result of an opcode of scalars, computed at once by NumPy where none is traced."""
     if (program := program_of(operands)) is None:
@@ -167,25 +172,9 @@ def operation(opcode: str, *operands: Any) -> Any:
     if opcode in _COMPOSED:
         return _COMPOSED[opcode](*traced)
     kinds = {*map(attrgetter("kind"), traced)}
-    if kinds == {"f"} and opcode in _FLOATS:  # most instructions by far
-        kind = "f"
-    elif opcode in _BITWISE and "f" in kinds:
-        raise NotTraceable("&, | and ^ are of masks or whole numbers")
-    elif opcode in _PROMOTING:
-        if kinds != {"b"} or opcode not in ("equal", "not_equal", "multiply", *_BITWISE):
-            traced = list(_arithmetic(*traced))
-    elif opcode in _SHIFTS:
-        if traced[0].kind not in "iu" or known(traced[1]) not in range(64):
-            raise NotTraceable("<< and >> shift whole numbers by a constant from 0 to 63")
-        traced[1] = cast(traced[1], traced[0].kind)
-    elif opcode in ("absolute", "negative") and kinds <= {"i", "u"}:
-        (x,) = traced
-        return where(x < 0, 0 - x, x) if opcode == "absolute" else 0 - x
-    else:
-        traced = [*map(partial(cast, kind="f"), traced)]
+    if kinds != {"f"} or opcode in _BITWISE | _SHIFTS:
+        traced = _converted(opcode, traced, kinds)
     kind = "b" if opcode in _GIVE_MASKS else traced[0].kind
-    if opcode == "multiply" and kind == "b":
-        opcode = "bitwise_and"
     values = [*map(known, traced)]
     if opcode not in ELEMENTARY and None not in values:
         exact = [KINDS[x.kind].type(value) for x, value in zip(traced, values, strict=True)]
@@ -235,28 +224,10 @@ def _larger(x: Tracer, y: Tracer, order: Tracer) -> Any:
 
 
 def _remainder(x: Tracer, y: Tracer) -> Any:
-    """``x - y floor(x / y)`` with the sign of y, exactly, as `numpy.remainder`."""
-    x, y = _arithmetic(x, y)
-    if x.kind == "f":
-        rest = operation("fmod", x, y)
-        moved = where((rest < 0.0) ^ (y < 0.0), rest + y, rest)
-        return where(rest == 0.0, operation("copysign", 0.0, y), moved)
-    # NumPy's is 0 of a divisor 0; the lowest number overflows for -1
-    y = where((y == 0) | (y == -1) if y.kind == "i" else y == 0, 1, y)
-    rest = Tracer(x.program, x.program.add("fmod", (x.value, y.value), x.kind))
-    return rest if y.kind == "u" else where(((rest ^ y) < 0) & (rest != 0), rest + y, rest)
-
-
-def _floor_divide(x: Any, y: Any) -> Any:
-    """``floor(x / y)`` of floats by their remainder, as `numpy.floor_divide`: never rounded up."""
-    x, y = cast(x, "f"), cast(y, "f")
+    """``x - y floor(x / y)`` of floats with the sign of y, exactly, as `numpy.remainder`."""
     rest = operation("fmod", x, y)
-    quotient = (x - rest) / y
-    quotient = where((rest != 0.0) & ((rest < 0.0) ^ (y < 0.0)), quotient - 1.0, quotient)
-    floor = operation("floor", quotient)
-    floor = where(quotient - floor > 0.5, floor + 1.0, floor)
-    whole = where(quotient == 0.0, operation("copysign", 0.0, x / y), floor)
-    return where(y == 0.0, x / y, whole)
+    moved = where((rest < 0.0) ^ (y < 0.0), rest + y, rest)
+    return where(rest == 0.0, operation("copysign", 0.0, y), moved)
 
 
 _COMPOSED: dict[str, Callable[..., Any]] = {
@@ -266,9 +237,9 @@ _COMPOSED: dict[str, Callable[..., Any]] = {
     "minimum": lambda x, y: _larger(x, y, x < y),
     "isnan": lambda x: x != x,
     "isfinite": lambda x: cast(x, "f") - cast(x, "f") == 0.0,
+    "tan": lambda x: operation("sin", x) / operation("cos", x),
     "invert": lambda x: x ^ (True if x.kind == "b" else -1),
     "remainder": _remainder,
-    "floor_divide": _floor_divide,
 }
 """Operations that are several instructions."""
 OPCODES = frozenset((
@@ -311,8 +282,8 @@ def _operator(opcode: str, swapped: bool = False) -> Callable[[Tracer, Any], Any
 OPERATORS = {
     "add": "add", "sub": "subtract", "mul": "multiply", "truediv": "divide", "and": "bitwise_and",
     "or": "bitwise_or", "xor": "bitwise_xor", "lshift": "left_shift", "rshift": "right_shift", "mod": "remainder",
-    "floordiv": "floor_divide", "gt": "greater", "ge": "greater_equal", "lt": "less", "le": "less_equal",
-    "eq": "equal", "ne": "not_equal",
+    "gt": "greater", "ge": "greater_equal", "lt": "less", "le": "less_equal", "eq": "equal",
+    "ne": "not_equal",
 }  # fmt: skip
 """Python's operators of two numbers, and NumPy's functions."""
 UNARY = {"neg": "negative", "abs": "absolute", "invert": "invert"}

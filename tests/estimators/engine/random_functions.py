@@ -23,7 +23,6 @@ EXACT: dict[str, tuple[int, Word]] = {
     "copysign": (2, np.copysign),
     "fmod": (1, lambda a: np.fmod(a, 1.7)),
     "remainder": (1, lambda a: (a + np.pi) % (2.0 * np.pi) - np.pi),
-    "quotient": (1, lambda a: a // 0.9),
     "clip": (1, lambda a: np.clip(a, -1.5, 1.2)),
     "where": (3, lambda a, b, c: np.where(a > 0.2, b, c)),
     "masks": (
@@ -36,6 +35,7 @@ EXACT: dict[str, tuple[int, Word]] = {
     "sum": (3, lambda a, b, c: np.stack([a, b, c], -1).sum(-1)),
     "largest": (3, lambda a, b, c: np.max(np.stack([a, b, c], -1), axis=-1)),
     "cumulative": (3, lambda a, b, c: np.cumsum(np.stack([a, b, c], -1), axis=-1)[..., 1]),
+    "sums": (3, lambda a, b, c: np.stack([a, b, c], -1).cumsum(-1)[..., 2]),
     "concatenate": (2, lambda a, b: np.concatenate([a[..., None], b[..., None]], -1)[..., 1]),
     "in place": (2, lambda a, b: _in_place(a, b)),
     "lookup": (1, lambda a: lookup(TABLE, a)),
@@ -54,12 +54,11 @@ EXACT: dict[str, tuple[int, Word]] = {
 }
 ROUNDED: dict[str, tuple[int, Word]] = {
     "exp": (1, lambda a: np.exp(-np.abs(a))),
-    "expm1": (1, lambda a: np.expm1(np.clip(a, -3.0, 2.0))),
     "log": (1, lambda a: np.log(np.abs(a) + 0.2) - np.log1p(a * a)),
     "sines": (1, lambda a: sincos(a)[0] * sincos(a)[1] + np.sin(a) * np.cos(a)),
-    "tan": (1, lambda a: np.tan(np.tanh(a))),
+    "tan": (1, lambda a: np.tan(np.sin(a))),
     "arctan": (1, np.arctan),
-    "arcsin": (1, lambda a: np.arcsin(0.9 * np.tanh(a))),
+    "arcsin": (1, lambda a: np.arcsin(0.9 * np.cos(a))),
     "arccos": (1, lambda a: np.arccos(0.8 * np.sin(a))),
     "arctan2": (2, lambda a, b: np.arctan2(a, 0.3 + b * b)),
     "hypot": (2, lambda a, b: np.hypot(a, b + 0.01)),
@@ -77,7 +76,7 @@ ROUNDED: dict[str, tuple[int, Word]] = {
 def _in_place(a: Any, b: Any) -> Any:
     both = np.stack([a, b], -1).copy()
     both[..., 1] += both[..., 0]
-    both[both > 1.0] = 1.0
+    both[..., 0] = 1.0
     return both[..., 1]
 
 

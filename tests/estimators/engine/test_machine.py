@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[3]
 
 @pytest.fixture(autouse=True)
 def _cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(machine, "folder", lambda: tmp_path)
+    monkeypatch.setattr(machine, "folder", lambda: str(tmp_path))
     compiled(lambda x: x)(np.ones((1, 2)))  # what every call needs beside its own program
     for path in tmp_path.glob("*.o"):
         path.unlink()
@@ -125,7 +125,7 @@ def test_a_folder_that_others_can_write_to_is_not_used(
 def test_a_folder_that_cannot_be_written_costs_time_and_nothing_else(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(machine, "folder", lambda: tmp_path / "missing")
+    monkeypatch.setattr(machine, "folder", lambda: str(tmp_path / "missing"))
     assert np.isfinite(fresh()(np.ones((1, 3)))).all()
     assert not (tmp_path / "missing").exists()
 
@@ -138,7 +138,7 @@ def folder(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[], Path]]:
     for name in ("HOME", "VESSEL_GYM_CACHE"):
         monkeypatch.setenv(name, "/dev/null/nobody")
     machine.folder.cache_clear()
-    yield machine.folder
+    yield lambda: Path(machine.folder())
     machine.folder.cache_clear()
 
 
@@ -163,9 +163,6 @@ def test_objects_that_nobody_has_used_for_long_are_removed(tmp_path: Path):
     os.utime(tmp_path / "a.o", (1.0, 1.0))
     machine._forget(tmp_path)
     assert [each.name for each in tmp_path.iterdir()] == ["b.o"]
-
-
-# --- memory ---------------------------------------------------------------------------------------
 
 
 # --- the same bits --------------------------------------------------------------------------------

@@ -33,9 +33,11 @@ def formulas(S: Any, B: Any, x: Any, m: Any) -> dict[str, Any]:
         + np.where(x < -0.2, np.sin(x), np.arctan2(x, x * x)),
         "sums of entries": B.sum(-2).sum(-1) * x.sum(-1) - S.diagonal(0, -2, -1).sum(-1),
         "masked": np.where(m[..., None] & m[..., None, :], S, np.exp(x[..., 1])[..., None, None]),
-        "inner of many": linalg.inner(*[linalg.joined([S, B, S @ S, B, S], -1)] * 2),
+        "inner of many": linalg.inner(*[linalg.joined([S, B, S @ S, B, S, B, B], -1)] * 2),
+        "inner of two of many": linalg.joined([S] * 6, -1)
+        @ linalg.joined([2.0 * S, B] * 4, -1)[..., 1:, 2:].mT,
         "inner": linalg.inner(B, B) + linalg.inner(S, B.mT @ S) @ B.mT,
-        "equal numbers": (np.floor(S) == np.floor(S.mT)) * S - (S.mT != S) * np.expm1(-np.abs(S)),
+        "equal numbers": (np.floor(S) == np.floor(S.mT)) * S - (S.mT != S) * np.exp(-np.abs(S)),
         "slices": linalg.joined([B[..., 1:, :], np.eye(3)[:1, :2]], -2) + B[..., 2, None, :],
         "solve": linalg.solve(S, B),
         "solve by a lower triangle": linalg.solve_lower(linalg.cholesky(S), B),
@@ -58,7 +60,7 @@ def arguments(rows: int) -> list[np.ndarray]:
 def compute(formula: Any, *arguments: np.ndarray) -> np.ndarray:
     """A formula of matrices, compiled and computed."""
     rows = [Argument(each.shape[1:], each.dtype.kind) for each in arguments]
-    return trace(formula, rows, matrices=True)[0].compute(list(arguments))[0]
+    return trace(formula, rows, matrices=True).compute(*arguments)[0]
 
 
 NAMES = list(formulas(*arguments(1)))
@@ -70,13 +72,13 @@ def formula(name: str) -> Formula:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_formula_is_what_numpy_computes_with_the_same_bits_alone_and_in_any_batch(name: str):
-    function = trace(formula(name), SHAPES, matrices=True)[0]
+    function = trace(formula(name), SHAPES, matrices=True)
     for rows in ROWS:
         parts = arguments(rows)
-        (found,) = function.compute(parts)
+        (found,) = function.compute(*parts)
         assert_allclose(found, formulas(*parts)[name], rtol=0.0, atol=1e-12)
         for some in (slice(rows - 1, rows), slice(0, 5), slice(rows // 2, rows)):
-            (part,) = function.compute([each[some] for each in parts])
+            (part,) = function.compute(*(each[some] for each in parts))
             assert_array_equal(part, found[some])
 
 
@@ -114,10 +116,10 @@ def test_large_matrices_are_loops_and_not_unrolled_and_empty_ones_are_sums_of_no
     def formula(S: Any) -> Any:
         return linalg.cholesky(S) @ S
 
-    function, _ = trace(formula, [Argument((30, 30))], matrices=True)
+    function = trace(formula, [Argument((30, 30))], matrices=True)
     assert len(function.instructions) < 10
     S, H = random_covariance(np.random.default_rng(0), 30, (6,)), np.zeros((5, 3, 0))
-    assert_allclose(function.compute([S])[0], formula(S), rtol=1e-11, atol=1e-11)
+    assert_allclose(function.compute(S)[0], formula(S), rtol=1e-11, atol=1e-11)
     assert_array_equal(compute(lambda H: H @ H.mT + 1.0, H), np.ones((5, 3, 3)))
 
 
@@ -125,6 +127,7 @@ def test_large_matrices_are_loops_and_not_unrolled_and_empty_ones_are_sums_of_no
     "formula",
     [
         lambda S, B, x, m: B @ S,
+        lambda S, B, x, m: S @ x,
         lambda S, B, x, m: linalg.solve(S, B[..., :2, :]),
         lambda S, B, x, m: np.concatenate([B[..., :1, :], S], -1),
         lambda S, B, x, m: np.where(m[..., :2], x, 0.0),
@@ -142,7 +145,6 @@ def test_what_numpy_refuses_is_refused_while_it_is_traced(formula: Formula):
     [
         (lambda S, B, x, m: S.sum(0), "sums over its last axes"),
         (lambda S, B, x, m: x[:1], "indexed from behind"),
-        (lambda S, B, x, m: S @ x, r"np\.matvec"),
         (lambda S, B, x, m: np.sort(x), r"cannot have np\.sort in it"),
         (lambda S, B, x, m: 1.0 if (x > 0.0) else 2.0, r"use np\.where"),
     ],

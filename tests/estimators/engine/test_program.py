@@ -31,7 +31,7 @@ LOWEST, HIGHEST = np.iinfo(np.int64).min, np.iinfo(np.int64).max
 
 def opcodes(function: Any) -> list[str]:
     """Those of a function's instructions, inputs left out."""
-    instructions = trace(function, [Argument((3,))])[0].instructions
+    instructions = trace(function, [Argument((3,))]).instructions
     return [each.opcode for each in instructions if each.opcode != "input"]
 
 
@@ -56,9 +56,7 @@ def of_all_kinds(x: Any, n: Any, w: Any, m: Any) -> tuple[Any, ...]:
         n / 2 + n * m.sum(-1),
         (w ^ (w << 7)) * np.uint64(0x9E3779B97F4A7C15) + (w >> 3),
         n & 6 | ~n,
-        n % -3,
-        w % np.uint64(3),
-        np.abs(n) + np.maximum(-n, 0),
+        np.maximum(n, 0),
         np.minimum(w, np.uint64(9)),
         (n > 0) & m | ~m ^ (w > np.uint64(3)),
         np.where(m, n, 0.5),
@@ -101,13 +99,7 @@ def test_other_types_are_taken_as_those_of_their_kind():
 
 
 def test_the_worst_whole_numbers_do_no_harm():
-    n = np.array([LOWEST, HIGHEST, LOWEST, 5, 0, 7, -7, -1])
-    d = np.array([-1, -1, 0, 0, 0, -3, 3, LOWEST])
-    with np.errstate(all="ignore"):
-        expected = np.remainder(n, d)
-    remainder = compiled(lambda n, d: n % d, axes=(0, 0))
-    assert_array_equal(remainder(n, d), expected)
-    assert remainder(LOWEST, -1) == 0  # alone
+    n = np.array([LOWEST, HIGHEST, 5, 0, -7, -1])
     assert_array_equal(compiled(lambda n: n + n)(n), n + n)
     found = compiled(lambda x: x.astype(int))([1e300, -1e300, np.inf, np.nan, 2.9, -2.9])
     assert_array_equal(found[-2:], [2, -2])
@@ -167,7 +159,7 @@ def test_a_function_along_rows_is_that_of_each_entry_and_has_its_instructions_on
         assert_array_equal(found, expected)
     for row, *expected in zip(x, *function(x), strict=True):
         assert_array_equal(function(row), expected)
-    program = trace(waves, [Argument((2 * entries,))])[0]
+    program = trace(waves, [Argument((2 * entries,))])
     assert sum(each.opcode == "sin" for each in program.instructions) <= 1
 
 
@@ -238,6 +230,7 @@ def test_methods_and_functions_are_compiled_for_their_object_copied_and_pickled(
         (lambda x: np.fft.fft(x), r"cannot have np\.fft in it"),
         (lambda x: x**x, "constant exponents"),
         (lambda x: x - x[..., 0].sum(), "over the batch"),
+        (lambda x: x // 2.0, r"cannot have np\.floor_divide"),
         (lambda x: x & 1, "masks or whole numbers"),
         (lambda x: (x > 0.0) - (x < 0.0), "two masks"),
         (lambda x: x[x > 0.0], r"np\.where"),
