@@ -34,6 +34,7 @@ _PARTIALS: dict[str, Callable[..., tuple[Any, ...]]] = {
     "arctan": lambda y, x: (1.0 / (1.0 + x * x),),
     "arcsin": lambda y, x: (1.0 / operation("sqrt", (1.0 - x) * (1.0 + x)),),
     "arccos": lambda y, x: (-(1.0 / operation("sqrt", (1.0 - x) * (1.0 + x))),),
+    "tanh": lambda y, x: (1.0 - y * y,),
     "add": lambda z, x, y: (1.0, 1.0),
     "subtract": lambda z, x, y: (1.0, -1.0),
     "multiply": lambda z, x, y: (y, x),

@@ -240,11 +240,19 @@ def _hypot(x: Any, y: Any) -> Any:
     )
 
 
+def _tanh(x: Any) -> Any:
+    size = operation("absolute", x)
+    twice = 2.0 * where(size > 22.0, 22.0, size)
+    power = _exp(twice)
+    rise = where(power == 1.0, twice, (power - 1.0) * (twice / _log(power)))  # exp(2 x) - 1
+    return operation("copysign", rise / (rise + 2.0), x)
+
+
 EXPANSIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "sin": (1, lambda x: _sincos(x)[0]), "cos": (1, lambda x: _sincos(x)[1]), "sincos": (1, _sincos),
     "exp": (1, _exp), "log": (1, _log), "log1p": (1, _log1p),
     "arctan": (1, _arctan), "arctan2": (2, _arctan2), "arcsin": (1, _arcsin), "arccos": (1, _arccos),
-    "hypot": (2, _hypot),
+    "hypot": (2, _hypot), "tanh": (1, _tanh),
 }  # fmt: skip
 """How many operands each has, and how it is computed."""
 

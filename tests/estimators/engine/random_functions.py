@@ -56,7 +56,7 @@ ROUNDED: dict[str, tuple[int, Word]] = {
     "exp": (1, lambda a: np.exp(-np.abs(a))),
     "log": (1, lambda a: np.log(np.abs(a) + 0.2) - np.log1p(a * a)),
     "sines": (1, lambda a: sincos(a)[0] * sincos(a)[1] + np.sin(a) * np.cos(a)),
-    "tan": (1, lambda a: np.tan(np.sin(a))),
+    "tan": (1, lambda a: np.tan(np.tanh(a))),
     "arctan": (1, np.arctan),
     "arcsin": (1, lambda a: np.arcsin(0.9 * np.cos(a))),
     "arccos": (1, lambda a: np.arccos(0.8 * np.sin(a))),
