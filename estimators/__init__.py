@@ -22,7 +22,7 @@ from estimators.belief import (
     ObservedInputBelief,
 )
 from estimators.check import check_filter
-from estimators.delayed import Delayed, DelayedBelief, by_age
+from estimators.delayed import Delayed, DelayedBelief
 from estimators.discretisation import sampled, van_loan, zero_order_hold
 from estimators.engine import compiled
 from estimators.ensemble import (
@@ -31,7 +31,7 @@ from estimators.ensemble import (
     EnsembleTransformFilter,
 )
 from estimators.factory import make, names
-from estimators.faults import ChiSquareMonitor, CusumMonitor, FaultMonitor, Watch
+from estimators.faults import ChiSquareMonitor, CusumMonitor, FaultMonitor, MonitorState
 from estimators.filter import Filter, Model, Rng
 from estimators.input_observability import InputConditions, input_conditions
 from estimators.iterated import IteratedExtendedKalmanFilter
@@ -86,6 +86,7 @@ __all__ = [
     "KalmanFilter",
     "LinearModel",
     "Model",
+    "MonitorState",
     "NoFeedthroughFilter",
     "NonlinearModel",
     "ObservedInputBelief",
@@ -102,8 +103,6 @@ __all__ = [
     "UnknownInputFilter",
     "UnscentedKalmanFilter",
     "UnscentedUMVFilter",
-    "Watch",
-    "by_age",
     "check_filter",
     "chi_square_band",
     "compiled",

@@ -1,9 +1,7 @@
-"""Draws, angles and transforms of ensembles: formulas of members and anomalies, as plain NumPy.
+"""Moments, draws and angles of ensembles: formulas of members and anomalies, as plain NumPy.
 
-Members are last: an ensemble is ``(..., n, N)``, its anomalies ``A (..., n, N)``, and those of the
-expected measurements ``Y (..., p, N)``. A missing measurement has unit variance, uncorrelated with
-the others, zero anomalies and a zero innovation, so that no formula needs a special case. Keyword
-arguments are static: a function is compiled once for each of their values.
+Members are last: an ensemble is ``(..., n, N)``, its anomalies ``A (..., n, N)``. Keyword arguments
+are static: a function is compiled once for each of their values.
 """
 
 from typing import Any
@@ -18,7 +16,6 @@ from estimators.linalg import (
     joined,
     regular,
     semidefinite_cholesky,
-    singular,
     solve_lower,
     solve_upper,
 )
@@ -101,15 +98,11 @@ def gathered(
     if not angles:
         return members
     parts = [members[..., i : i + 1, :] for i in range(members.shape[-2])]
-    some = joined([parts[i] for i in angles], -2)
-    near = (
-        some[..., :1] if about is None else joined([about[..., i : i + 1, :] for i in angles], -2)
-    )
     ones = np.ones((1, members.shape[-1]))
-    centre = np.arctan2(inner(np.sin(some), ones), inner(np.cos(some), ones))
-    some = _near(some, _near(centre, near))
-    for j, i in enumerate(angles):
-        parts[i] = some[..., j : j + 1, :]
+    for i in angles:
+        near = parts[i][..., :1] if about is None else about[..., i : i + 1, :]
+        centre = np.arctan2(inner(np.sin(parts[i]), ones), inner(np.cos(parts[i]), ones))
+        parts[i] = _near(parts[i], _near(centre, near))
     return joined(parts, -2)
 
 
@@ -130,40 +123,3 @@ def sample(
     members = gathered(centre + noise(root, normals, exact), angles, centre)
     mean = _mean(members)[..., 0]
     return mean, members, covariance(members, mean)
-
-
-# --- analysis -------------------------------------------------------------------------------------
-
-
-def reduced_gain(
-    A: np.ndarray, Y: np.ndarray, e: np.ndarray, S: np.ndarray, R: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Shift of the mean ``(..., n)`` and anomalies ``A - K~ Y``, not yet inflated.
-
-    With ``S = L L'`` and the singular value decomposition ``L^-1 R^1/2 = V s U'``::
-
-        K = (C P)' L'^-1 L^-1        K~ = (C P)' L'^-1 V (I + s)^-1 V' L^-1
-    """
-    L, N = cholesky(S), A.shape[-1]
-    s, V = singular(solve_lower(L, semidefinite_cholesky(R)).mT)
-    CP = solve_lower(L, inner(Y, A) / (N - 1))
-    e = solve_lower(L, e[..., None])[..., 0]
-    gain = solve_upper(L.mT, V @ ((1.0 / (1.0 + s))[..., None] * (V.mT @ CP)))
-    return np.vecmat(e, CP), A - gain.mT @ Y
-
-
-def transform(
-    A: np.ndarray, Y: np.ndarray, e: np.ndarray, S: np.ndarray, R: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Shift of the mean and anomalies as of `reduced_gain`, with the N x N transform T itself.
-
-    Less work than p x p where measurements outnumber the members, and more accurate, as S is
-    ill-conditioned there (Bishop et al. 2001).
-    """
-    L, N = cholesky(R), A.shape[-1]
-    white, e = solve_lower(L, Y), solve_lower(L, e[..., None])[..., 0]
-    s, V = singular(white / np.sqrt(N - 1))
-    v, along = s * s, np.vecmat(np.vecmat(e, white) / (N - 1), V)
-    AV, root = A @ V, np.sqrt(1.0 + v)
-    shift = np.matvec(AV, along / (1.0 + v))
-    return shift, A - (AV * (v / (root * (1.0 + root)))[..., None, :]) @ V.mT

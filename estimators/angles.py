@@ -41,6 +41,6 @@ def difference(a: np.ndarray, b: np.ndarray, angles: tuple[int, ...]) -> np.ndar
         are_angles = np.isin(np.arange(residual.shape[-1]), angles)
         return np.where(are_angles, wrap(residual), residual)
     if angles:
-        own = ..., angles[0] if len(angles) == 1 else list(angles)
-        residual[own] = wrap(residual[own])
+        index = ..., angles[0] if len(angles) == 1 else list(angles)
+        residual[index] = wrap(residual[index])
     return residual

@@ -7,7 +7,7 @@ from typing import Any, Self, TypeVar
 
 import numpy as np
 
-from estimators.checks import as_array, frozen, read_only
+from estimators.checks import as_array, frozen
 
 Record = TypeVar("Record", bound="Belief")
 """The record of a filter's beliefs."""
@@ -80,14 +80,19 @@ class Belief:
         Raises:
             TypeError: for a field that the belief does not have.
         """
-        if unknown := changes.keys() - self.__dataclass_fields__.keys():
-            raise TypeError(f"{type(self).__name__} has no field {unknown.pop()!r}")
-        own = {k: as_array(k, v) if isinstance(v, list | tuple) else v for k, v in changes.items()}
-        own = {k: frozen(v) if isinstance(v, np.ndarray) else v for k, v in own.items()}
-        return self.of(self.arrays() | own)
+        for name, value in changes.items():
+            array = as_array(name, value) if isinstance(value, list | tuple) else value
+            changes[name] = frozen(array) if isinstance(array, np.ndarray) else array
+        return self.replaced(changes)
 
     def replaced(self, changed: dict[str, Any]) -> Self:
-        """The belief after a step of a filter that changed some fields."""
+        """The belief after a step of a filter that changed some fields.
+
+        Raises:
+            TypeError: for a field that the belief does not have.
+        """
+        if unknown := changed.keys() - self.__dataclass_fields__.keys():
+            raise TypeError(f"{type(self).__name__} has no field {unknown.pop()!r}")
         after, put = object.__new__(type(self)), object.__setattr__
         for name in self.__dataclass_fields__:
             put(after, name, changed[name] if name in changed else getattr(self, name))
@@ -108,13 +113,13 @@ class Belief:
             raise ValueError(f"cannot merge {kinds}: they are of different filters")
         merged: dict[str, Any] = {}
         for name, (mine, theirs) in _with_inputs([self, other]).items():
-            merged[name] = None if mine is None else np.array(mine)
             if mine is not None:
+                merged[name] = np.array(mine)
                 merged[name][rows] = theirs
         return self.of(merged)
 
     def read_only(self) -> Self:
-        """The belief, into whose arrays nobody can write any more; the known input is kept as it is."""
+        """The belief with read-only arrays; the known input is kept as it is."""
         for name in self.names():
             getattr(self, name).setflags(write=False)
         return self
@@ -223,15 +228,23 @@ class EnsembleBelief(Belief):
             A = changes["members"] - changes["members"].mean(-1, keepdims=True)
             moments = {"mean": changes["members"].mean(-1), "cov": A @ A.mT / (A.shape[-1] - 1)}
             changes = moments | changes
-        elif "members" not in changes and {"mean", "cov"} & changes.keys():
-            if "cov" in changes:
-                raise ValueError(
-                    "cov of this belief is that of its members: replace the ensemble, or begin"
-                    " anew with init"
-                )
-            shift = np.asarray(changes["mean"]) - self.mean
-            changes["members"] = self.members + shift[..., None]
-        return Belief.replace(self, **changes)
+        return Belief.replace(self, **changes_of_points(self, changes, "members", -1))
+
+
+def changes_of_points(belief: Any, changes: dict[str, Any], name: str, axis: int) -> dict[str, Any]:
+    """Changes of a belief with those of its points along an axis, which another mean moves.
+
+    Raises:
+        ValueError: if the covariance is given without points.
+    """
+    if name in changes or not {"mean", "cov"} & changes.keys():
+        return changes
+    if "cov" in changes:
+        raise ValueError(
+            f"cov of this belief is that of its {name}: replace them, or begin anew with init"
+        )
+    shift = np.expand_dims(np.asarray(changes["mean"]) - belief.mean, axis)
+    return changes | {name: getattr(belief, name) + shift}
 
 
 @lru_cache(4)  # they are as large as the batch
@@ -253,17 +266,9 @@ def unmeasured(batch: tuple[int, ...], p: int, healthy: np.ndarray) -> dict[str,
 
 
 def over_time(beliefs: Sequence[Record]) -> Record:
-    """Beliefs of one filter at successive times as one whose leading axis is time.
-
-    Raises:
-        ValueError: if there is none, or they are of different filters.
-    """
-    if len(kinds := {type(belief) for belief in beliefs}) != 1:
-        raise ValueError(
-            f"beliefs at successive times must be of one filter, got {len(kinds)} kinds of them"
-        )
+    """Beliefs of one filter at successive times as one whose leading axis is time."""
     stacked = {
-        name: None if arrays[0] is None else read_only(np.stack(arrays))
+        name: None if arrays[0] is None else frozen(np.stack(arrays))
         for name, arrays in _with_inputs(beliefs).items()
     }
     return beliefs[0].of(stacked)

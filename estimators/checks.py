@@ -30,15 +30,6 @@ def frozen(array: np.ndarray) -> np.ndarray:
     return array
 
 
-def read_only(array: np.ndarray | None) -> Any:
-    """A view of an array through which nobody can write."""
-    if array is None or not array.flags.writeable:
-        return array
-    view = array.view()
-    view.setflags(write=False)
-    return view
-
-
 def numbers(value: object) -> np.ndarray | None:
     """An array of real numbers as floats, NaN where one is masked, pandas' NA or None; or None."""
     try:

@@ -2,27 +2,25 @@
 
 ::
 
-    from estimators.consistency import assess, consistency_figure
+    from estimators.consistency import assess
 
     report = assess(filter, prior, np.random.default_rng(0))  # the filter on its own model
     report.passed()  # False for at most 5 % of consistent filters
-    consistency_figure(report).savefig("consistency.png")
 
-Four tests, with p-values that hold whatever the correlation between times: the size of state errors
-(NEES) and of innovations (NIS), whiteness of innovations, coverage of credible intervals. Averages
-are over runs, at one time.
+Three tests, with p-values that hold whatever the correlation between times: the size of state
+errors (NEES) and of innovations (NIS), and whiteness of innovations. Averages are over runs, at one
+time.
 
 Source: Bar-Shalom, Li & Kirubarajan (2001), Estimation with applications to tracking and
 navigation, sec. 5.4.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import bdtr, bdtrc, bdtrik, gammainc, gammaincc, gammaincinv, ndtri
+from scipy.special import gammainc, gammaincc, gammaincinv, ndtri
 
-from estimators.angles import difference
 from estimators.belief import FeedthroughBelief, ObservedInputBelief
 from estimators.filter import Filter, Model
 from estimators.linalg import masked, semidefinite_cholesky
@@ -31,13 +29,8 @@ from estimators.models import Gaussian
 from estimators.series import run
 from estimators.varying import resolve
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-LEVELS = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99])
-"""Nominal probabilities of the credible intervals whose coverage is tested."""
-_ENDS = (0.025, 0.975), (0.0, 0.95)
-"""Probabilities below the lower and the upper end of a band; of a conservative filter's, second."""
+_ENDS = 0.025, 0.975
+"""Probabilities below the lower and the upper end of a band."""
 
 
 class Runs(NamedTuple):
@@ -82,9 +75,10 @@ def simulate(
         y = model.measurement(x, now) + _noise(resolve(model.R, now), rng, runs)
         following = model.transition(x, now) + _noise(resolve(model.Q, now), rng, runs)
         if d is not None:
+            assert model.q, "the model has no unknown input"
             following = following + np.matvec(model.input_matrix(x, now), d[k])
             observed = k - model.delayed_feedthrough
-            if observed >= 0 and model.H is not None:  # nothing has acted before the first
+            if observed >= 0:  # nothing has acted before the first
                 y = y + np.matvec(resolve(model.H, now), d[observed])
         xs.append(x)
         ys.append(y)
@@ -96,7 +90,7 @@ def _noise(cov: np.ndarray, rng: np.random.Generator, runs: int) -> np.ndarray:
     return np.matvec(semidefinite_cholesky(cov), rng.normal(size=(runs, cov.shape[-1])))
 
 
-# --- the four tests -------------------------------------------------------------------------------
+# --- the three tests ------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +98,7 @@ class Band:
     """Statistics beside the band in which a consistent filter has 95 % of them, each by itself.
 
     Attributes:
-        x: ``(K,)`` times, lags or nominal probabilities.
+        x: ``(K,)`` times or lags.
         found: ``(K, j)`` the statistics.
         expected: ``(K,)`` what they should be.
         low: ``(K,)`` lower end of the band.
@@ -120,9 +114,7 @@ class Band:
     p_value: float
 
 
-def chi_square_test(
-    values: np.ndarray, degrees: np.ndarray | int, conservative: bool = False
-) -> Band:
+def chi_square_test(values: np.ndarray, degrees: np.ndarray | int) -> Band:
     """Test the size of NEES or NIS: at each time their sum over runs is chi-square.
 
     The statistic is the sum over its degrees of freedom, NaN at times without any.
@@ -131,15 +123,13 @@ def chi_square_test(
         values: ``(T, M)`` one value for each time and run.
         degrees: Degrees of freedom, broadcast to ``(T, M)``: n for the NEES, the measurements that
             arrived for the NIS.
-        conservative: The filter may be too careful: only values that are too large count against
-            it.
     """
     total, freedom = values.sum(1), np.broadcast_to(degrees, values.shape).sum(1)
     freedom = np.where(freedom > 0, freedom, np.nan)
     half = 0.5 * freedom
     upper, lower = gammaincc(half, 0.5 * total), gammainc(half, 0.5 * total)
-    p = upper if conservative else 2.0 * np.minimum(lower, upper)
-    low, high = (2.0 * gammaincinv(half, level) / freedom for level in _ENDS[conservative])
+    p = 2.0 * np.minimum(lower, upper)
+    low, high = (2.0 * gammaincinv(half, level) / freedom for level in _ENDS)
     p_value = _any_of(np.where(np.isnan(freedom), 1.0, p))
     found = (total / freedom)[:, None]
     return Band(np.arange(len(found)), found, np.ones(len(found)), low, high, p_value)
@@ -180,10 +170,10 @@ def whiteness_test(
     )
     times = mask.sum((0, 1)).max()
     statistic = np.nansum(products**2 / counts) * (times + 2.0) / times
-    own, number = (a.diagonal(0, -2, -1) for a in (products, counts))
-    bound = ndtri(_ENDS[0][1]) / np.sqrt(number.min(-1))
+    diagonal, number = (a.diagonal(0, -2, -1) for a in (products, counts))
+    bound = ndtri(_ENDS[1]) / np.sqrt(number.min(-1))
     p = gammaincc(0.5 * (counts > 0).sum(), 0.5 * statistic)
-    return Band(np.arange(1, lags + 1), own / number, np.zeros(lags), -bound, bound, float(p))
+    return Band(np.arange(1, lags + 1), diagonal / number, np.zeros(lags), -bound, bound, float(p))
 
 
 @np.errstate(invalid="ignore")
@@ -210,36 +200,6 @@ def _solve_root(cov: np.ndarray, vector: np.ndarray) -> np.ndarray:
     return np.linalg.solve(np.linalg.cholesky(cov), vector[..., None])[..., 0]
 
 
-def coverage_test(
-    mean: np.ndarray,
-    cov: np.ndarray,
-    truth: np.ndarray,
-    angles: tuple[int, ...] = (),
-    conservative: bool = False,
-) -> Band:
-    """Test the coverage of the central credible intervals of each component, over runs at one time.
-
-    The statistics are the shares of runs in which an interval holds the truth, which are binomial.
-
-    Args:
-        mean: ``(M, n)``.
-        cov: ``(M, n, n)``.
-        truth: ``(M, n)``.
-        angles: Components whose difference is wrapped.
-        conservative: The filter may be too careful: only intervals that are too narrow count
-            against it.
-    """
-    M = len(mean)
-    score = np.abs(difference(truth, mean, angles)) / np.sqrt(cov.diagonal(0, -2, -1))
-    inside = (score <= ndtri((1.0 + LEVELS) / 2.0)[:, None, None]).sum(1)  # (K, n)
-    below, above = bdtr(inside, M, LEVELS[:, None]), bdtrc(inside - 1.0, M, LEVELS[:, None])
-    p = below if conservative else 2.0 * np.minimum(below, above)
-    level = _ENDS[conservative][1]
-    low, high = (np.ceil(bdtrik(end, M, LEVELS)) / M for end in (1.0 - level, level))
-    high[:] = 1.0 if conservative else high
-    return Band(LEVELS, inside / M, LEVELS, low, high, _any_of(p))
-
-
 def _any_of(p: np.ndarray) -> float:
     """The p-value of many tests together, whatever their correlation (Bonferroni)."""
     p = np.where(np.isnan(p), 0.0, p)  # what is not a number is not consistent
@@ -248,28 +208,25 @@ def _any_of(p: np.ndarray) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Consistency:
-    """The four tests of a filter on data of known truth.
+    """The three tests of a filter on data of known truth.
 
     Attributes:
         name: The filter's.
         nees: Size of state errors at each time.
         nis: Size of innovations, less the share of an estimated unknown input; None for ``ulise``,
             whose innovations carry the inputs of two steps.
-        whiteness: Whiteness of innovations; None where they carry an unknown input, or need not be
-            white.
-        coverage: Coverage of credible intervals at the last time.
+        whiteness: Whiteness of innovations; None where they carry an unknown input.
     """
 
     name: str
     nees: Band
     nis: Band | None
     whiteness: Band | None
-    coverage: Band
 
     @property
     def p_value(self) -> float:
         """That a consistent filter would fail any of the tests as clearly (Bonferroni: at most)."""
-        tests = filter(None, (self.nees, self.nis, self.whiteness, self.coverage))
+        tests = filter(None, (self.nees, self.nis, self.whiteness))
         return _any_of(np.array([test.p_value for test in tests]))
 
     def passed(self, false_alarm: float = 0.05) -> bool:
@@ -286,7 +243,6 @@ def assess(
     prior: Gaussian,
     rng: np.random.Generator,
     data: Runs | None = None,
-    conservative: bool = False,
 ) -> Consistency:
     """Run a filter many times and test whether it is consistent.
 
@@ -296,22 +252,19 @@ def assess(
         rng: Noise of the simulation, and draws of the filter if it makes any.
         data: The runs, such as ``simulate(other_model, ...)``; None: 200 runs of 100 steps,
             simulated with the filter's own model, without known input.
-        conservative: The filter may be too careful (as ``robust-kf`` is by design): only
-            overconfidence counts against it, and innovations need not be white.
     """
     data = simulate(filter.model, prior, rng) if data is None else data
     series = run(filter, prior, data.y, data.u, available=data.available, rng=rng)
     beliefs, angles = series.updated, filter.model.state_angles
     errors = nees(series.mean, series.cov, data.x, angles)
-    states = chi_square_test(errors, filter.model.n, conservative)
-    coverage = coverage_test(series.mean[-1], series.cov[-1], data.x[-1], angles, conservative)
+    states = chi_square_test(errors, filter.model.n)
     innovations = whiteness = None
     if not isinstance(beliefs, FeedthroughBelief):
-        innovations = chi_square_test(*_surprise(beliefs), conservative)
-    if filter.input_delay is None and not conservative:
+        innovations = chi_square_test(*_surprise(beliefs))
+    if filter.input_delay is None:
         e, S = beliefs.innovation, beliefs.innovation_cov
         whiteness = whiteness_test(e, S, beliefs.available, min(20, len(data.y) - 1))
-    return Consistency(filter.name, states, innovations, whiteness, coverage)
+    return Consistency(filter.name, states, innovations, whiteness)
 
 
 def _surprise(beliefs: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -323,51 +276,3 @@ def _surprise(beliefs: Any) -> tuple[np.ndarray, np.ndarray]:
         values = values - nis(beliefs.input_mean, beliefs.input_cov, size)
         degrees = degrees - np.round(beliefs.input_observed.diagonal(0, -2, -1).sum(-1))
     return values, degrees
-
-
-# --- the figure -----------------------------------------------------------------------------------
-
-_PANELS = {
-    "nees": ("State errors", "step", "NEES / states, mean over runs"),
-    "nis": ("Innovations", "step", "NIS / measurements, mean over runs"),
-    "whiteness": ("Whiteness of innovations", "lag [steps]", "autocorrelation"),
-    "coverage": ("Credible intervals at the last step", "nominal probability", "share of runs"),
-}
-
-
-def consistency_figure(report: Consistency) -> "Figure":
-    """Draw the four tests in four panels, each with its expectation (dashed) and its 95 % band.
-
-    The figure belongs to no window: save it with ``figure.savefig(...)``.
-
-    Raises:
-        ModuleNotFoundError: without Matplotlib, which only this needs.
-    """
-    try:
-        from matplotlib.figure import Figure
-    except ModuleNotFoundError as error:
-        raise ModuleNotFoundError(
-            "a figure needs Matplotlib: pip install matplotlib", name=error.name
-        ) from None
-    figure = Figure(figsize=(10.0, 7.0), layout="constrained")
-    for axes, (name, (title, x, y)) in zip(
-        figure.subplots(2, 2).flat, _PANELS.items(), strict=True
-    ):
-        test = getattr(report, name)
-        axes.set(xlabel=x, ylabel=y)
-        if test is None:
-            axes.set(title=f"{title}: not tested")
-            continue
-        axes.set(title=f"{title}: {_p_value(test.p_value)}")
-        axes.fill_between(test.x, test.low, test.high, color="#c9d6e3", label="95 % band")
-        axes.plot(test.x, test.expected, "k--", lw=0.8)
-        for j, curve in enumerate(test.found.T):
-            axes.plot(test.x, curve, lw=1.0, label=f"found {j}" if j else "found")
-        axes.legend(fontsize="small", frameon=False)
-    verdict = "no sign of inconsistency" if report.passed() else "inconsistent"
-    figure.suptitle(f"{report.name}: {verdict} ({_p_value(report.p_value)} over all tests)")
-    return figure
-
-
-def _p_value(p: float) -> str:
-    return "p < 0.001" if p < 0.001 else f"p = {p:.2g}"

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from estimators.checks import as_array, as_mask, frozen, integer, shaped_array, short_repr
-from estimators.filter import Filter, Rng, _broadcast
+from estimators.checks import as_mask, integer, shaped_array, short_repr
+from estimators.filter import Filter, Rng, broadcast, known_input
 from estimators.models import Gaussian
 from estimators.randomness import RandomKeys
 
@@ -41,10 +41,6 @@ class Step(NamedTuple):
     update_keys: RandomKeys | None
     y: np.ndarray
     available: np.ndarray
-
-    def with_rows(self, rows: np.ndarray, other: Self) -> Self:
-        """The step with some rows of another; nothing is read of a row before its first step."""
-        return type(self)(*map(partial(_with_rows, rows), self, other))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +81,7 @@ class DelayedBelief:
         """This belief with the rows of a mask replaced by those of ``other``, in order."""
         steps = list(self.steps)
         for i in range(-min(len(steps), len(other.steps)), 0):
-            steps[i] = steps[i].with_rows(rows, other.steps[i])
+            steps[i] = Step(*map(partial(_with_rows, rows), steps[i], other.steps[i]))
         reach = _with_rows(rows, self.reach, np.minimum(other.reach, len(steps) - 1))
         refused = _with_rows(rows, self.refused, other.refused)
         return type(self)(self.now.with_rows(rows, other.now), tuple(steps), reach, refused)
@@ -168,7 +164,7 @@ class Delayed:
         y = shaped_array("y", y, *belief.reach.shape, "ages", self.filter.model.p)
         arrived = np.isfinite(y)
         if available is not None:
-            arrived &= _broadcast("available", as_mask("available", available), y.shape)
+            arrived &= broadcast("available", as_mask("available", available), y.shape)
         *before, now = belief.steps
         if u is not None:
             if (now.available.any(-1, keepdims=True) & (u != now.predicted.u)).any():
@@ -251,10 +247,7 @@ class Delayed:
                 f"belief must be a DelayedBelief, got {type(belief).__name__}: begin with"
                 " init(prior)"
             )
-        if u is None:
-            return None
-        u = np.atleast_1d(as_array("u", u))
-        return frozen(_broadcast("u", u, belief.reach.shape + u.shape[-1:]))
+        return known_input(u, belief.reach.shape)
 
 
 def _with_rows(rows: np.ndarray, mine: Any, theirs: Any) -> Any:
@@ -270,25 +263,3 @@ def _with_rows(rows: np.ndarray, mine: Any, theirs: Any) -> Any:
     merged = np.zeros(rows.shape + theirs.shape[1:]) if mine is None else np.array(mine)
     merged[rows] = 0.0 if theirs is None else theirs
     return merged
-
-
-def by_age(y: np.ndarray, delay: np.ndarray) -> np.ndarray:
-    """Measurements ``(T, ..., ages, p)`` in the order in which they come, for `Delayed`.
-
-    Args:
-        y: Measurements ``(T, ..., p)`` by when they were taken; NaN where none was.
-        delay: Whole steps by which each comes late, broadcast to y. What comes after the last time
-            is not in it.
-
-    Raises:
-        ValueError: if delays are negative or no whole numbers.
-    """
-    y = as_array("y", y)
-    late = np.broadcast_to(as_array("delay", delay), y.shape)
-    if not ((late >= 0.0) & (late == np.rint(late))).all():
-        raise ValueError("delay must be whole numbers of steps of at least 0")
-    ages = int(late[late < len(y)].max(initial=0.0)) + 1  # what comes later does not come at all
-    arrived = np.full((*y.shape[:-1], ages, y.shape[-1]), np.nan)
-    for age in range(ages):
-        arrived[age:, ..., age, :] = np.where(late == age, y, np.nan)[: len(y) - age]
-    return arrived

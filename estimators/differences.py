@@ -1,10 +1,10 @@
-"""Jacobians by differences, of functions in NumPy, and the check of a user's own Jacobian."""
+"""Jacobians by differences, of functions in NumPy."""
 
 from functools import cache
 
 import numpy as np
 
-from estimators.angles import difference, short_way
+from estimators.angles import short_way
 from estimators.first_use import rounding
 from estimators.varying import Function
 
@@ -79,38 +79,3 @@ def steps(x: np.ndarray, cov: np.ndarray | None, angles: tuple[int, ...] = ()) -
     for i in angles:
         wanted[..., i] = np.minimum(wanted[..., i], 2.0**-8)
     return np.ldexp(1.0, np.frexp(np.maximum(wanted, 2.0**-26 * size))[1] - 1)
-
-
-def check_jacobian(
-    name: str, function: Function, jacobian: np.ndarray, x: np.ndarray, u: np.ndarray | None,
-    angles: tuple[int, ...], step: np.ndarray,
-) -> None:  # fmt: skip
-    """Compare a user's Jacobian ``(..., k, n)`` with differences over short steps.
-
-    A belief may reach much further than f is straight, so that steps are at most 2^-13 of x. Slopes
-    to either side, over one step and two, differ where f bends or has a kink: the Jacobian may lie
-    between them, or as far beyond.
-
-    Raises:
-        ValueError: naming the entry that differs most, both values, and what to look for.
-    """
-    n, size = x.shape[-1], jacobian.shape[-2]
-    step = np.minimum(step, 2.0**-13 * np.where(x, np.abs(x), 1.0))[..., None, :]
-    with np.errstate(all="ignore"):
-        values = values_at(function, x[..., None, :] + _offsets(n) * step, u)
-        change = difference(values[..., 1:, :], values[..., :1, :], angles)
-        signed = np.concatenate([step, -step, 2.0 * step, -2.0 * step], -1)
-        slopes = (change / signed.mT).reshape(*x.shape[:-1], 4, n, size).mT
-        low, high = slopes.min(-3), slopes.max(-3)
-        middle = 0.5 * (low + high)
-        scale = np.abs(slopes).max((-3, -1))[..., None]
-        digits = 64.0 * rounding(values) * np.abs(values[..., 0, :, None]) / step
-        excess = np.abs(jacobian - middle) - 1.5 * (high - low) - 1e-3 * scale - digits
-        excess = np.where(np.isfinite(excess), excess / np.where(scale > 0.0, scale, 1.0), 0.0)
-    if (excess > 0.0).any():
-        worst = np.unravel_index(np.argmax(excess), excess.shape)
-        i, j = (int(k) for k in worst[-2:])
-        raise ValueError(
-            f"{name}_jacobian differs from {name}: entry ({i}, {j}) is {jacobian[worst]:.6g}, "
-            f"by differences {middle[worst]:.6g}"
-        )

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag, expm
 
 from estimators.checks import AT_LEAST_0, as_array, finite_array, number
-from estimators.linalg import congruence, symmetrise
+from estimators.linalg import congruence, joined, symmetrise
 from estimators.models import LinearModel
 
 
@@ -20,12 +20,14 @@ def zero_order_hold(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray
         ValueError: if ``dt`` is negative, or A or B is no array.
     """
     A, B, dt = as_array("A", A), as_array("B", B), number("dt", dt, AT_LEAST_0, what="at least 0")
-    n, m = A.shape[-1], B.shape[-1]
-    block = np.zeros(np.broadcast_shapes(A.shape[:-2], B.shape[:-2]) + (n + m, n + m))
-    block[..., :n, :n] = A
-    block[..., :n, n:] = B
-    phi = expm(block * dt)
+    n, phi = A.shape[-1], expm(_held(A, B) * dt)
     return phi[..., :n, :n], phi[..., :n, n:]
+
+
+def _held(A: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """``x' = A x + B u`` with u as more states ``(..., n + m, n + m)``, which stay."""
+    above = joined([A, B], -1)
+    return joined([above, np.zeros((B.shape[-1], above.shape[-1]))], -2)
 
 
 def van_loan(
@@ -43,10 +45,7 @@ def van_loan(
     # exp(-A t) is in it, which a fast decay makes huge: over a part of the step, of which two make
     # one twice as long
     halves = math.ceil(np.log2(np.maximum(1.0, np.linalg.norm(A, 1) * dt / 4.0)))
-    block = np.zeros((2 * n, 2 * n))
-    block[:n, :n] = -A
-    block[:n, n:] = congruence(G, Q)
-    block[n:, n:] = A.T
+    block = np.block([[-A, congruence(G, Q)], [np.zeros((n, n)), A.T]])
     phi = expm(block * (dt / 2**halves))
     transition = phi[n:, n:].T
     noise = transition @ phi[:n, n:]
@@ -80,11 +79,9 @@ def sampled(
         name: finite_array(name, value, "n", "m") for name, value in given.items()
     }
     model = LinearModel(**rates)
-    # The control is held: a state that stays.
     n, held = model.n, rates.get("B", np.zeros((model.n, 0)))
     m = held.shape[1]
-    system = np.vstack([np.hstack([rates["A"], held]), np.zeros((m, n + m))])
-    steps = _Sampled(n, system, block_diag(rates["Q"], np.zeros((m, m))))
+    steps = _Sampled(n, _held(rates["A"], held), block_diag(rates["Q"], np.zeros((m, m))))
     matrices: Any = {name: partial(steps.matrix, name) for name in "ABQ" if name in rates}
     return replace(model, **matrices)
 
@@ -106,12 +103,10 @@ class _Sampled:
                 f"the known input of a sampled model is {controls}how long each step takes: give"
                 " run the times t of the measurements"
             )
-        if u.size == m + 1:  # np.unique takes long
-            matrix = _over_step(self, u.item(-1))[name]
-            return matrix.reshape(u.shape[:-1] + matrix.shape)
-        lengths, rows = np.unique(u[..., -1], return_inverse=True)
-        matrices = np.stack([_over_step(self, length)[name] for length in lengths.tolist()])
-        return matrices[rows.reshape(u.shape[:-1])]
+        lengths = u[..., -1].ravel().tolist()
+        known = {length: _over_step(self, length)[name] for length in set(lengths)}
+        matrices = np.array([known[length] for length in lengths])
+        return matrices.reshape(u.shape[:-1] + matrices.shape[1:])
 
 
 @lru_cache(maxsize=1024)

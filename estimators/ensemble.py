@@ -4,9 +4,9 @@ Members are last, as in the formulas of `estimators.analysis`: an ensemble is ``
 the anomalies ``A`` of the members ``(N, n)`` and the anomalies ``Y`` of the measurements that they
 expect ``(N, p)``, every update here has the same three small matrices::
 
-    C P- = Y' A / (N - 1)        S = Y' Y / (N - 1) + R        K = (C P-)' S^-1
+    C P- = Y' A / (N - 1)     S = Y' Y / (N - 1) + R     K = (C P-)' S^-1
 
-Everything costs O(N p (n + p)), and nothing is N x N unless that is less than p x p.
+Everything costs O(N p (n + p)), and nothing is N x N.
 """
 
 import warnings
@@ -15,26 +15,21 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators.analysis import (
-    average,
-    covariance,
-    gathered,
-    noise,
-    reduced_gain,
-    sample,
-    transform,
-)
+from estimators.analysis import average, covariance, gathered, noise, sample
 from estimators.belief import EnsembleBelief
 from estimators.checks import integer, number, short_repr
 from estimators.engine import compiled
-from estimators.filter import Changes, Filter, Model
+from estimators.filter import Changes, Data, Filter, Model
 from estimators.linalg import (
+    cholesky,
     inner,
-    lacks_rank,
     rescuing,
     semidefinite_cholesky,
     shared_root,
+    singular,
     solve,
+    solve_lower,
+    solve_upper,
 )
 from estimators.models import LinearModel, NonlinearModel, at_columns
 from estimators.randomness import RandomKeys
@@ -90,8 +85,8 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         self._noise_root = None if callable(model.Q) else noise_root(model.Q)
         rank = model.n if self._noise_root is None else self._noise_root.shape[-1]
         needed = model.n + max(rank, model.p) + 2
-        own = max(64, -8 * (-needed // 8))
-        self.members = own if members is None else integer("members", members, 2)
+        enough = max(64, -8 * (-needed // 8))
+        self.members = enough if members is None else integer("members", members, 2)
         if not isinstance(draws, str) or draws not in ("exact", "independent"):
             raise ValueError(f"draws must be 'exact' or 'independent', got {short_repr(draws)}")
         self._exact = draws == "exact" and self.members >= needed
@@ -117,9 +112,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
         """Members ``(..., n, N)`` one step on, and a root ``(..., n, r)`` of the process noise."""
-        model, root = self.model, self._noise_root
-        if root is None:
-            root = semidefinite_cholesky(resolve(model.Q, u))
+        model, root = self.model, process_root(self, u)
         if not isinstance(model, LinearModel):
             return at_columns(model, "transition", belief.members, u), root
         after = resolve(model.A, u) @ belief.members
@@ -129,21 +122,20 @@ class EnsembleFilter(Filter[EnsembleBelief]):
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
         """Mean ``(..., p)`` and anomalies ``(..., p, N)`` of what the members expect, and R."""
-        members = gathered(self._expected(belief, u), self._seams)
+        members = gathered(self._expected(belief.members, u), self._seams)
         mean = average(members)
         return mean, members - mean[..., None], self._noise(belief, u, R)
 
-    def _expected(self, belief: Any, u: np.ndarray | None) -> np.ndarray:
-        """Measurements ``(..., p, N)`` that the members expect."""
-        model, members = self.model, belief.members
-        if isinstance(model, LinearModel):
-            return resolve(model.C, u) @ members
-        return at_columns(model, "measurement", members, u)
+    def _expected(self, members: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+        """Measurements ``(..., p, N)`` that members expect."""
+        if isinstance(self.model, LinearModel):
+            return resolve(self.model.C, u) @ members
+        return at_columns(self.model, "measurement", members, u)
 
     def _predict(self, belief: Any, u: Any, *moved: Any) -> Changes:
         after, root, rng = moved
         batch = belief.mean.shape[:-1]
-        if rescuing():  # members that have left the model's domain are drawn again
+        if rescuing():
             after = self._redrawn(after, np.isfinite(after).all(-2), rng, MOVED)
         members = gathered(after, self._angles)
         if root.shape[-1] > 0:
@@ -186,21 +178,19 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         root = semidefinite_cholesky(inner(A, A) / (number[..., None] - 1.0))
         return np.where(kept, members, mean + root @ normals)
 
-    def _repaired(self, belief: Any, u: Any, y: Any, rng: Any) -> Any:
+    def _repaired(self, step: str, belief: Any, data: Data) -> Any:
         """The belief, with members drawn again for which an available measurement has no value."""
-        if y is None:
+        if step == "predict":
             return belief
-        missing = ~np.isfinite(y)[..., None]
-        for attempt in range(_REDRAWS):
-            kept = (np.isfinite(self._expected(belief, u)) | missing).all(-2)
-            kept &= np.isfinite(belief.members).all(-2)
-            rows = ~kept.all(-1)
-            if not rows.any():
+        u, y, available, _, rng = data
+        missing, members = ~(available & np.isfinite(y))[..., None], belief.members
+        for use in range(EXPECTED, EXPECTED + _REDRAWS):
+            kept = (np.isfinite(self._expected(members, u)) | missing).all(-2)
+            kept &= np.isfinite(members).all(-2)
+            if kept.all():
                 break
-            some, own = belief[rows], rng[rows] if isinstance(rng, RandomKeys) else rng
-            members = self._redrawn(some.members, kept[rows], own, EXPECTED + attempt)
-            belief = belief.with_rows(rows, some.replace(ensemble=members.mT))
-        return belief
+            members = self._redrawn(members, kept, rng, use)
+        return belief.replaced(_moments(members))
 
 
 @compiled
@@ -246,14 +236,13 @@ class EnsembleTransformFilter(EnsembleFilter):
     Y R^-1 Y' / (N - 1))^-1/2``, computed as a reduced gain in p x p algebra: with ``S = L L'``, the
     singular value decomposition ``L^-1 R^1/2 = U s V'`` and ``W = L^-T U``::
 
-        K = (C P-)' W W'        K~ = (C P-)' W diag(1 / (1 + s)) W'        A <- A - Y K~'
+        K = (C P-)' W W'        K~ = (C P-)' W diag(1 / (1 + s)) W'
+        A <- A - Y K~'
 
-    which needs no inverse of R and is exact for any N. Where there are more measurements than
-    members, T is formed, N x N, if the model's R is one matrix that is not singular. However
-    precise they are, measurements cost no digits unless they outnumber the directions of the
-    members; then the covariance, not the mean, is off by up to ``eps P / R`` of itself, P the
-    variance that is predicted and eps the machine's precision, and by some ``eps sqrt(P / R)``
-    where T is formed.
+    which needs no inverse of R and is exact for any N. However precise they are, measurements cost
+    no digits unless they outnumber the directions of the members; then the covariance, not the
+    mean, is off by up to ``eps P / R`` of itself, P the variance that is predicted and eps the
+    machine's precision.
 
     Evensen's square-root filter is the same transform in its symmetric form, which keeps the
     members' mean.
@@ -276,10 +265,18 @@ class EnsembleTransformFilter(EnsembleFilter):
     def _analysis(
         self, belief: Any, e: Any, Y: Any, S: Any, R: Any, available: Any, rng: Any
     ) -> tuple[Any, Any]:
-        # T, N x N, needs an inverse of R, which lost rows may not have.
-        regular = not (rescuing() or callable(self.model.R) or lacks_rank(self.model.R).any())
-        form = transform if regular and self.model.p > self.members else reduced_gain
-        return form(belief.members - belief.mean[..., None], Y, e, S, R)
+        A, L = belief.members - belief.mean[..., None], cholesky(S)
+        singular_values, V = singular(solve_lower(L, semidefinite_cholesky(R)).mT)
+        CP = solve_lower(L, inner(Y, A) / (self.members - 1))
+        gain = V @ ((1.0 / (1.0 + singular_values))[..., None] * (V.mT @ CP))
+        shift = np.vecmat(solve_lower(L, e[..., None])[..., 0], CP)
+        return shift, A - solve_upper(L.mT, gain).mT @ Y
+
+
+def process_root(filter: Any, u: np.ndarray | None) -> np.ndarray:
+    """A root ``(..., n, r)`` of the process noise."""
+    kept = filter._noise_root
+    return semidefinite_cholesky(resolve(filter.model.Q, u)) if kept is None else kept
 
 
 def _moments(members: np.ndarray) -> Changes:

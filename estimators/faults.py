@@ -37,7 +37,7 @@ _ABSURD = 1e100
 """Standard deviations at which an innovation is cut, so that squares can be summed up."""
 
 
-class Watch(NamedTuple):
+class MonitorState(NamedTuple):
     """The state of a monitor and its verdict; leading axes are a batch.
 
     Attributes:
@@ -54,9 +54,9 @@ class Watch(NamedTuple):
     suspicion: np.ndarray
     memory: np.ndarray
 
-    def with_rows(self, rows: np.ndarray, other: "Watch") -> "Watch":
+    def with_rows(self, rows: np.ndarray, other: "MonitorState") -> "MonitorState":
         """The state with the rows of a mask ``(...)`` replaced, in order, by those of ``other``."""
-        merged = Watch(*map(np.array, self))
+        merged = MonitorState(*map(np.array, self))
         for mine, theirs in zip(merged, other, strict=True):
             mine[rows] = theirs
         return merged
@@ -92,14 +92,14 @@ class FaultMonitor(ABC):
         self.names = tuple(sensors)
         self._belongs = np.array([[1.0 * (j in group) for group in groups] for j in channels])
 
-    def start(self, batch: int | tuple[int, ...] = ()) -> Watch:
+    def start(self, batch: int | tuple[int, ...] = ()) -> MonitorState:
         """The state before any measurement, for each row of a batch."""
         nothing, none = np.zeros(batch), np.full(batch, -1)
         suspicion = np.zeros((*nothing.shape, len(self.names)))
         memory = np.zeros(nothing.shape + self._remembered)
-        return Watch(nothing > 0.0, none, nothing, suspicion, memory)
+        return MonitorState(nothing > 0.0, none, nothing, suspicion, memory)
 
-    def watch(self, state: Watch, belief: Belief | DelayedBelief) -> Watch:
+    def watch(self, state: MonitorState, belief: Belief | DelayedBelief) -> MonitorState:
         """The state after the innovation of an update.
 
         A measurement that was used by a pseudo-inverse only counts for nothing.
@@ -127,23 +127,25 @@ class FaultMonitor(ABC):
                 state, w, precision, arrived, np.vecdot(e, w)
             )
         alarm = statistic > 1.0
-        return Watch(alarm, np.where(alarm, suspicion.argmax(-1), -1), statistic, suspicion, memory)
+        return MonitorState(
+            alarm, np.where(alarm, suspicion.argmax(-1), -1), statistic, suspicion, memory
+        )
 
-    def run(self, beliefs: Belief) -> Watch:
+    def run(self, beliefs: Belief) -> MonitorState:
         """The states after every update of beliefs that are stacked, times first ``(T, ...)``.
 
         Raises:
             TypeError: as `watch`.
         """
-        state, states = self.start(beliefs.mean.shape[1:-1]), list[Watch]()
+        state, states = self.start(beliefs.mean.shape[1:-1]), list[MonitorState]()
         for k in range(len(beliefs.mean)):
             state = self.watch(state, beliefs[k])
             states.append(state)
-        return Watch(*map(np.stack, zip(*states, strict=True)))
+        return MonitorState(*map(np.stack, zip(*states, strict=True)))
 
     @abstractmethod
     def _judged(
-        self, state: Watch, w: Any, precision: Any, arrived: Any, squared: Any
+        self, state: MonitorState, w: Any, precision: Any, arrived: Any, squared: Any
     ) -> tuple[Any, Any, Any]:
         """The next memory, the statistic ``(...)`` and the suspicion of sensors ``(..., sensors)``.
 
@@ -182,20 +184,19 @@ class ChiSquareMonitor(FaultMonitor):
         self.window = integer("window", window, 1)
         degrees = np.arange(1, window * len(self._belongs) + 1)
         self._thresholds = np.append(np.inf, 2.0 * gammainccinv(0.5 * degrees, self.false_alarms))
-        self._remembered = window, 2 * (len(self.names) + 1)
+        self._remembered = window, 1 + 2 * len(self.names)
 
     def _judged(
-        self, state: Watch, w: Any, precision: Any, arrived: Any, squared: Any
+        self, state: MonitorState, w: Any, precision: Any, arrived: Any, squared: Any
     ) -> tuple[Any, Any, Any]:
         together = self._belongs @ self._belongs.T > 0.0  # channels of one sensor
-        own = solve(np.where(together, precision, 0.0), w[..., None])[..., 0] * w
-        by_sensor = own @ self._belongs, arrived @ self._belongs
-        now: Any = [squared[..., None], arrived.sum(-1, keepdims=True), *by_sensor]
-        now = np.concatenate(now, -1)[..., None, :]
+        parts = solve(np.where(together, precision, 0.0), w[..., None])[..., 0] * w
+        by_sensor = parts @ self._belongs, arrived @ self._belongs
+        now = np.concatenate([squared[..., None], *by_sensor], -1)[..., None, :]
         memory = np.concatenate([state.memory[..., 1:, :], now], -2)
         window = memory.sum(-2)
-        values, degrees = np.split(window[..., 2:], 2, -1)
-        statistic = window[..., 0] / self._thresholds[window[..., 1].astype(int)]
+        values, degrees = np.split(window[..., 1:], 2, -1)
+        statistic = window[..., 0] / self._thresholds[degrees.sum(-1).astype(int)]
         return memory, statistic, normal_deviate(values, degrees)
 
 
@@ -245,7 +246,7 @@ class CusumMonitor(FaultMonitor):
         self._remembered = 2, len(self._belongs)
 
     def _judged(
-        self, state: Watch, w: Any, precision: Any, arrived: Any, squared: Any
+        self, state: MonitorState, w: Any, precision: Any, arrived: Any, squared: Any
     ) -> tuple[Any, Any, Any]:
         z = w / np.sqrt(precision.diagonal(0, -2, -1))
         before = np.where(state.alarm[..., None, None], 0.0, state.memory)

@@ -20,15 +20,15 @@ from estimators.engine.matching import invoker
 from estimators.linalg import (
     congruence,
     lacks_rank,
-    log_density,
     masked,
     rescuing,
     semidefinite,
+    semidefinite_form,
 )
 from estimators.model_checks import as_covariance
 from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import RandomKeys
-from estimators.recovery import DIGITS, exhausted, is_finite, perfect, recovered
+from estimators.recovery import DIGITS, exhausted, is_finite, perfect, recovered, rows_of
 from estimators.stepping import StepProgram
 from estimators.varying import noise_at, resolve
 
@@ -37,6 +37,8 @@ Rng = RandomKeys | np.random.Generator | None
 Model = LinearModel | NonlinearModel
 Changes = dict[str, np.ndarray]
 """Arrays of a belief that a step changes, by name."""
+Data = tuple[Any, Any, Any, Any, Any]
+"""Known input, measurement, mask, covariance of the measurement, random numbers; None: none."""
 
 
 class Filter(ABC, Generic[Record]):
@@ -84,10 +86,12 @@ class Filter(ABC, Generic[Record]):
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
-        own = vars(cls)
+        attributes = vars(cls)
         cls.name, cls.compiled = getattr(cls, "name", cls.__name__), False
         steps = {"_predict", "_update", "propagate"}
-        cls.reversible = own.get("reversible", cls.reversible and not steps & own.keys())
+        cls.reversible = attributes.get(
+            "reversible", cls.reversible and not steps & attributes.keys()
+        )
 
     def __setattr__(self, name: str, value: Any) -> None:
         if type(self).compiled and name in self.__dict__ and name != "name":
@@ -96,14 +100,6 @@ class Filter(ABC, Generic[Record]):
                 f" make({self.name!r}, model, {name}=...)"
             )
         object.__setattr__(self, name, value)
-
-    def __getattr__(self, name: str) -> Any:
-        if name in ("model", "_programs"):
-            raise TypeError(
-                f"{type(self).__name__} has no model: its __init__ must call"
-                " super().__init__(model)"
-            )
-        raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
 
     def __getstate__(self) -> dict[str, Any]:
         """All but its programs, which are traced again."""
@@ -121,8 +117,8 @@ class Filter(ABC, Generic[Record]):
         Args:
             belief: Before the step.
             u: ``(..., m)`` known input, or None.
-            *moved: What `propagate` answers: mean ``(..., n)``, A ``(..., n, n)``, Q; of filters
-                that draw, ``rng`` last.
+            *moved: What `propagate` answers: mean ``(..., n)``, A ``(..., n, n)``, Q; G where an
+                input is estimated; of filters that draw, ``rng`` last.
         """
 
     @abstractmethod
@@ -148,7 +144,7 @@ class Filter(ABC, Generic[Record]):
             C: ``(..., p, n)`` how measurements follow the state.
             R: ``(..., p, p)`` measurement covariance.
             available: ``(..., p)`` mask.
-            *more: What `expect` answers besides; of filters that draw, ``rng`` last.
+            *more: H where an input is estimated; of filters that draw, ``rng`` last.
         """
 
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Rng) -> Changes:
@@ -156,17 +152,14 @@ class Filter(ABC, Generic[Record]):
         return {}
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
-        """Next mean ``(..., n)``, Jacobian A, and Q; G besides where an input is estimated."""
-        model: Any = self.model
-        mean, A = model.linearise_transition(belief.mean, u, belief.cov)
-        answer = mean, A, resolve(model.Q, u)
-        return answer if self.input_delay is None else (*answer, model.input_matrix(belief.mean, u))
+        """Next mean ``(..., n)``, Jacobian A, and Q."""
+        model = self.model
+        return *model.linearise_transition(belief.mean, u, belief.cov), resolve(model.Q, u)
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
-        """Expected measurement, C, and R unless given; H besides where an input is estimated."""
-        model: Any = self.model
-        answer = *model.linearise_measurement(belief.mean, u, belief.cov), self._noise(belief, u, R)
-        return answer if self.input_delay is None else (*answer, resolve(model.H, u))
+        """Expected measurement, C, and R unless given."""
+        y, C = self.model.linearise_measurement(belief.mean, u, belief.cov)
+        return y, C, self._noise(belief, u, R)
 
     def _noise(self, belief: Record, u: np.ndarray | None, R: Any) -> Any:
         """R ``(..., p, p)``: the one that is given, or the model's."""
@@ -187,20 +180,15 @@ class Filter(ABC, Generic[Record]):
         """
         if not isinstance(prior, Gaussian):
             raise TypeError(f"prior must be a Gaussian(mean, cov), got {type(prior).__name__}")
-        for size in (prior.mean.shape[-1], prior.cov.shape[-1]):
-            if size != self.model.n:
-                raise ValueError(f"the prior is for {size} states, the model has {self.model.n}")
+        if (n := prior.mean.shape[-1]) != self.model.n:
+            raise ValueError(f"the prior is for {n} states, the model has {self.model.n}")
         batch = np.broadcast_shapes(prior.mean.shape[:-1], prior.cov.shape[:-2])
         mean = np.array(np.broadcast_to(prior.mean, batch + prior.mean.shape[-1:]))
         cov = np.array(np.broadcast_to(prior.cov, batch + prior.cov.shape[-2:]))
-        own = self._begin(mean, cov, self._numbers(rng, batch) if self.random else None)
+        initial = self._begin(mean, cov, self._numbers(rng, batch) if self.random else None)
         healthy = np.ones(batch, bool)
         every = {"mean": mean, "cov": cov} | unmeasured(batch, self.model.p, healthy)
-        belief: Any = self.record.of(every | own)
-        if missing := [name for name in self.record.names() if getattr(belief, name) is None]:
-            raise TypeError(
-                f"{type(self).__name__}._begin must give {missing[0]}, as its record has it"
-            )
+        belief: Any = self.record.of(every | initial)
         if self.compiled:
             invoker()  # loads LLVM now, and not in the first step
         return belief.read_only()
@@ -221,10 +209,10 @@ class Filter(ABC, Generic[Record]):
                 the model has B.
         """
         batch = self._batch(belief)
-        u = self._known(u, batch)
+        u = known_input(u, batch)
         self.model.check_known_input(u)
         rng = self._numbers(rng, batch) if self.random else None
-        return self._run("predict", belief, u, rng)
+        return self._run("predict", belief, (u, None, None, None, rng))
 
     def update(
         self,
@@ -260,23 +248,24 @@ class Filter(ABC, Generic[Record]):
         """
         batch, p = self._batch(belief), self.model.p
         if type(y) is not np.ndarray or y.dtype != float or y.shape != (*batch, p):
-            y = _broadcast("y", as_array("y", y), (*batch, p))
-        if available is not None:
-            available = _broadcast("available", as_mask("available", available), (*batch, p))
+            y = broadcast("y", as_array("y", y), (*batch, p))
+        if available is None:
+            available = _all(batch, p)
+        else:
+            available = broadcast("available", as_mask("available", available), (*batch, p))
         if R is not None:
-            R = _broadcast("R", as_array("R", R), (*batch, p, p), core=2)
+            R = broadcast("R", as_array("R", R), (*batch, p, p), core=2)
             arrived = np.isfinite(y) & np.isfinite(R.diagonal(0, -2, -1))
-            arrived = arrived if available is None else arrived & available
-            as_covariance("R", masked(R, arrived))
+            as_covariance("R", masked(R, arrived & available))
         if u is not None:
-            belief = belief.replace(u=self._known(u, batch))
+            belief = belief.replace(u=known_input(u, batch))
         if self.input_delay is not None and self._was_updated(belief):
             raise ValueError(
                 f"{self.name} takes one update a step: join the measurements, NaN or masked where"
                 " none came"
             )
         rng = self._numbers(rng, batch) if self.random else None
-        return self._run("update", belief, belief.u, rng, y, available, R)
+        return self._run("update", belief, (belief.u, y, available, R, rng))
 
     def step(
         self,
@@ -291,14 +280,16 @@ class Filter(ABC, Generic[Record]):
         Arguments are those of the two, with a row for each of the belief; they are not checked.
         """
         if (one := self._programs.get("one")) is None:
-            one = self.compiled and self.model.is_compiled(*self.model.parts["step"])
+            one = self.compiled and self.model.is_compiled("step")
             # After perfect measurements an update is examined beside its prediction.
             one = one and (callable(self.model.R) or not lacks_rank(self.model.R).any())
             self._programs["one"] = one
+        if available is None:
+            available = _all(belief.mean.shape[:-1], self.model.p)
         if one:
-            return self._run("step", belief, u, rng, y, available)
-        belief = self._run("predict", belief, u, rng)
-        return self._run("update", belief, u, rng, y, available)
+            return self._run("step", belief, (u, y, available, None, rng))
+        belief = self._run("predict", belief, (u, None, None, None, rng))
+        return self._run("update", belief, (u, y, available, None, rng))
 
     def log_likelihood(self, predicted: Record, updated: Record) -> np.ndarray:
         """The log density ``(...)`` of a measurement, given those before it; 0 where none came.
@@ -318,96 +309,75 @@ class Filter(ABC, Generic[Record]):
             C = self.model.linearise_measurement(mean, u, predicted.cov)[1]
             size = np.abs(mean)
             with suppress(TypeError):  # before the first step there may be no known input
-                A = self.model.linearise_transition(mean, u, predicted.cov)[1]
-                size = size + np.matvec(np.abs(A), size)
+                size = size + np.matvec(np.abs(self._slopes(predicted, u)), size)
             size = np.matvec(np.abs(C), size)
-        return log_density(updated.innovation, S, updated.available, size)
+        square, logs, independent = semidefinite_form(updated.innovation, S, size)
+        counted = (independent & updated.available).sum(-1)
+        return -0.5 * (square + counted * np.log(2.0 * np.pi)) - logs
 
     # --- one step ---------------------------------------------------------------------------------
 
-    def _run(
-        self,
-        step: str,
-        belief: Record,
-        u: np.ndarray | None,
-        rng: Rng,
-        y: np.ndarray | None = None,
-        available: np.ndarray | None = None,
-        R: np.ndarray | None = None,
-    ) -> Record:
+    def _run(self, step: str, belief: Record, data: Data) -> Record:
         """The belief after a prediction, an update, or both; lost rows are recovered."""
-        if y is not None and available is None:
-            available = _all(belief.mean.shape[:-1], self.model.p)
+        u, y, available, R, rng = data
         if not self.compiled or isinstance(rng, np.random.Generator):
-            changed = self._in_numpy(step, belief, u, rng, y, available, R)
+            changed = self._in_numpy(step, belief, data)
             if y is None:
                 changed |= unmeasured(belief.mean.shape[:-1], self.model.p, changed["healthy"])
             after = belief.replaced(changed | {"u": u}).read_only()
         else:
             key = step, None if u is None else u.shape[-1], R is None
             program = self._programs.get(key)
-            inside = program.inside if program else self.model.is_compiled(*self.model.parts[step])
-            more = [] if inside else self._answers(step, belief, u, R)
+            inside = program.inside if program else self.model.is_compiled(step)
+            more: list[Any] = []
+            if not inside:
+                with np.errstate(all="ignore"):
+                    more += self._answers(step, belief, data)
             if self.random:
-                more += rng.words  # type: ignore[union-attr]
+                more += rng.words
             if program is None:
                 given = u, y, available, R, *more
                 program = self._programs[key] = StepProgram(self, step, inside, belief, given)
             after = program(belief, u, y, available, R, *more)
         if b"\0" in after.healthy.tobytes():
-            after = recovered(self, step, belief, after, u, rng, y, available, R).read_only()
+            after = recovered(self, step, belief, after, data).read_only()
         if step == "update" and b"\0" in belief.healthy.tobytes():
             healthy = np.logical_and(after.healthy, belief.healthy)
             after = after.replaced({"healthy": healthy}).read_only()
         return after
 
-    def _answers(self, step: str, belief: Record, u: Any, R: Any) -> list[np.ndarray]:
-        """The model's answer before a prediction or an update, in NumPy."""
-        with np.errstate(all="ignore"):
-            return list(
-                self.propagate(belief, u) if step == "predict" else self.expect(belief, u, R)
-            )
+    def _answers(self, step: str, belief: Record, data: Data) -> Sequence[Any]:
+        """The model's answer before a prediction or an update; G or H besides, of an input."""
+        (u, _, _, R, _), update = data, step == "update"
+        answer = self.expect(belief, u, R) if update else self.propagate(belief, u)
+        if self.input_delay is None:
+            return answer
+        model: Any = self.model
+        return *answer, resolve(model.H, u) if update else model.input_matrix(belief.mean, u)
 
     def _changed(
-        self,
-        step: str,
-        belief: Record,
-        u: Any,
-        rng: Any,
-        y: Any,
-        available: Any,
-        R: Any,
-        answers: Sequence[Any] = (),
+        self, step: str, belief: Record, data: Data, answers: Sequence[Any] = ()
     ) -> Changes:
         """Arrays that a step changes: of arrays, or of tracers when it is traced."""
-        drawn = (rng,) if self.random else ()
+        answers = answers or self._answers(step, belief, data)
         if step == "update":
-            answers = answers or self.expect(belief, u, R)
-            return self._corrected(belief, u, drawn, y, available, *answers)
-        answers = answers or self.propagate(belief, u)
-        changed = self._known_fields("_predict", self._predict(belief, u, *answers, *drawn))
+            return self._corrected(belief, data, *answers)
+        u, *_, rng = data
+        drawn = (rng,) if self.random else ()
+        changed = self._predict(belief, u, *answers, *drawn)
         after = belief.replaced(changed)
         if step == "step":
-            answers = self.expect(after, u, R)
-            return changed | self._corrected(after, u, drawn, y, available, *answers)
+            return changed | self._changed("update", after, data)
         healthy = is_finite(after)
         if self.input_delay is not None:
             healthy = healthy & ~exhausted(belief, changed)
         return changed | {"healthy": healthy}
 
     def _corrected(
-        self,
-        belief: Record,
-        u: Any,
-        drawn: Sequence[Any],
-        y: Any,
-        available: Any,
-        expected: Any,
-        C: Any,
-        R: Any,
-        *more: Any,
+        self, belief: Record, data: Data, expected: Any, C: Any, R: Any, *more: Any
     ) -> Changes:
         """Arrays that an update changes, of the model's answers."""
+        u, y, available, _, rng = data
         available = available & np.isfinite(y) & np.isfinite(R.diagonal(0, -2, -1))
         if rescuing():
             available = available & np.isfinite(expected) & np.isfinite(C).all(-1)
@@ -415,10 +385,9 @@ class Filter(ABC, Generic[Record]):
         C = np.where(available[..., None], C, 0.0)
         # H, of an unknown input
         rest = [np.where(available[..., None], each, 0.0) for each in more]
-        R = masked(R, available)
+        R, drawn = masked(R, available), (rng,) if self.random else ()
         updated = {"innovation_cov": None, "innovation": e, "available": available}
-        own = self._update(belief, u, e, C, R, available, *rest, *drawn)
-        updated |= self._known_fields("_update", own)
+        updated |= self._update(belief, u, e, C, R, available, *rest, *drawn)
         if updated["innovation_cov"] is None:
             updated["innovation_cov"] = congruence(C, belief.cov) + R
         healthy = is_finite(belief.replaced(updated))
@@ -427,57 +396,32 @@ class Filter(ABC, Generic[Record]):
             healthy = healthy & ~exhausted(belief, updated)
         return updated | {"healthy": healthy}
 
-    def _known_fields(self, method: str, changed: Changes) -> Changes:
-        """Arrays that a method gave, checked to be fields of the belief."""
-        if not isinstance(changed, dict):
-            raise TypeError(
-                f"{type(self).__name__}.{method} must return a dict of arrays, as {{'mean': ...}},"
-                f" got {short_repr(changed)}"
-            )
-        if unknown := changed.keys() - self.record.__dataclass_fields__.keys():
-            raise TypeError(
-                f"{type(self).__name__}.{method} gave {unknown.pop()!r}, which a"
-                f" {self.record.__name__} does not have"
-            )
-        return changed
-
-    def _in_numpy(
-        self,
-        step: str,
-        belief: Record,
-        u: Any,
-        rng: Any,
-        y: Any = None,
-        available: Any = None,
-        R: Any = None,
-    ) -> Changes:
+    def _in_numpy(self, step: str, belief: Record, data: Data) -> Changes:
         """Arrays that a step changes, in NumPy; the mean is NaN in rows with a singular matrix."""
         try:
             with np.errstate(all="ignore"):
-                return self._changed(step, belief, u, rng, y, available, R)
+                return self._changed(step, belief, data)
         except np.linalg.LinAlgError:
-            rows = belief.mean[..., 0]
-        if rows.size == 1 or self.model_per_row:
-            mean, healthy = np.full(belief.mean.shape, np.nan), np.zeros(rows.shape, bool)
+            batch = belief.mean.shape[:-1]
+        if belief.healthy.size == 1 or self.model_per_row:
+            mean, healthy = np.full(belief.mean.shape, np.nan), np.zeros(batch, bool)
             return belief.arrays() | {"mean": mean, "healthy": healthy}
         after = belief
-        for i in np.ndindex(rows.shape):
-            row = np.zeros(rows.shape, bool)
+        for i in np.ndindex(batch):
+            row = np.zeros(batch, bool)
             row[i] = True
-            own = [
-                a if a is None or (a is rng and not isinstance(a, RandomKeys)) else a[row]
-                for a in (u, rng, y, available, R)
-            ]
             one = belief[row]
-            after = after.with_rows(row, one.replaced(self._in_numpy(step, one, *own)))
+            after = after.with_rows(
+                row, one.replaced(self._in_numpy(step, one, rows_of(data, row)))
+            )
         return after.arrays()
 
     def _was_updated(self, belief: Any) -> bool:
         """Has an update of this step told something of the unknown input?"""
         return bool(np.count_nonzero(belief.available))
 
-    def _repaired(self, belief: Record, u: Any, y: Any, rng: Rng) -> Record:
-        """The belief of lost rows from which a prediction, y None, or an update starts again."""
+    def _repaired(self, step: str, belief: Record, data: Data) -> Record:
+        """The belief from which a step of lost rows starts again."""
         return belief.replaced({"cov": semidefinite(belief.cov)})
 
     def _slopes(self, belief: Record, u: np.ndarray | None) -> np.ndarray:
@@ -496,13 +440,6 @@ class Filter(ABC, Generic[Record]):
             raise ValueError(f"the belief is for {n} states, the model has {self.model.n}")
         return tuple(batch)
 
-    def _known(self, u: Any, batch: tuple[int, ...]) -> np.ndarray | None:
-        """The known input with a row for each of the belief, so that rows can be taken out."""
-        if u is None:
-            return None
-        u = frozen(as_array("u", u))  # the belief keeps it
-        return _broadcast("u", u, batch + (u.shape[-1:] or (1,)))
-
     def _numbers(self, rng: Rng, batch: tuple[int, ...]) -> Rng:
         """Random numbers of a step: a key for every row, or a Generator."""
         if rng is None or not isinstance(rng, RandomKeys | np.random.Generator):
@@ -515,7 +452,15 @@ class Filter(ABC, Generic[Record]):
         return rng
 
 
-def _broadcast(name: str, value: np.ndarray, shape: tuple[int, ...], core: int = 1) -> np.ndarray:
+def known_input(u: Any, batch: tuple[int, ...]) -> np.ndarray | None:
+    """The known input with a row for each of the belief, so that rows can be taken out."""
+    if u is None:
+        return None
+    u = frozen(as_array("u", u))  # the belief keeps it
+    return broadcast("u", u, batch + (u.shape[-1:] or (1,)))
+
+
+def broadcast(name: str, value: np.ndarray, shape: tuple[int, ...], core: int = 1) -> np.ndarray:
     """``value`` with the leading axes of ``shape``; its last ``core`` axes must fit exactly."""
     if value.shape == shape:
         return value

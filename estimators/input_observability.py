@@ -66,7 +66,7 @@ def input_conditions(
     cov = input_covariance("prior", prior, q)
     root, noise = np.linalg.cholesky(cov), np.linalg.cholesky(R)
     G, H = G @ root, H @ root
-    now, late = observable_ranks(C, G, H)
+    now, delayed = observable_ranks(C, G, H)
     try:
         S = congruence(C, solve_discrete_are(A.T, C.T, Q, R)) + R
     except (np.linalg.LinAlgError, ValueError):  # which SciPy raises where QZ fails
@@ -78,7 +78,7 @@ def input_conditions(
     )
     sd = np.where(hidden > 1e-9, np.inf, np.sqrt(share))
     zeros = _added_zeros(A, np.linalg.solve(noise, C), G, np.linalg.solve(noise, H))
-    return InputConditions(int(now + late), sd, zeros)
+    return InputConditions(int(now + delayed), sd, zeros)
 
 
 def driven_measurements(C: np.ndarray, G: np.ndarray) -> np.ndarray:
@@ -91,8 +91,8 @@ def observable_ranks(C: np.ndarray, G: np.ndarray, H: np.ndarray) -> tuple[np.nd
     """Numbers of inputs that ``H (..., p, q)`` shows at once, and ``C G`` one step later."""
     seen, CG = np.linalg.pinv(H, rcond=1e-9), driven_measurements(C, G)
     clean = (identity(H.shape[-2]) - H @ seen) @ CG @ (identity(H.shape[-1]) - seen @ H)
-    late = np.linalg.matrix_rank(clean, tol=1e-9 * np.linalg.norm(CG, 2, (-2, -1)))
-    return np.linalg.matrix_rank(H, rtol=1e-9), late
+    delayed = np.linalg.matrix_rank(clean, tol=1e-9 * np.linalg.norm(CG, 2, (-2, -1)))
+    return np.linalg.matrix_rank(H, rtol=1e-9), delayed
 
 
 def _one_step(
@@ -108,8 +108,8 @@ def _one_step(
 
     now, seen = best(H, precision, np.trace(congruence(H.T, precision)))
     rest, left = CG @ (np.eye(len(seen)) - seen), precision - congruence(precision @ H, now)
-    late, others = best(rest, left, np.trace(congruence(CG.T, precision)))
-    return now + late, seen + others
+    delayed, others = best(rest, left, np.trace(congruence(CG.T, precision)))
+    return now + delayed, seen + others
 
 
 def _added_zeros(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> np.ndarray:
@@ -126,8 +126,10 @@ def _added_zeros(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> 
         pencil = system - z * states
         size = np.linalg.norm(pencil, axis=0)
         pencil /= np.where(size > 0.0, size, 1.0)
-        rank, own = (np.linalg.matrix_rank(part, rtol=1e-9) for part in (pencil, pencil[:, :n]))
-        return bool(rank - own < q)
+        rank, undriven = (
+            np.linalg.matrix_rank(part, rtol=1e-9) for part in (pencil, pencil[:, :n])
+        )
+        return bool(rank - undriven < q)
 
     rng = np.random.default_rng(0)
     if adds(complex(*rng.normal(size=2))):

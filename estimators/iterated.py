@@ -23,7 +23,8 @@ class IteratedExtendedKalmanFilter(ExtendedKalmanFilter):
     not at the prediction, until that moves it no more. Written as ``x = x- + P a`` nothing is
     inverted but S::
 
-        a <- a + t (C' S^-1 [y - h(x) + C P a] - a)      C = dh/dx at x      S = C P C' + R
+        a <- a + t (C' S^-1 [y - h(x) + C P a] - a)
+        C = dh/dx at x      S = C P C' + R
 
     t is 1, and half of it after each step by which V would have risen. The update is then that of
     the `ekf`, with C and the innovation ``y - h(x) - C (x- - x)`` of the last x. So the belief's
@@ -75,7 +76,7 @@ class IteratedExtendedKalmanFilter(ExtendedKalmanFilter):
                 break
             a_tried = a + length[..., None] * step
             tried = np.matvec(cov, a_tried)
-            h, C_tried, *_ = self.expect(belief.replaced({"mean": belief.mean + tried}), u, R)
+            h, C_tried, _ = self.expect(belief.replaced({"mean": belief.mean + tried}), u, R)
             e_tried = difference(y, h, self.model.measurement_angles)
             e_tried = np.where(available, e_tried, 0.0)
             C_tried = np.where(available[..., None], C_tried, 0.0)

@@ -72,9 +72,9 @@ class KalmanFilter(ExtendedKalmanFilter):
 
     so that what the measurement shows of d is not forgotten in the prediction. `kf-umv-ui` is the
     limit of a D that grows without bound. With ``delayed_feedthrough`` the measurement contains
-    d(k-1), which has moved the prediction::
+    d(k-1), which has moved the prediction (``input_delay`` 1)::
 
-        x-+ = A x + B u     P-+ = A P A' + G D G' + Q     cov(x-+, d) = G D     (``input_delay`` 1)
+        x-+ = A x + B u     P-+ = A P A' + G D G' + Q     cov(x-+, d) = G D
 
     Source: Kalman (1960); covariance update in Joseph form; Anderson & Moore (1979), Optimal
     Filtering, sec. 5.4, for noises of process and measurement that are correlated.
@@ -92,19 +92,14 @@ class KalmanFilter(ExtendedKalmanFilter):
     likelihood = "exact"
     reversible = True
     model: LinearModel
+    input_cov: np.ndarray | None = None
 
     def __init__(self, model: Model, input_cov: np.ndarray | float | None = None) -> None:
         super().__init__(model)
         if not isinstance(model, LinearModel):
             raise ValueError("kf needs a LinearModel: use ekf for a nonlinear one")
-        if input_cov is not None and model.q == 0:
-            raise ValueError(
-                "input_cov was given, but the model has no unknown input (G and H are missing)"
-            )
-        self.input_cov = (
-            None if input_cov is None else input_covariance("input_cov", input_cov, model.q)
-        )
-        if self.input_cov is not None:
+        if input_cov is not None:
+            self.input_cov = input_covariance("input_cov", input_cov, model.q)
             self.input_delay, self.record = int(model.delayed_feedthrough), InputBelief
 
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
@@ -116,13 +111,12 @@ class KalmanFilter(ExtendedKalmanFilter):
     def _predict(self, belief: Any, u: Any, mean: Any, A: Any, Q: Any, *more: Any) -> Changes:
         if self.input_cov is None:
             return super()._predict(belief, u, mean, A, Q)
-        (G,) = more
-        unseen = unseen_input(mean, self.input_cov)
+        (G,), unseen = more, unseen_input(mean, self.input_cov)
         if not self.input_delay:
             return driven(belief, mean, A, Q, G) | unseen
+        moved = driven(belief.replaced(unseen), mean, A, Q, G)
         unseen["state_input_cov"] = unseen["state_input_cov"] + G @ self.input_cov
-        cov = congruence(A, belief.cov) + congruence(G, self.input_cov)
-        return {"mean": mean, "cov": symmetrise(cov + Q)} | unseen
+        return moved | unseen
 
     def _update(
         self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any, *more: Any
@@ -171,6 +165,8 @@ def unseen_input(mean: np.ndarray, input_cov: np.ndarray) -> Changes:
 
 def input_covariance(name: str, value: np.ndarray | float, q: int) -> np.ndarray:
     """A covariance ``(q, q)`` of the unknown input; a number stands for a multiple of identity."""
+    if q == 0:
+        raise ValueError(f"{name} needs an unknown input: give the model G, H or both")
     array = as_array(name, value)
     cov = as_covariance(name, array * np.eye(q) if array.ndim == 0 else array)
     if cov.shape[-1] != q:

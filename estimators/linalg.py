@@ -39,7 +39,7 @@ def masked(R: np.ndarray, kept: np.ndarray) -> np.ndarray:
 @np.errstate(all="ignore")
 def equilibrated(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviations ``(..., p)``, 1 where there is none, and S in these units."""
-    scale = np.sqrt(np.diagonal(s, axis1=-2, axis2=-1))
+    scale = np.sqrt(s.diagonal(0, -2, -1))
     scale = np.where(scale > 0.0, scale, 1.0)
     return scale, s / scale[..., None] / scale[..., None, :]
 
@@ -141,22 +141,22 @@ def principal_root(cov: np.ndarray) -> np.ndarray:
 
 
 @np.errstate(all="ignore")
-def semidefinite_cholesky(a: np.ndarray) -> np.ndarray:
+def semidefinite_cholesky(a: np.ndarray, rounding: float = 0.0) -> np.ndarray:
     """Lower triangular ``L (..., n, n)`` with ``L L' = A`` for a positive semidefinite ``A``.
 
-    A pivot that is zero to rounding gives a column of zeros, where `numpy.linalg.cholesky` would
-    raise. Column by column over the whole batch, which for a few states is as fast.
+    A pivot that is zero to rounding, or below this share of its diagonal entry, gives a column of
+    zeros, where `numpy.linalg.cholesky` would raise. Column by column over the whole batch, which
+    for a few states is as fast.
     """
     if is_traced(a):
         return linear.semidefinite_cholesky(a)
     n = a.shape[-1]
-    rest, root = np.array(a), np.zeros(a.shape)
+    root, share = np.zeros(a.shape), max(rounding, n * _EPS)
     for j in range(n):
-        pivot = rest[..., j, j]
-        pivot = np.where(pivot <= n * _EPS * a[..., j, j], np.inf, pivot)
-        column = rest[..., j:, j] / np.sqrt(pivot)[..., None]
-        root[..., j:, j] = column
-        rest[..., j:, j:] -= column[..., :, None] * column[..., None, :]
+        column = a[..., j:, j] - np.matvec(root[..., j:, :j], root[..., j, :j])
+        pivot = column[..., :1]
+        pivot = np.where(pivot <= share * a[..., j, j, None], np.inf, pivot)
+        root[..., j:, j] = column / np.sqrt(pivot)
     return root
 
 
@@ -173,8 +173,8 @@ def shared_root(cov: np.ndarray) -> np.ndarray:
     """
     n = cov.shape[-1]
     rows = cov.reshape(-1, n, n)
-    alike = len(rows) == 1 or (len(rows) > 0 and (rows == rows[0]).all())
-    return _kept_root(rows[0].tobytes(), n) if alike else semidefinite_cholesky(cov)
+    equal = len(rows) == 1 or (len(rows) > 0 and (rows == rows[0]).all())
+    return _kept_root(rows[0].tobytes(), n) if equal else semidefinite_cholesky(cov)
 
 
 @lru_cache(maxsize=16)
@@ -204,16 +204,6 @@ def cholesky(s: np.ndarray) -> np.ndarray:
         return np.where(lowest > 0.0, root, np.nan)
 
 
-def log_density(e: np.ndarray, s: np.ndarray, seen: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Log density ``(...)`` of the first independent components of ``e (..., p)`` under N(0, S).
-
-    Where a component is not ``seen (..., p)``, e is 0 and s ``(..., p, p)`` unit and uncorrelated.
-    They are differences of numbers of ``size (..., p)``, with whose rounding e comes.
-    """
-    square, logs, independent = semidefinite_form(e, s, size)
-    return -0.5 * (square + (independent & seen).sum(-1) * np.log(2.0 * np.pi)) - logs
-
-
 @np.errstate(all="ignore")
 def semidefinite_form(
     e: np.ndarray, s: np.ndarray, size: Any
@@ -224,40 +214,22 @@ def semidefinite_form(
     rounding of numbers of ``size (..., p)``; NaN where S is not finite. Between them comes half the
     log-determinant of the independent components.
     """
-    size, eye = np.broadcast_to(size, e.shape), identity(s.shape[-1])
+    rounding = _DIGITS * np.broadcast_to(size, e.shape)
+    exact = s.diagonal(0, -2, -1) <= np.square(rounding)
     scale, unit = equilibrated(s)
-    root = cholesky(np.where(np.isfinite(unit).all((-2, -1), keepdims=True), unit, eye))
-    spread = root.diagonal(0, -2, -1)
-    square = np.array(np.square(solve_lower(root, (e / scale)[..., None])).sum((-2, -1)))
-    logs, independent = np.array(np.log(spread * scale).sum(-1)), np.ones(e.shape, bool)
-    rest = ~((spread > 1e-4) & (scale > _DIGITS * size)).all(-1) | ~np.isfinite(scale).all(-1)
-    if rest.any():
-        found = _by_eigenvalues(e[rest], s[rest], size[rest])
-        square[rest], logs[rest], independent[rest] = found
-    return square, logs, independent
-
-
-def _by_eigenvalues(
-    e: np.ndarray, s: np.ndarray, size: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """`semidefinite_form` of covariances that may be singular or not finite."""
-    rounding = _DIGITS * size
-    exact = np.diagonal(s, axis1=-2, axis2=-1) <= np.square(rounding)
-    scale, unit = equilibrated(masked(s, ~exact))
     finite = np.isfinite(unit).all((-2, -1), keepdims=True)
-    unit = np.where(finite, unit, identity(s.shape[-1])) - exact[..., None] * identity(s.shape[-1])
+    kept = finite[..., 0] & ~exact
     scale = np.where(exact, 1e12 * rounding + 1e-100, np.where(finite[..., 0], scale, np.nan))
-    values, vectors = np.linalg.eigh(unit)
-    kept = values > SINGULAR * s.shape[-1]
-    vectors, values = np.where(kept[..., None, :], vectors, 0.0), np.where(kept, values, 1.0)
-    along = np.vecmat(e / scale, vectors)
-    outside = np.abs(e / scale - np.matvec(vectors, along))
+    e = e / scale
+    root = semidefinite_cholesky(np.where(kept[..., None] & kept[..., None, :], unit, 0.0), 1e-12)
+    spread = root.diagonal(0, -2, -1)
+    along = solve_lower(regular(root), e[..., None])[..., 0]
+    outside = np.abs(e - np.matvec(root, along))
     largest = np.maximum(1.0, np.abs(along).max(-1, keepdims=True))
     wrong = (outside > 1e-6 * largest + 8.0 * rounding / scale).any(-1)
-    pivots = np.diagonal(semidefinite_cholesky(inner(vectors, vectors)), axis1=-2, axis2=-1)
-    independent = pivots > 1e-6
-    logs = 0.5 * np.log(values).sum(-1) + np.log(np.where(independent, pivots * scale, 1.0)).sum(-1)
-    return np.where(wrong, np.inf, (np.square(along) / values).sum(-1)), logs, independent
+    independent = spread > 0.0
+    logs = np.log(np.where(independent, spread * scale, 1.0)).sum(-1)
+    return np.where(wrong, np.inf, np.square(along).sum(-1)), logs, independent
 
 
 def pseudo_inverse(s: np.ndarray) -> np.ndarray:

@@ -62,14 +62,14 @@ def check_matrices(
             array = (
                 as_covariance(name, value) if name in "QR" else finite_array(name, value, *shape)
             )
-            object.__setattr__(model, name, frozen(array))
+            vars(model)[name] = frozen(array)
     sizes = {letter: _size(model, letter, shapes, *options.get(letter, ())) for letter in "np"}
     sizes["q"] = 0
     if model.G is not None or model.H is not None:
         sizes["q"] = _size(model, "q", shapes)
         for name, rows in ("G", "n"), ("H", "p"):
             if getattr(model, name) is None:
-                object.__setattr__(model, name, frozen(np.zeros((sizes[rows], sizes["q"]))))
+                vars(model)[name] = frozen(np.zeros((sizes[rows], sizes["q"])))
     for name, letters in shapes.items():
         shape = sizes[letters[0]], sizes.get(letters[1])
         table = _nominal(model, name)
@@ -77,8 +77,7 @@ def check_matrices(
             expected = ", ".join("m" if each is None else str(each) for each in shape)
             raise ValueError(f"{name} has shape {table.shape}, expected (..., {expected})")
         set_function(model, name, shape, name in of_state)
-    for letter, size in sizes.items():
-        object.__setattr__(model, letter, size)
+    vars(model).update(sizes)
     for name, size in ("state_angles", sizes["n"]), ("measurement_angles", sizes["p"]):
         indices = getattr(model, name)
         try:
@@ -87,7 +86,7 @@ def check_matrices(
             angles = (-1,)
         if any(not 0 <= i < size for i in angles):
             raise ValueError(f"{name} must be indices below {size}, got {short_repr(indices)}")
-        object.__setattr__(model, name, angles)
+        vars(model)[name] = angles
 
 
 def set_function(
@@ -102,7 +101,7 @@ def set_function(
         return
     checks: dict[str, Any] = {"Q": partial(as_covariance, "Q"), "R": _check_noise}
     used = FirstUse(name, function, shape, of_state or noise, checks.get(name))
-    object.__setattr__(model, name, StateNoise(used, value.nominal) if noise else used)
+    vars(model)[name] = StateNoise(used, value.nominal) if noise else used
 
 
 def _check_noise(R: np.ndarray) -> None:
@@ -130,6 +129,5 @@ def _size(
 def _nominal(model: Any, name: str) -> np.ndarray | None:
     """The array of a matrix: itself, its table, or the nominal one; None for functions."""
     matrix = getattr(model, name)
-    if isinstance(matrix, Schedule | StateNoise):
-        return matrix.table if isinstance(matrix, Schedule) else matrix.nominal
-    return matrix if isinstance(matrix, np.ndarray) else None
+    array = matrix if isinstance(matrix, np.ndarray) else getattr(matrix, "nominal", None)
+    return matrix.table if isinstance(matrix, Schedule) else array

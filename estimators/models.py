@@ -13,8 +13,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators.checks import as_array, frozen, short_repr
-from estimators.differences import central_differences, check_jacobian, steps, values_at
+from estimators.checks import finite_array, frozen, short_repr
+from estimators.differences import central_differences, steps, values_at
 from estimators.engine.compiled import Compiled, compiled
 from estimators.engine.derivative import linearise
 from estimators.engine.matrices import columnwise, is_traced, matrix
@@ -45,29 +45,20 @@ class Gaussian(Frozen):
     cov: np.ndarray
 
     def __post_init__(self) -> None:
-        mean = as_array("mean", self.mean)
         cov = as_covariance("cov", self.cov)
-        if mean.shape[-1:] != cov.shape[-1:]:
-            raise ValueError(
-                f"mean has shape {mean.shape}, but cov {cov.shape} is for a vector of"
-                f" {cov.shape[-1]}"
-            )
-        if not np.isfinite(mean).all():
-            raise ValueError("mean must be finite")
+        mean = finite_array("mean", self.mean, "...", cov.shape[-1])
         try:
             np.broadcast_shapes(mean.shape[:-1], cov.shape[:-2])
         except ValueError:
             raise ValueError(
                 f"mean has shape {mean.shape} and cov {cov.shape}: their rows do not fit"
             ) from None
-        object.__setattr__(self, "mean", frozen(mean))
-        object.__setattr__(self, "cov", frozen(cov))
+        vars(self).update(mean=frozen(mean), cov=frozen(cov))
 
     def about(self, mean: np.ndarray) -> "Gaussian":
         """A Gaussian of this covariance about other means ``(..., n)``, which are not checked."""
         moved = object.__new__(type(self))
-        object.__setattr__(moved, "mean", mean)
-        object.__setattr__(moved, "cov", self.cov)
+        vars(moved).update(mean=mean, cov=self.cov)
         return moved
 
     def __eq__(self, other: object) -> bool:
@@ -82,31 +73,25 @@ class _Model(Frozen):
     parts: ClassVar[dict[str, tuple[str, ...]]]
     """Names of what the model's answer before a "predict", an "update" or a "step" is made of."""
 
-    def is_compiled(self, *names: str) -> bool:
-        """Are the functions of these names compiled? Arrays and schedules are no functions."""
-        return all(map(is_compiled, map(partial(getattr, self), names)))
+    def is_compiled(self, step: str) -> bool:
+        """Are the functions of a step compiled? Arrays and schedules are no functions."""
+        return all(map(is_compiled, map(partial(getattr, self), self.parts[step])))
 
-    def compare(
-        self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None, *names: str
-    ) -> None:
-        """Compare functions that have not been used yet, before a program has them in it.
+    def compare(self, x: np.ndarray, u: np.ndarray | None, step: str) -> None:
+        """Compare a step's functions that have not been used yet, before a program has them in it.
 
         Args:
             x: States ``(..., n)`` at which they are compared.
             u: Known inputs ``(..., m)``.
-            cov: Covariance of x, which the steps of differences follow.
-            names: Names of functions and matrices.
+            step: "predict", "update" or "step", the two together.
 
         Raises:
             ValueError: naming the function, see `estimators.first_use`.
         """
-        for name in names:
-            value = getattr(self, name)
+        for value in map(partial(getattr, self), self.parts[step]):
             function = value.function if isinstance(value, StateNoise) else value
             if isinstance(function, FirstUse):
                 function.compare(*((x, u) if function.of_state else (u,)))
-            if name.endswith("_jacobian") and value is not None:  # with differences, too
-                getattr(self, f"linearise_{name.removesuffix('_jacobian')}")(x, u, cov)
 
 
 def _parts(predict: tuple[str, ...], update: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
@@ -189,7 +174,6 @@ class LinearModel(_Model):
 
     def input_matrix(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """G ``(..., n, q)``: how the unknown input moves the next state."""
-        assert self.G is not None, "the model has no unknown input"
         return resolve(self.G, u)
 
     def linearise_transition(
@@ -233,8 +217,8 @@ class NonlinearModel(_Model):
         delayed_feedthrough: H feeds d(k-1) through instead of d(k), see `LinearModel`.
 
     Functions run in NumPy unless they are decorated `@compiled`. They must be pure, as those of a
-    `LinearModel`; each is compared once, when it is first used: several rows with each alone, and a
-    Jacobian of your own with differences. The model is immutable.
+    `LinearModel`; each is compared once, when it is first used: several rows with each alone. The
+    model is immutable.
 
     Raises:
         ValueError: naming the argument whose shape or definiteness is wrong.
@@ -244,23 +228,22 @@ class NonlinearModel(_Model):
         ("transition", "transition_jacobian", "Q", "G"),
         ("measurement", "measurement_jacobian", "R", "H"),
     )
-    transition: Callable[[np.ndarray, np.ndarray | None], np.ndarray]
-    measurement: Callable[[np.ndarray, np.ndarray | None], np.ndarray]
+    transition: Function
+    measurement: Function
     Q: Matrix
     R: Matrix
     G: StateMatrix | None = None
     H: Matrix | None = None
     state_angles: tuple[int, ...] = ()
     measurement_angles: tuple[int, ...] = ()
-    transition_jacobian: Callable[[np.ndarray, np.ndarray | None], np.ndarray] | None = None
-    measurement_jacobian: Callable[[np.ndarray, np.ndarray | None], np.ndarray] | None = None
+    transition_jacobian: Function | None = None
+    measurement_jacobian: Function | None = None
     states: int | None = None
     measurements: int | None = None
     delayed_feedthrough: bool = False
     n: int = field(init=False)
     p: int = field(init=False)
     q: int = field(init=False)
-    _compared: set[str] = field(init=False, repr=False, default_factory=set)
 
     def __post_init__(self) -> None:
         shapes = {"Q": "nn", "R": "pp", "G": "nq", "H": "pq"}
@@ -277,7 +260,6 @@ class NonlinearModel(_Model):
 
     def input_matrix(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """G ``(..., n, q)``: how the unknown input moves the next state from ``x (..., n)``."""
-        assert self.G is not None, "the model has no unknown input"
         return resolve(self.G, x, u)
 
     def linearise_transition(
@@ -301,20 +283,16 @@ class NonlinearModel(_Model):
         u: np.ndarray | None,
         cov: np.ndarray | None,
     ) -> tuple[np.ndarray, np.ndarray]:
-        function, own = getattr(self, name), getattr(self, f"{name}_jacobian")
+        function, slopes = getattr(self, name), getattr(self, f"{name}_jacobian")
         if is_traced(x):
-            found = linearise(function, x, u, slopes=own)
+            found = linearise(function, x, u, slopes=slopes)
             return tuple(map(partial(matrix, x.program), found))  # type: ignore[attr-defined]
-        if own is None and is_compiled(function):
+        if slopes is None and is_compiled(function):
             return _compiled(linearise, function, x, u)(x, u)
-        step = steps(x, cov, self.state_angles)
-        if own is None:
+        if slopes is None:
+            step = steps(x, cov, self.state_angles)
             return central_differences(name, function, x, u, size, angles, step)
-        jacobian = np.broadcast_to(np.asarray(own(x, u), float), x.shape[:-1] + (size, self.n))
-        if name not in self._compared:
-            check_jacobian(name, function, jacobian, x, u, angles, step)
-            if np.isfinite(jacobian).all():  # else it is compared again where it is
-                self._compared.add(name)
+        jacobian = np.broadcast_to(np.asarray(slopes(x, u), float), x.shape[:-1] + (size, self.n))
         return np.asarray(function(x, u), float), jacobian
 
 

@@ -11,9 +11,9 @@ from typing import Any, Self
 import numpy as np
 
 from estimators.angles import difference, short_way
-from estimators.belief import Belief
+from estimators.belief import Belief, changes_of_points
 from estimators.checks import AT_LEAST_0, UP_TO_1, integer, number
-from estimators.ensemble import draw, noise_root
+from estimators.ensemble import draw, noise_root, process_root
 from estimators.filter import Changes, Filter, Model
 from estimators.linalg import (
     cholesky,
@@ -25,7 +25,6 @@ from estimators.linalg import (
 )
 from estimators.models import at_points
 from estimators.randomness import RandomKeys
-from estimators.varying import resolve
 
 PARTICLES, DIFFUSION, RESAMPLING, JITTER = range(4, 8)
 """Uses of random numbers, beside those of the ensembles."""
@@ -66,15 +65,7 @@ class ParticleBelief(Belief):
             TypeError: for a field that the belief does not have.
             ValueError: if the covariance is given without particles.
         """
-        if "particles" not in changes and {"mean", "cov"} & changes.keys():
-            if "cov" in changes:
-                raise ValueError(
-                    "cov of this belief is that of its particles: replace them, or begin anew with"
-                    " init"
-                )
-            shift = np.asarray(changes["mean"]) - self.mean
-            changes["particles"] = self.particles + shift[..., None, :]
-        return Belief.replace(self, **changes)
+        return Belief.replace(self, **changes_of_points(self, changes, "particles", -2))
 
 
 class ParticleFilter(Filter[ParticleBelief]):
@@ -133,8 +124,7 @@ class ParticleFilter(Filter[ParticleBelief]):
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
         """A root ``(..., n, r)`` of the process noise; particles move after their resampling."""
-        root = self._noise_root
-        return (semidefinite_cholesky(resolve(self.model.Q, u)) if root is None else root,)
+        return (process_root(self, u),)
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
         """Weighted mean ``(..., p)`` of what particles expect, the rest ``(..., p, N)``, and R."""
@@ -190,8 +180,8 @@ class ParticleFilter(Filter[ParticleBelief]):
         weights = np.exp(log_weights)[..., None]
         mean, away = _about(weights, particles, self.model.state_angles)
         moments = {"mean": mean, "cov": symmetrise((weights * away).mT @ away)}
-        own = {"particles": particles, "log_weights": log_weights}
-        return moments | own | {"log_likelihood": np.zeros(mean.shape[:-1])}
+        weighted = {"particles": particles, "log_weights": log_weights}
+        return moments | weighted | {"log_likelihood": np.zeros(mean.shape[:-1])}
 
     def _resampled(self, belief: Any, rng: Any) -> tuple[np.ndarray, np.ndarray]:
         """Particles, and log weights, of which enough count."""
@@ -253,12 +243,12 @@ def _about(
     Weights are ``(..., N, k)``, or ``(..., N, 1)`` for all components; points of weight 0 may be
     anything.
     """
-    weights, own = np.broadcast_to(weights, points.shape), (..., list(angles))
+    weights, index = np.broadcast_to(weights, points.shape), (..., list(angles))
     counted = np.where(weights > 0.0, points, 0.0)
     mean = (weights * counted).sum(-2)
-    share, turned = weights[own], counted[own] - mean[own][..., None, :]
+    share, turned = weights[index], counted[index] - mean[index][..., None, :]
     centre = np.arctan2((share * np.sin(turned)).sum(-2), (share * np.cos(turned)).sum(-2))
-    mean[own] += centre + (share * short_way(turned - centre[..., None, :])).sum(-2)
+    mean[index] += centre + (share * short_way(turned - centre[..., None, :])).sum(-2)
     away = points - mean[..., None, :]
-    away[own] = short_way(away[own])
+    away[index] = short_way(away[index])
     return mean, away

@@ -56,17 +56,7 @@ def perfect(changed: dict[str, Any], R: Any, digits: float) -> Any:
     return np.where(variance > digits * R.diagonal(0, -2, -1), 1.0, 0.0).sum(-1) > 0.0
 
 
-def recovered(
-    filter: Any,
-    step: str,
-    belief: Record,
-    after: Record,
-    u: Any,
-    rng: Any,
-    y: Any,
-    available: Any,
-    R: Any,
-) -> Record:
+def recovered(filter: Any, step: str, belief: Record, after: Record, data: Any) -> Record:
     """A belief whose rows that are not ``healthy`` are examined, and computed again where lost.
 
     Args:
@@ -74,46 +64,42 @@ def recovered(
         step: "predict", "update" or "step", the two together.
         belief: Before the step.
         after: The belief after it.
-        u: Known input, or None.
-        rng: Random numbers of the step, or None.
-        y: Measurements; None for a prediction.
-        available: Mask of the measurements.
-        R: Covariance of this measurement, or None.
+        data: The step's `estimators.filter.Data`.
     """
     # Where each row has a model of its own, rows cannot be computed apart.
     rows = after.healthy | True if filter.model_per_row else ~after.healthy
-    some = _rows(rows, (u, y, available, R))
-    rng = rng[rows] if isinstance(rng, RandomKeys) else rng
+    data = rows_of(data, rows)
     with np.errstate(all="ignore"):
         before, found = belief[rows], after[rows]
         lost = ~_sound(found, step)
         if lost.any():
             apart = lost | filter.model_per_row
-            u, y, available, R = _rows(apart, some)
-            rng = rng[apart] if isinstance(rng, RandomKeys) else rng
-            again = before[apart].replaced({"u": u})
+            some = rows_of(data, apart)
+            again = before[apart].replaced({"u": some[0]})
             if step != "update":
                 again = again.replaced(
                     unmeasured(again.healthy.shape, filter.model.p, again.healthy)
                 )
-                again = _attempt(filter, "predict", again, rng, None, None, None)
+                again = _attempt(filter, "predict", again, some)
             if step != "predict":
-                again = _attempt(filter, "update", again, rng, y, available, R)
+                again = _attempt(filter, "update", again, some)
             found = found.with_rows(lost, again[lost[apart]])
         if step == "update" and not filter.random:
-            found = _without_rounding(filter, before, found, *some)
-    return after.with_rows(rows, found.replace(healthy=~lost))
+            found = _without_rounding(filter, before, found, data)
+    return after.with_rows(rows, found.replaced({"healthy": ~lost}))
 
 
-def _rows(rows: np.ndarray, arrays: Any) -> Any:
-    return tuple(None if a is None else a[rows] for a in arrays)
+def rows_of(data: Any, rows: np.ndarray) -> Any:
+    """A step's data for some rows of the batch; a Generator stays what it is."""
+    indexed = np.ndarray, RandomKeys
+    return tuple(each[rows] if isinstance(each, indexed) else each for each in data)
 
 
 def _sound(belief: Any, step: str) -> np.ndarray:
     """The rows ``(...)`` that are finite and covariances, and divided by no singular S."""
     sound = _finite(belief)
     for name in _CROSS:
-        if getattr(belief, name, None) is not None:
+        if name in belief.names():
             cov = np.where(sound[..., None, None], _with_state(belief, name), 0.0)
             values = np.linalg.eigvalsh(cov)
             sound &= values[..., 0] >= -_NEGATIVE * np.abs(values).sum(-1)
@@ -132,7 +118,7 @@ def _clipped(belief: Any) -> Any:
     """The belief without negative eigenvalues of its covariances; to cut them off adds to each."""
     n = belief.cov.shape[-1]
     for name, cross in _CROSS.items():
-        if getattr(belief, name, None) is not None:
+        if name in belief.names():
             cov = semidefinite(_with_state(belief, name))
             variance = cov.diagonal(0, -2, -1)
             none = (variance <= 0.0) & np.isfinite(variance)
@@ -152,23 +138,21 @@ def _finite(belief: Any) -> np.ndarray:
     return finite
 
 
-def _attempt(filter: Any, step: str, belief: Any, rng: Any, y: Any, available: Any, R: Any) -> Any:
+def _attempt(filter: Any, step: str, belief: Any, data: Any) -> Any:
     """A prediction or an update in rescue; rows that are not finite keep what they had."""
+    data = belief.u, *data[1:]
     with rescue():
-        arrived = None if y is None else np.where(available, y, np.nan)
-        belief = filter._repaired(belief, belief.u, arrived, rng)
-        changed = filter._in_numpy(step, belief, belief.u, rng, y, available, R)
-    after = belief.replaced(changed)
+        after = filter._repaired(step, belief, data)
+        after = after.replaced(filter._in_numpy(step, after, data))
     if not filter.random:
         after = _clipped(after)
     finite = _finite(after)
     return after.with_rows(~finite, belief[~finite])
 
 
-def _without_rounding(
-    filter: Any, before: Any, after: Any, u: Any, y: Any, available: Any, R: Any
-) -> Any:
+def _without_rounding(filter: Any, before: Any, after: Any, data: Any) -> Any:
     """An update without variances of which perfect measurements have left only rounding."""
+    u, y, available, R, _ = data
     R = masked(filter._noise(before, u, R), available & np.isfinite(y))
     singular = lacks_rank(R)
     if not singular.any():

@@ -28,7 +28,8 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
     (P-)^-1/2 (x- - x)]`` with Cholesky roots, enter quadratically up to ``gamma`` and linearly
     beyond. With ``psi = min(1, gamma / |zeta|)`` a Kalman update is done with::
 
-        R~ = R^1/2 diag(psi_y)^-1 R^T/2      P~ = (P-)^1/2 diag(psi_x)^-1 (P-)^T/2
+        R~ = R^1/2 diag(psi_y)^-1 R^T/2
+        P~ = (P-)^1/2 diag(psi_x)^-1 (P-)^T/2
 
     and the residuals taken anew, which lowers the loss each time. The first weights are those of
     the residuals at the prediction, so that an outlier is seen as one before it moves the estimate.
@@ -72,24 +73,20 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
         root_P, root_R = semidefinite_cholesky(belief.cov), semidefinite_cholesky(R)
         M = joined([C @ root_P, root_R], -1)
         S = M @ M.mT
-        inflation = self._inflation(M, S, e)
+        seen = self._weighted(solve_lower(regular(root_R), e[..., None]))
+        inflation = joined([np.ones((n, 1)), seen], -2)[..., 0]
+        for _repeat in range(self.iterations - 1):
+            S_weighted = S + (M * (inflation - 1.0)[..., None, :]) @ M.mT
+            solved = solve(S_weighted, e[..., None])[..., 0]
+            inflation = self._weighted(inflation * np.matvec(M.mT, solved))
+        # It is 1 / psi of the last update.
         P = _reweighted(belief.cov, root_P, inflation[..., :n])
         noise = _reweighted(R, root_R, inflation[..., n:])
         mean, cov, _weighted = joseph_update(belief.mean, P, e, C, noise)
         return {"mean": mean, "cov": cov, "innovation_cov": S}
 
-    def _inflation(self, M: np.ndarray, S: np.ndarray, e: np.ndarray) -> np.ndarray:
-        """``1 / psi (..., n + p)`` for the last update."""
-        n = self.model.n
-        seen = self._weighted(solve_lower(regular(M[..., n:]), e[..., None]))
-        inflation = joined([np.ones((n, 1)), seen], -2)[..., 0]
-        for _ in range(self.iterations - 1):
-            S_weighted = S + (M * (inflation - 1.0)[..., None, :]) @ M.mT
-            solved = solve(S_weighted, e[..., None])[..., 0]
-            inflation = self._weighted(inflation * np.matvec(M.mT, solved))
-        return inflation
-
     def _weighted(self, zeta: np.ndarray) -> np.ndarray:
+        """``1 / psi`` of residuals."""
         return np.maximum(1.0, np.abs(zeta) / self.gamma)
 
 

@@ -20,7 +20,7 @@ import numpy as np
 from estimators.belief import Record, over_time
 from estimators.checks import as_array
 from estimators.delayed import Delayed, DelayedBelief
-from estimators.filter import Filter, Rng
+from estimators.filter import Filter, Rng, broadcast
 from estimators.linalg import joined
 from estimators.models import Gaussian, LinearModel
 from estimators.randomness import RandomKeys, key
@@ -122,14 +122,29 @@ def run(
     if y.ndim < 2 or len(y) == 0:
         raise ValueError(f"y has shape {y.shape}, expected (T, ..., p): one channel has y[:, None]")
     T, batch = len(y), y.shape[1:-2] if isinstance(filter, Delayed) else y.shape[1:-1]
-    continued = _continues(filter, prior, batch, rng, first)
+    continued = not isinstance(prior, Gaussian)
+    keyed = getattr(filter, "random", False) and not isinstance(rng, np.random.Generator)
+    if continued and keyed and first == 0:
+        raise ValueError(
+            "first must be how many measurements came before: their random numbers are used up"
+        )
     if isinstance(prior, Gaussian):
-        prior = prior.about(np.broadcast_to(prior.mean, batch + prior.mean.shape[-1:]))
+        shape = batch + prior.mean.shape[-1:]
+        prior = prior.about(broadcast("the prior's mean", prior.mean, shape))
+    model = getattr(filter, "model", None)
+    if (
+        t is not None
+        and isinstance(model, LinearModel)
+        and not any(map(callable, vars(model).values()))
+    ):
+        raise ValueError(
+            "this model is the same however long a step takes: make it with sampled, or leave out t"
+        )
     available, R = _over_time("available", available, T), _over_time("R", R, T)
-    after, at = _known_inputs(filter, u, t, T + continued, batch)
+    after, at = _known_inputs(u, t, T + continued, batch)
     if isinstance(rng, int | np.integer):
         rows = np.arange(int(np.prod(batch))).reshape(batch)
-        rng = RandomKeys(np.broadcast_to(key(int(rng)), (*batch, 2))).of(rows)
+        rng = RandomKeys(key(int(rng))).of(rows)
     loop, belief, predicted, updated = cast(Any, filter), prior, [], []
     for k in range(T):
         now = rng.at(first + k) if isinstance(rng, RandomKeys) else rng
@@ -141,22 +156,6 @@ def run(
     if isinstance(filter, Delayed):
         predicted, updated = ([each.now for each in found] for found in (predicted, updated))
     return Series(filter, over_time(predicted), over_time(updated), belief)
-
-
-def _continues(filter: Any, prior: Any, batch: tuple[int, ...], rng: Rng | int, first: int) -> bool:
-    """Test whether a prior is a belief; refuse other rows, and random numbers used before."""
-    rows, continued = prior.mean.shape[:-1], not isinstance(prior, Gaussian)
-    if rows != batch and (continued or rows):
-        raise ValueError(
-            f"the prior has rows {rows}, y has {batch}: give one, or one for each row of y"
-        )
-    keyed = getattr(filter, "random", False) and not isinstance(rng, np.random.Generator)
-    if first == 0 and continued and keyed:
-        raise ValueError(
-            "first must be how many measurements came before the belief: their random numbers are"
-            " used up"
-        )
-    return continued
 
 
 def _over_time(name: str, value: np.ndarray | None, T: int) -> Any:
@@ -173,7 +172,7 @@ def _over_time(name: str, value: np.ndarray | None, T: int) -> Any:
 
 
 def _known_inputs(
-    filter: Any, u: np.ndarray | None, t: np.ndarray | None, T: int, batch: tuple[int, ...]
+    u: np.ndarray | None, t: np.ndarray | None, T: int, batch: tuple[int, ...]
 ) -> tuple[Any, Any]:
     """Known inputs ``(T, ..., m)`` over the steps that follow measurements, and at measurements.
 
@@ -185,11 +184,7 @@ def _known_inputs(
         known = known.reshape(T, *(1,) * len(batch), -1)
     if t is None:
         return known, known
-    model, t = getattr(filter, "model", None), _over_time("t", t, T)
-    if isinstance(model, LinearModel) and not any(map(callable, vars(model).values())):
-        raise ValueError(
-            "this model is the same however long a step takes: make it with sampled, or leave out t"
-        )
+    t = _over_time("t", t, T)
     if not (np.isfinite(t).all() and (np.diff(t, axis=0) >= 0.0).all()):
         raise ValueError(
             "times t must be finite and not go back: sort the measurements by time, or use Delayed"

@@ -4,7 +4,8 @@ A smoother goes back through what a filter stored. With z the estimated quantiti
 state or the state and the unknown input, and ``zeta = D z+`` the part of the next that the past
 predicts, ``zeta- , P-``::
 
-    J = cov(z, zeta) P-^-1     z^s = z + J (D z^s+ - zeta-)     P^s = P + J (D P^s+ D' - P-) J'
+    J = cov(z, zeta) P-^-1     z^s = z + J (D z^s+ - zeta-)
+    P^s = P + J (D P^s+ D' - P-) J'
 
 For a Kalman filter z is the state and D the identity (Rauch, Tung & Striebel). For a filter that
 estimates the unknown input of the very step, ``z = (x, d)``, ``D = [I, 0]`` and ``cov(z, zeta) =
@@ -101,8 +102,7 @@ def _gains(
     n, k, u = updated.mean.shape[-1], P.shape[-1], following.u
     A, D, cov = filter._slopes(updated, u), np.eye(n, k), following.cov
     if isinstance(updated, InputBelief):
-        G = getattr(following, "input_matrix", None)
-        G = filter.model.input_matrix(updated.mean, u) if G is None else G
+        G = filter.model.input_matrix(updated.mean, u)
         if filter.input_delay == 0:
             A = joined([A, G], -1)
         else:
@@ -138,16 +138,16 @@ def _regression(A: np.ndarray, P: np.ndarray, cov: np.ndarray) -> tuple[np.ndarr
 
 def _members(filter: EnsembleFilter, updated: Any, predicted: Any, steps: int | None) -> Any:
     """Beliefs of an ensemble, smoothed member by member."""
-    angles, own, ahead = filter.model.state_angles, updated.ensemble, predicted.ensemble[1:]
+    angles, members, ahead = filter.model.state_angles, updated.ensemble, predicted.ensemble[1:]
     spread, moved = (
-        difference(members, belief.mean[..., None, :], angles)
-        for members, belief in ((own[:-1], updated[:-1]), (ahead, predicted[1:]))
+        difference(each, belief.mean[..., None, :], angles)
+        for each, belief in ((members[:-1], updated[:-1]), (ahead, predicted[1:]))
     )
     forgot = ~predicted.healthy[1:] | ~np.isfinite(moved).all((-2, -1))
     moved = np.where(forgot[..., None, None], 0.0, moved)
     gain, expected = np.linalg.pinv(moved, rcond=1e-10) @ spread, np.nan_to_num(ahead)
 
     def back(k: slice, later: np.ndarray) -> tuple[np.ndarray]:
-        return (own[:-1][k] + difference(later, expected[k], angles) @ gain[k],)
+        return (members[:-1][k] + difference(later, expected[k], angles) @ gain[k],)
 
-    return updated.replace(ensemble=_swept(back, steps, own)[0])
+    return updated.replace(ensemble=_swept(back, steps, members)[0])

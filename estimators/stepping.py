@@ -40,39 +40,39 @@ class StepProgram:
         self, filter: Any, step: str, inside: bool, belief: Any, given: Sequence[Any]
     ) -> None:
         if inside:
-            filter.model.compare(belief.mean, given[0], belief.cov, *filter.model.parts[step])
+            filter.model.compare(belief.mean, given[0], step)
         record, names, batch = filter.record, filter.record.names(), belief.mean.ndim - 1
         drawn: Any = _DRAWN if filter.random else ()
         answered = len(given) - len(_GIVEN + drawn)
         answers = [*zip(filter._axes.get(step, ())[:answered], "ffff", strict=False)]
-        rows, sources = list[Any](), list[Any](names)
-        for array in map(partial(getattr, belief), names):
-            rows.append(Argument(array.shape[batch:], array.dtype.kind))
-        for i, (axes, kind) in enumerate((*_GIVEN, *answers, *drawn)):
-            if given[i] is None:
-                rows.append(None)
-            else:
-                rows.append(Argument(given[i].shape[given[i].ndim - axes :], kind))
-                sources.append(i)
+        arrays = [getattr(belief, name) for name in names]
+        kinds = [(each.ndim - batch, each.dtype.kind) for each in arrays]
+        kinds += *_GIVEN, *answers, *drawn
+        rows = [
+            None if each is None else Argument(each.shape[each.ndim - axes :], kind)
+            for each, (axes, kind) in zip((*arrays, *given), kinds, strict=True)
+        ]
+        sources = *names, *(i for i, each in enumerate(given) if each is not None)
 
         def function(*arrays: Any) -> list[Any]:
             before = record.of(dict(zip((*names, "u"), arrays, strict=False)))
             u, y, available, R, *more = arrays[len(names) :]
             rng = RandomKeys(more[-2], more[-1][..., 0]) if drawn else None
-            changed = filter._changed(step, before, u, rng, y, available, R, more[: len(answers)])
+            data = u, y, available, R, rng
+            changed = filter._changed(step, before, data, more[: len(answers)])
             if step == "predict":
                 changed |= unmeasured((), filter.model.p, changed["healthy"])
             traced: dict[str, Any] = {}
             for name, array in changed.items():
-                (traced if is_traced(array) else self._alike)[name] = array
-            self._order = *traced, *self._alike
+                (traced if is_traced(array) else self._constants)[name] = array
+            self._order = *traced, *self._constants
             return [*traced.values()]
 
-        self.inside, self._alike = inside, dict[str, Any]()
+        self.inside, self._constants = inside, dict[str, Any]()
         self._batch: tuple[int, ...] | None = None
         self._arrays: list[np.ndarray] = []
         self._function = trace(function, rows, True, True)
-        self._names, self._others = list[str](), list[int]()
+        self._names, self._others = list[Any](), list[Any]()
         for i in self._function.arguments:
             (self._names if i < len(names) else self._others).append(sources[i])
         self._kept = [*filterfalse(self._order.__contains__, names)]
@@ -88,7 +88,7 @@ class StepProgram:
             results = self._function.compute(*arrays)
         if self._batch != (batch := belief.mean.shape[:-1]):
             self._batch = batch
-            self._arrays = [*map(partial(_repeated, batch=batch), self._alike.values())]
+            self._arrays = [*map(partial(_repeated, batch=batch), self._constants.values())]
         after, put = object.__new__(type(belief)), object.__setattr__
         for name, array in zip(self._order, (*results, *self._arrays), strict=True):
             put(after, name, array)

@@ -19,14 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from estimators.angles import difference
 from estimators.checks import as_array, number
 from estimators.factory import unknown
 from estimators.models import Gaussian
 from estimators.randomness import RandomKeys
-from estimators.series import Series, run
+from estimators.series import run
 
-_OBJECTIVES = ("likelihood", "prediction-error")
 _POSITIVE = "a positive number, or be named in signed if it may have any sign"
 _QUANTILE = 1.959963984540054
 _LARGEST = 300.0
@@ -43,6 +41,8 @@ _SMOOTH, _ROUGH = 0.1, 0.5
 """Steps of the Hessian's differences in standard errors; the second where members are drawn."""
 _AWAY = np.arange(4.0, 40.0, 4.0)
 """How far along a direction without information is looked whether there is some farther on."""
+_SCALES = 0.0, 8.0, -8.0, 16.0, -16.0, 24.0, -24.0, 32.0, -32.0
+"""Logarithms of common factors of all positive parameters with which a search may begin."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +55,6 @@ class Fit:
             found no maximum.
         intervals: 95 % interval of each, that of the logarithm of a positive parameter; infinite in
             the same cases.
-        correlation: ``(k, k)`` of the errors of the estimates (of logarithms where they are
-            positive), in their order; NaN where one is not determined.
         log_likelihood: Of all measurements, at the estimates.
         undetermined: What the measurements cannot determine: a sentence for each direction.
         converged: Whether the search found a maximum.
@@ -67,7 +65,6 @@ class Fit:
     estimates: dict[str, float]
     standard_errors: dict[str, float]
     intervals: dict[str, tuple[float, float]]
-    correlation: np.ndarray
     log_likelihood: float
     undetermined: tuple[str, ...]
     converged: bool
@@ -93,32 +90,28 @@ def fit(
     u: np.ndarray | None = None,
     t: np.ndarray | None = None,
     signed: Iterable[str] = (),
-    objective: str = "likelihood",
     rng: RandomKeys | int = 0,
 ) -> Fit:
-    """Find what a filter is built with from measurements alone.
+    """Find what a filter is built with from measurements alone, by maximum likelihood.
 
-    ``"likelihood"`` maximises the density of all measurements (`Series.log_likelihood`).
-    ``"prediction-error"`` minimises the determinant of the covariance of the innovations, which is
-    the likelihood where that covariance is unknown: it needs nothing of a filter but ``init``,
-    ``predict`` and ``update``, and tells nothing of a factor that Q, R and the prior have in
-    common. The search goes by gradients (L-BFGS-B); for filters that draw numbers, with the same
-    numbers throughout, and where gradients lead to no minimum, by a simplex (Nelder & Mead).
+    The density of all measurements (`Series.log_likelihood`) is maximised by gradients (L-BFGS-B);
+    for filters that draw numbers, with the same numbers throughout, and where gradients lead to no
+    maximum, by a simplex (Nelder & Mead).
     Standard errors are of the observed information: second derivatives there.
 
-    Source: Ljung (1999), System Identification, sec. 7.2 to 7.4; Harvey (1989), Forecasting,
-    Structural Time Series Models and the Kalman Filter, sec. 3.4.
+    Source: Ljung (1999), System Identification, sec. 7.4; Harvey (1989), Forecasting, Structural
+    Time Series Models and the Kalman Filter, sec. 3.4.
 
     Args:
         build: Makes a filter and its prior of parameters, given by name.
         start: Where the search begins, by name: positive numbers, which are searched as their
-            logarithms.
+            logarithms. If the measurements are likelier with all of them greater or smaller by a
+            power of e^8, it begins there.
         y: ``(T, ..., p)`` measurements, as `run` takes them; rows of a batch are independent series
             of the same parameters.
         u: Known inputs, as `run` takes them.
         t: Times, as `run` takes them.
         signed: Names of parameters that may have any sign; start them at their order of magnitude.
-        objective: "likelihood" or "prediction-error".
         rng: Seed or keys of the numbers that a filter draws.
 
     Raises:
@@ -126,9 +119,14 @@ def fit(
             not fit (see `run`).
         TypeError: if ``build`` does not take these names, or gives no filter and prior.
     """
-    if objective not in _OBJECTIVES:
-        raise ValueError(unknown("objective", objective, _OBJECTIVES))
-    origin, positive = _origin(start, set(signed))
+    if others := set(signed := tuple(signed)) - start.keys():
+        raise ValueError(unknown("signed parameter", others.pop(), start))
+    positive = np.array([name not in signed for name in start])
+    origin = np.array([
+        number(f"start of {name}", value, *((0.0, np.inf, _POSITIVE) if name not in signed
+                                            else (-np.inf, np.inf, "a finite number")))
+        for name, value in start.items()
+    ])  # fmt: skip
     units = np.where(positive | (origin == 0.0), 1.0, np.abs(origin))
     y = as_array("y", y)
     arrived = np.isfinite(y)
@@ -137,11 +135,8 @@ def fit(
         with np.errstate(all="ignore"):
             series = run(filter, prior, y, u, t, rng=rng)
             lost = arrived & ~series.updated.available & ~series.updated.healthy[..., None]
-            if lost.any():  # a measurement that is given up must not pay
-                return np.inf
-            if objective == "likelihood":
-                return -float(series.log_likelihood.sum())
-            return _prediction_error(series, y)
+            # A measurement that is given up must not pay.
+            return np.inf if lost.any() else -float(series.log_likelihood.sum())
 
     search = _Search(build, tuple(start), positive, units, evaluate)
     first = origin / units
@@ -153,33 +148,6 @@ def fit(
             " them"
         )
     return search.fit(first, getattr(filter, "random", False))
-
-
-def _origin(start: Mapping[str, float], signed: set[str]) -> tuple[np.ndarray, np.ndarray]:
-    """The start of the search ``(k,)``, and a mask of the positive parameters."""
-    if others := signed - start.keys():
-        raise ValueError(unknown("signed parameter", others.pop(), start))
-    positive = np.array([name not in signed for name in start])
-    origin = np.array([
-        number(f"start of {name}", value, 0.0, what=_POSITIVE) if own
-        else number(f"start of {name}", value, what="a finite number")
-        for (name, value), own in zip(start.items(), positive, strict=True)
-    ])  # fmt: skip
-    return origin, positive
-
-
-def _prediction_error(series: Series, y: np.ndarray) -> float:
-    """The cost of Gaussian prediction errors whose covariance is what it is found to be.
-
-    Where measurements are missing, each entry of the covariance is of those that came together.
-    """
-    model, p = series.filter.model, y.shape[-1]
-    expected = model.measurement(series.predicted.mean, series.updated.u)
-    e = difference(y, expected, model.measurement_angles)
-    mask = np.isfinite(e).reshape(-1, p)
-    flat, together = np.where(mask, e.reshape(-1, p), 0.0), mask.T @ (1.0 * mask)
-    _, size = np.linalg.slogdet(flat.T @ flat / np.maximum(together, 1.0))
-    return float(0.5 * np.trace(together) / p * (size + p * (1.0 + np.log(2.0 * np.pi))))
 
 
 # --- the search -----------------------------------------------------------------------------------
@@ -198,15 +166,15 @@ class _Search:
     best = np.empty(0)  # (k,) where the last search ended
     least = np.inf  # the cost there
 
-    def values(self, theta: np.ndarray) -> list[float]:
-        """The parameters themselves."""
+    def values(self, theta: np.ndarray) -> dict[str, float]:
+        """The parameters themselves, by name."""
         values = theta * self.units
         values[self.positive] = np.exp(theta[self.positive])
-        return values.tolist()
+        return dict(zip(self.names, values.tolist(), strict=True))
 
     def built(self, theta: np.ndarray) -> tuple[Any, Gaussian]:
         """The filter and its prior."""
-        return self.build(**dict(zip(self.names, self.values(theta), strict=True)))
+        return self.build(**self.values(theta))
 
     def cost(self, theta: np.ndarray) -> float:
         """The negative log-likelihood; infinite where there is none."""
@@ -218,46 +186,38 @@ class _Search:
 
     def fit(self, first: np.ndarray, rough: bool) -> Fit:
         """The fit of a search from here, by gradients or, if the cost is rough, by a simplex."""
-        start, self.rough = first, rough
+        # The measurements may be in larger or smaller units than the start.
+        scaled = (first + far * self.positive for far in _SCALES)
+        first = start = min(scaled, key=self.cost)
+        self.rough = rough
         while True:
-            self.best = self._minimum(start)
-            self.least = self.cost(self.best)
+            self.best = best = self._minimum(start)
+            self.least = self.cost(best)
             slopes, information = self._derivatives(_ROUGH if self.rough else _SMOOTH)
             covariance, flat, peaked = _covariance(information, self.positive)
             with np.errstate(invalid="ignore"):
                 gain = 0.5 * slopes @ covariance @ slopes + sum(abs(slopes @ way) for way in flat)
             converged = peaked and bool(gain < _LEFT)
             # A search may end on a plateau, as that of a variance beside a far greater one.
-            points = [self.best + far * way for way in flat for far in (*_AWAY, *-_AWAY)]
-            farther = min(points, key=self.cost, default=self.best)
-            if self.cost(farther) < self.least - _LEFT:
-                start = farther
-            elif converged or self.rough:
-                return self._report(covariance, flat, converged)
-            else:  # such as the likelihood of weights that are found by iteration
-                start, self.rough = first, True
+            points = [best + far * way for way in flat for far in (*_AWAY, *-_AWAY)]
+            start = min(points, key=self.cost, default=best)
+            if self.cost(start) >= self.least - _LEFT:
+                if converged or self.rough:
+                    return self._report(np.sqrt(np.diagonal(covariance)), flat, converged)
+                start, self.rough = first, True  # gradients lead to no minimum
 
-    def _report(self, covariance: np.ndarray, flat: list[np.ndarray], converged: bool) -> Fit:
+    def _report(self, spread: np.ndarray, flat: list[np.ndarray], converged: bool) -> Fit:
         """The record of what the search found."""
-        best, positive, spread = self.best, self.positive, np.sqrt(np.diagonal(covariance))
-        loose = np.any(
-            [np.zeros(best.shape, bool), *(np.abs(way) > _INVOLVED for way in flat)], 0
-        ) | (not converged)
+        best, estimates = self.best, self.values(self.best)
+        loose = np.sum([np.abs(way) > _INVOLVED for way in flat], 0) + (not converged)
         errors = np.where(loose, np.inf, spread)
-        covariance[loose], covariance[:, loose] = np.nan, np.nan
-        values = self.values(best)
-        ends = (self.values(best + z * errors) for z in (-_QUANTILE, _QUANTILE))
-        sd = np.where(positive, values, self.units) * errors
+        low, high = (self.values(best + z * errors) for z in (-_QUANTILE, _QUANTILE))
+        sd = np.where(self.positive, [*estimates.values()], self.units) * errors
         filter, prior = self.built(best)
-
-        def by_name(column: Iterable[Any]) -> dict[str, Any]:
-            return dict(zip(self.names, column, strict=True))
-
         return Fit(
-            estimates=by_name(values),
-            standard_errors=by_name(sd.tolist()),
-            intervals=by_name(zip(*ends, strict=True)),
-            correlation=covariance / (spread * spread[:, None]),
+            estimates=estimates,
+            standard_errors=dict(zip(self.names, sd.tolist(), strict=True)),
+            intervals={name: (low[name], high[name]) for name in self.names},
             log_likelihood=-self.least,
             undetermined=tuple(dict.fromkeys(map(self._statement, flat))),
             converged=converged,
@@ -344,12 +304,12 @@ def _covariance(
     """
     finite = np.isfinite(information)
     information = np.where(finite, information, 0.0)
-    own = np.sqrt(np.maximum(np.diagonal(information), 0.0))
-    units = np.where(positive | (own == 0.0), 1.0, own / (300.0 * np.sqrt(_LITTLE)))
+    known = np.sqrt(np.maximum(np.diagonal(information), 0.0))
+    units = np.where(positive | (known == 0.0), 1.0, known / (300.0 * np.sqrt(_LITTLE)))
     values, vectors = np.linalg.eigh(information / units / units[:, None])
-    known = values > _LITTLE
-    inverse = np.where(known, 1.0 / np.where(known, values, 1.0), 0.0)
+    flat = values <= _LITTLE
+    inverse = np.where(flat, 0.0, 1.0 / np.where(flat, 1.0, values))
     covariance = (vectors * inverse) @ vectors.T / units / units[:, None]
     peaked = finite.all() and values[0] > -max(1.0, 1e-3 * values[-1])
-    ways = vectors.T[~known] / units
-    return covariance, list(ways / np.linalg.norm(ways, axis=-1, keepdims=True)), bool(peaked)
+    ways = vectors.T[flat] / units
+    return covariance, [*(ways / np.linalg.norm(ways, axis=-1, keepdims=True))], bool(peaked)

@@ -1,6 +1,6 @@
 """Unbiased minimum-variance filtering with a feedthrough matrix of any rank."""
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -63,30 +63,24 @@ class ULISE(DelayedInputFilter):
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model, input_prior)
-        q = self.model.q
-        C, G, H = self.model.C, self.model.G, self.model.H
-        if not (
-            isinstance(C, np.ndarray) and isinstance(G, np.ndarray) and isinstance(H, np.ndarray)
-        ):
+        C, G, H = cast(Any, (self.model.C, self.model.G, self.model.H))
+        if any(map(callable, (C, G, H))):
             return
         if model.delayed_feedthrough:  # d(k) shows at k + 1 alone, through both
-            now, observable = np.zeros((), int), np.linalg.matrix_rank((C @ G + H) @ self._root)
+            observable = np.linalg.matrix_rank((C @ G + H) @ self._root)
         else:
-            now, observable = observable_ranks(C, G @ self._root, H @ self._root)
-        now, observable = np.broadcast_arrays(now, observable)
-        if (now + observable < q).any():
-            row = np.argmin(now + observable)
-            raise ValueError(
-                f"ulise needs rank(C2 G2) = q - rank(H) = {q} - {now.flat[row]}, got"
-                f" {observable.flat[row]}:"
-                " measure the input, or a state that it drives directly, by a measurement that no"
-                " other unknown input disturbs"
-            )
+            observable = np.add(*observable_ranks(C, G @ self._root, H @ self._root))
+        self._require_rank(
+            "rank(H) + rank(C2 G2)",
+            int(observable.min()),
+            "measure the input, or a state that it drives directly, by a measurement that no other"
+            " unknown input disturbs",
+        )
 
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
-        return super()._begin(mean, cov, rng) | self._unseen_feedthrough(mean)
+        return super()._begin(mean, cov, rng) | self._prior_feedthrough(mean)
 
-    def _unseen_feedthrough(self, mean: np.ndarray) -> Changes:
+    def _prior_feedthrough(self, mean: np.ndarray) -> Changes:
         """Arrays about the input that acts now, before its first measurement."""
         n, q, rows = self.model.n, self.model.q, mean.shape[:-1]
         return {
@@ -106,15 +100,15 @@ class ULISE(DelayedInputFilter):
         joint = symmetric_blocks(
             self._covariance(belief), belief.state_feedthrough_cov, belief.feedthrough_cov
         )
-        joint = joint - congruence(reach, self._open(observed))
+        joint = joint - congruence(reach, self._prior_cov(observed))
         drive = joined([joined([A, G], -1), np.eye(q, n + q, n)], -2)
         joint = congruence(drive, joint)
         reach = drive @ reach + joined([G, identity(q)], -2) @ (identity(q) - observed)
-        return self._unseen_feedthrough(mean) | {
+        return self._prior_feedthrough(mean) | {
             "mean": mean + np.matvec(G, belief.feedthrough_mean),
             "cov": symmetrise(joint[..., :n, :n] + Q),
             "input_mean": belief.feedthrough_mean,
-            "input_cov": symmetrise(joint[..., n:, n:] + self._open(observed)),
+            "input_cov": symmetrise(joint[..., n:, n:] + self._prior_cov(observed)),
             "state_input_cov": joint[..., :n, n:],
             "input_observed": observed,
             "pending": np.ones(mean.shape[:-1], bool),
@@ -143,16 +137,16 @@ class ULISE(DelayedInputFilter):
         solved, share = self._solved(S, joined([CP, H, F], -1), H, F)
         K, SH, SF = solved[..., :n].mT, solved[..., n : n + q], solved[..., n + q :]
         D, now = self._gain(H, SH, share)
-        M, late = self._gain(F, SF - SH @ (D @ F), share)
+        M, newly_observed = self._gain(F, SF - SH @ (D @ F), share)
         K, D = K - (K @ H) @ D, now @ D
         # (x, d(k-1), d(k)) = (x-, d1(k-1), 0) + Z e
         Z = joined([K + (G - K @ F) @ M, rest @ M, D - (D @ F) @ M], -2)
         correction = np.matvec(Z, e)
-        observed, present = belief.input_observed + late, -1.0 * (Z @ H)
+        observed, present = belief.input_observed + newly_observed, -1.0 * (Z @ H)
         past = joined([reach, np.zeros((q, q))], -2) - Z @ F
         cov = self._errors(belief, Z, C) + congruence(Z, R)
-        cov = cov + congruence(past, self._open(observed)) + congruence(present, self._open(now))
-        cov = symmetrise(cov)
+        cov = cov + congruence(past, self._prior_cov(observed))
+        cov = symmetrise(cov + congruence(present, self._prior_cov(now)))
         carried = joined([present[..., :n, :], present[..., n + q :, :]], -2)
         return {
             "mean": belief.mean + correction[..., :n],

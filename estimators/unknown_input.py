@@ -13,7 +13,6 @@ from estimators.linalg import (
     equilibrated,
     identity,
     joined,
-    lacks_rank,
     masked,
     pseudo_inverse,
     rescuing,
@@ -22,6 +21,7 @@ from estimators.linalg import (
     symmetrise,
 )
 from estimators.models import LinearModel
+from estimators.varying import resolve
 
 OBSERVABLE = 0.1
 """A direction of the input is observable if its prior exceeds this share of the variance left."""
@@ -49,8 +49,6 @@ class UnknownInputFilter(Filter[Any]):
                 f"{self.name} needs a LinearModel: for a nonlinear one use kf-umv-ui, without"
                 " feedthrough ekf-ui-wdf or ukf-umv"
             )
-        if model.q == 0:
-            raise ValueError(f"{self.name} needs an unknown input: give the model G, H or both")
         self.input_prior = input_covariance("input_prior", input_prior, model.q)
         try:
             self._root = np.linalg.cholesky(self.input_prior)
@@ -60,19 +58,25 @@ class UnknownInputFilter(Filter[Any]):
             ) from None
         self._inverse_root = np.linalg.inv(self._root)
 
-    def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
-        return self._unseen(mean)
+    def _require_rank(self, condition: str, rank: int, remedy: str) -> None:
+        """Refuse a model whose measurements do not show all of the unknown input."""
+        if rank < (q := self.model.q):
+            inputs = f"unknown input{'s' if q > 1 else ''}"
+            raise ValueError(f"{self.name} needs {condition} = {q} {inputs}, got {rank}: {remedy}")
 
-    def _unseen(self, mean: np.ndarray) -> Changes:
+    def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
+        return self._prior_input(mean)
+
+    def _prior_input(self, mean: np.ndarray) -> Changes:
         """Arrays about an input that no measurement has shown."""
         unseen = unseen_input(mean, self.input_prior)
         return unseen | {"input_observed": np.zeros(unseen["input_cov"].shape)}
 
     def _predict(self, belief: Any, u: Any, mean: Any, A: Any, Q: Any, *more: Any) -> Changes:
-        return driven(belief, mean, A, Q, *more) | self._unseen(mean)
+        return driven(belief, mean, A, Q, *more) | self._prior_input(mean)
 
     def _effect(self, belief: Any, C: Any, H: Any) -> tuple[Any, Any]:
-        """F ``(..., p, q)`` of the input in a measurement, and its drive of the state ``(..., n, q)``."""
+        """F ``(..., p, q)`` of the input in a measurement; its drive ``(..., n, q)`` of the state."""
         return H, np.zeros((self.model.n, self.model.q))
 
     def _update(
@@ -90,7 +94,7 @@ class UnknownInputFilter(Filter[Any]):
         # elsewhere it has its prior.
         reach = joined([G, identity(q)], -2) - Z @ F
         cov = congruence(np.eye(n + q, n) - Z @ C, belief.cov) + congruence(Z, R)
-        cov = symmetrise(cov + congruence(reach, self._open(observed)))
+        cov = symmetrise(cov + congruence(reach, self._prior_cov(observed)))
         correction = np.matvec(Z, e)
         return {
             "mean": belief.mean + correction[..., :n],
@@ -102,7 +106,7 @@ class UnknownInputFilter(Filter[Any]):
             "input_observed": observed,
         }
 
-    def _open(self, observed: np.ndarray) -> np.ndarray:
+    def _prior_cov(self, observed: np.ndarray) -> np.ndarray:
         """The prior's share ``(..., q, q)`` in directions of the input that were not observed."""
         return congruence(identity(self.model.q) - observed, self.input_prior)
 
@@ -149,15 +153,14 @@ class UnknownInputFilter(Filter[Any]):
         Source: de Jong (1991), The diffuse Kalman filter.
         """
         e, S, q = updated.innovation, updated.innovation_cov, self.model.q
-        _, C, _, H = self.expect(predicted, updated.u)
-        C, H = (np.where(updated.available[..., None], each, 0.0) for each in (C, H))
+        effects = self.expect(predicted, updated.u)[1], resolve(self.model.H, updated.u)
+        C, H = (np.where(updated.available[..., None], each, 0.0) for each in effects)
         observable = self._observable_input(predicted, C, H)
-        observable = np.broadcast_to(observable, (*e.shape, observable.shape[-1]))
-        # Where S is singular a share of the input's prior is added, which the integral takes out
+        # S may be singular: a share of the input's prior is added, which the integral takes out
         # again.
-        share = np.where(lacks_rank(S), _share(S, observable), 0.0)[..., None]
+        share = _share(S, observable)[..., None]
         S = S + share[..., None] * observable @ observable.mT
-        density = super().log_likelihood(predicted, updated.replace(innovation_cov=S))
+        density = super().log_likelihood(predicted, updated.replaced({"innovation_cov": S}))
         precision = pseudo_inverse(S)
         for F in np.split(observable, observable.shape[-1] // q, -1):  # acting now, and a step ago
             values, directions = np.linalg.eigh(symmetrise(F.mT @ precision @ F))
@@ -177,7 +180,7 @@ class UnknownInputFilter(Filter[Any]):
 def _share(S: np.ndarray, F: np.ndarray) -> np.ndarray:
     """Factor ``(...)`` of ``F F'``, at most 1/2, that makes it about as large as S."""
     size = np.square(F / equilibrated(S)[0][..., None]).sum((-2, -1))
-    return np.where(size > 0.0, np.minimum(1.0 / np.where(size > 0.0, size, 1.0), 0.5), 0.0)
+    return np.minimum(0.5, 1.0 / np.maximum(size, 1e-300))
 
 
 @compiled
@@ -187,7 +190,7 @@ class UMVFilter(UnknownInputFilter):
     The input of a step is estimated from the same step's measurement (``input_delay`` 0)::
 
         Pd = (H' S^-1 H)^-1      M = Pd H' S^-1      d = M e
-        x = x- + K (e - H d)     P = P- - K (S - H Pd H') K'      Pxd = -K H Pd
+        x = x- + K (e - H d)     P = P- - K (S - H Pd H') K'     Pxd = -K H Pd
         x-+ = A x + B u + G d    P-+ = [A G] [[P, Pxd], [Pxd', Pd]] [A G]' + Q
 
     computed in the equivalent Joseph form, which cannot lose definiteness. When a channel drops so
@@ -224,13 +227,8 @@ class UMVFilter(UnknownInputFilter):
             )
         if isinstance(model.H, np.ndarray):
             rank = int(np.linalg.matrix_rank(model.H).min())
-            if rank < model.q:
-                late = "kf-umv-ui-wdf" if isinstance(model, LinearModel) else "ekf-ui-wdf"
-                raise ValueError(
-                    f"kf-umv-ui needs rank(H) = {model.q} unknown"
-                    f" input{'s' if model.q > 1 else ''}, got {rank}: measure the input or use"
-                    f" {late}"
-                )
+            remedy = "measure the input or use ekf-ui-wdf, or kf-umv-ui-wdf if all is linear"
+            self._require_rank("rank(H)", rank, remedy)
 
 
 class DelayedInputFilter(UnknownInputFilter):
@@ -241,7 +239,7 @@ class DelayedInputFilter(UnknownInputFilter):
     reversible = True
 
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
-        unseen = self._unseen(mean)
+        unseen = self._prior_input(mean)
         if self.model.delayed_feedthrough:  # no input has acted yet: d(-1) is known to be 0
             unseen["input_cov"] = np.zeros(unseen["input_cov"].shape)
             unseen["input_observed"] = unseen["input_observed"] + identity(self.model.q)
@@ -250,7 +248,7 @@ class DelayedInputFilter(UnknownInputFilter):
 
     def _predict(self, belief: Any, u: Any, mean: Any, A: Any, Q: Any, *more: Any) -> Changes:
         (G,) = more
-        return self._unseen(mean) | {
+        return self._prior_input(mean) | {
             "mean": mean,
             "cov": symmetrise(congruence(A, self._covariance(belief)) + Q),
             "pending": np.ones(mean.shape[:-1], bool),
@@ -285,7 +283,7 @@ class DelayedInputFilter(UnknownInputFilter):
 
         That is so if no measurement followed the prediction.
         """
-        open_input = congruence(belief.input_matrix, self._open(belief.input_observed))
+        open_input = congruence(belief.input_matrix, self._prior_cov(belief.input_observed))
         return belief.cov + open_input * waiting(belief)
 
 
@@ -302,20 +300,15 @@ class NoFeedthroughFilter(DelayedInputFilter):
         if not model.delayed_feedthrough and (callable(model.H) or np.any(model.H)):
             raise ValueError(f"{self.name} needs H = 0 (no feedthrough): use kf-umv-ui or ulise")
         C, H, G = getattr(model, "C", None), model.H, cast(Any, model.G)
-        changes = callable(G)
-        if constant := isinstance(C, np.ndarray) and isinstance(H, np.ndarray) and not changes:
-            rank = int(np.linalg.matrix_rank(C @ G + H).min())
-        elif changes or callable(H) or np.any(H):
-            rank = min(model.p, model.q)
-        else:  # C G changes, but is never of higher rank than this
-            rank = min(model.p, int(np.linalg.matrix_rank(G).min()))
-        if rank < model.q:
-            condition = "C G + H" if model.delayed_feedthrough else "C G"
-            raise ValueError(
-                f"{self.name} needs rank({condition}) = {model.q} unknown"
-                f" input{'s' if model.q > 1 else ''}, got {'' if constant else 'at most '}{rank}:"
-                " measure a state that each input drives directly"
-            )
+        rank = min(model.p, model.q)  # of a C G that changes, at most
+        if not callable(G) and isinstance(H, np.ndarray):
+            if isinstance(C, np.ndarray):
+                rank = int(np.linalg.matrix_rank(C @ G + H).min())
+            elif not H.any():
+                rank = min(rank, int(np.linalg.matrix_rank(G).min()))
+        condition = f"rank(C G{' + H' * model.delayed_feedthrough})"
+        remedy = "measure a state that each input drives directly"
+        self._require_rank(condition, rank, remedy)
 
 
 @compiled
@@ -326,8 +319,8 @@ class ExtendedUMVFilter(NoFeedthroughFilter):
     step k estimates d(k-1) (``input_delay`` 1)::
 
         F = C G      Pd = (F' S^-1 F)^-1      M = Pd F' S^-1      d(k-1) = M e
-        L = K + (I - K C) G M      x = x- + L e      P = (I - L C) P- (I - L C)' + L R L'
-        x-+ = f(x, u)      P-+ = A P A' + Q
+        L = K + (I - K C) G M      P = (I - L C) P- (I - L C)' + L R L'
+        x = x- + L e      x-+ = f(x, u)      P-+ = A P A' + Q
 
     The first update after ``init`` has no d(k-1): it is a Kalman update. Where a measurement hardly
     shows a direction of ``d``, because a channel dropped or C G lost rank at this state, that

@@ -9,7 +9,7 @@ from estimators.checks import number
 from estimators.engine import compiled
 from estimators.filter import Changes, Filter, Model
 from estimators.kalman import ExtendedKalmanFilter
-from estimators.linalg import identity, semidefinite_cholesky, solve_upper, symmetrise
+from estimators.linalg import congruence, identity, semidefinite_cholesky, solve_upper, symmetrise
 from estimators.models import LinearModel, NonlinearModel, at_columns
 from estimators.unknown_input import NoFeedthroughFilter
 from estimators.varying import resolve
@@ -55,33 +55,31 @@ class SigmaPoints(Filter[Any]):
         self.alpha, self.beta, self.kappa = alpha, beta, kappa
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
-        """Next mean ``(..., n)`` and covariance without process noise, Q and, of an input, G."""
-        model: Any = self.model
-        if isinstance(model, LinearModel):
-            mean, A, *more = super().propagate(belief, u)
-            return mean, A @ belief.cov @ A.mT, *more
+        """Next mean ``(..., n)`` and covariance without process noise, and Q."""
+        if isinstance(self.model, LinearModel):
+            mean, A, Q = super().propagate(belief, u)
+            return mean, congruence(A, belief.cov), Q
         points, _ = self._spread(belief)
         mean, slopes, excess = self._transform("transition", points, u)
-        answer = mean, slopes.mT @ slopes + excess, resolve(model.Q, u)
-        return answer if self.input_delay is None else (*answer, model.input_matrix(belief.mean, u))
+        return mean, slopes.mT @ slopes + excess, resolve(self.model.Q, u)
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
         """Expected measurement, its statistical linearisation C, and R with what C leaves out."""
-        model: Any = self.model
-        if isinstance(model, LinearModel):
+        if isinstance(self.model, LinearModel):
             return super().expect(belief, u, R)
-        points, root = self._spread(belief, invertible=True)
-        mean, slopes, excess = self._transform("measurement", points, u)
-        C = solve_upper(root.mT, slopes).mT
-        answer = mean, C, self._noise(belief, u, R) + excess
-        return answer if self.input_delay is None else (*answer, resolve(model.H, u))
+        mean, C, excess = self._linearised("measurement", belief, u)
+        return mean, C, self._noise(belief, u, R) + excess
 
     def _slopes(self, belief: Any, u: np.ndarray | None) -> np.ndarray:
         if isinstance(self.model, LinearModel):
             return super()._slopes(belief, u)
+        return self._linearised("transition", belief, u)[1]
+
+    def _linearised(self, name: str, belief: Any, u: Any) -> tuple[Any, Any, Any]:
+        """The transform of a function of the model: mean, statistical linearisation, and excess."""
         points, root = self._spread(belief, invertible=True)
-        slopes = self._transform("transition", points, u)[1]
-        return solve_upper(root.mT, slopes).mT
+        mean, slopes, excess = self._transform(name, points, u)
+        return mean, solve_upper(root.mT, slopes).mT, excess
 
     def _spread(self, belief: Any, invertible: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """The points ``(..., 2 n + 1, n)``, and the root of the covariance along which they lie.
@@ -204,7 +202,7 @@ class UnscentedUMVFilter(SigmaPoints, NoFeedthroughFilter):
         self._set_points(alpha, beta, kappa)
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
-        """Next mean and covariance of a belief with the input that was left open, Q and G."""
+        """Next mean and covariance of a belief with the input that was left open, and Q."""
         return super().propagate(belief.replaced({"cov": self._covariance(belief)}), u)
 
     def _predict(self, belief: Any, u: Any, mean: Any, cov: Any, Q: Any, *more: Any) -> Changes:

@@ -14,7 +14,7 @@ from estimators.first_use import FirstUse
 
 Matrix = np.ndarray | Callable[[np.ndarray | None], np.ndarray]
 Function = Callable[[np.ndarray, np.ndarray | None], np.ndarray]
-StateMatrix = np.ndarray | Callable[[np.ndarray, np.ndarray | None], np.ndarray]
+StateMatrix = np.ndarray | Function
 
 
 def resolve(value: Any, *arguments: Any) -> Any:
@@ -63,14 +63,12 @@ class Schedule(Frozen):
 
     def __post_init__(self) -> None:
         table = finite_array("table", self.table, "k", "n", "m")
-        if not len(table):
-            raise ValueError("table must have at least one entry, got none")
-        object.__setattr__(self, "table", frozen(table))
-        object.__setattr__(self, "component", integer("component", self.component, 0))
-        for name in ("scale", "middle"):
-            object.__setattr__(
-                self, name, number(name, getattr(self, name), what="a finite number")
-            )
+        vars(self).update(
+            table=frozen(table),
+            component=integer("component", self.component, 0),
+            scale=number("scale", self.scale, what="a finite number"),
+            middle=number("middle", self.middle, what="a finite number"),
+        )
 
     def __call__(self, u: np.ndarray | None) -> np.ndarray:
         """The matrices ``(..., n, m)`` at ``u (..., k)``, or their tracers."""
@@ -101,7 +99,7 @@ class StateNoise:
         nominal: ``(p, p)``, where no state is at hand.
     """
 
-    function: Callable[[np.ndarray, np.ndarray | None], np.ndarray]
+    function: Function
     nominal: np.ndarray
 
     def __call__(self, u: np.ndarray | None) -> np.ndarray:

@@ -512,3 +512,13 @@ def assert_covariance(cov: np.ndarray, scale: float | np.ndarray = 0.0) -> None:
     assert (eigenvalues[..., 0] >= -1e-12 * np.maximum(eigenvalues[..., -1], scale)).all(), (
         eigenvalues.min()
     )
+
+
+def by_age(y: np.ndarray, delay: np.ndarray) -> np.ndarray:
+    """Measurements ``(T, ..., ages, p)`` in the order in which they come, each ``delay`` steps late."""
+    late = np.broadcast_to(delay, y.shape)
+    ages = late[late < len(y)].max(initial=0) + 1  # what comes after the end does not come at all
+    arrived = np.full((*y.shape[:-1], ages, y.shape[-1]), np.nan)
+    for age in range(ages):
+        arrived[age:, ..., age, :] = np.where(late == age, y, np.nan)[: len(y) - age]
+    return arrived

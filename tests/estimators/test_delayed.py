@@ -13,11 +13,10 @@ from estimators import (
     LinearModel,
     NonlinearModel,
     RandomKeys,
-    by_age,
     make,
     run,
 )
-from tests.estimators.cases import CASES, Case, one_of_each, simulate, some_cases
+from tests.estimators.cases import CASES, Case, by_age, one_of_each, simulate, some_cases
 
 STEPS, ROWS, HORIZON = 18, 4, 4
 
@@ -161,6 +160,9 @@ def test_rows_can_be_taken_out_and_copies_go_on():
     fresh = delayed.init(late.system.rows(ROWS)).with_rows(rows, belief[rows])
     np.testing.assert_array_equal(belief.reach, [HORIZON] * 3 + [2])
     np.testing.assert_array_equal(fresh.reach, 0)
+    other = late.run(delayed, by_age(0.0 * late.y, late.delay))[-1].with_rows(rows, belief[rows])
+    mixed = delayed.update(delayed.predict(other, u), ages)  # with the steps of its rows
+    assert_equal(mixed[rows], together[rows], (*FIELDS, "refused", "reach"))
     for copied in (deepcopy, lambda each: pickle.loads(pickle.dumps(each))):
         filter = copied(delayed)
         assert_equal(filter.update(filter.predict(copied(belief), u), ages), together)
@@ -177,17 +179,6 @@ def test_whatever_has_init_predict_and_update_may_be_delayed():
     ordered = run(Own(), PRIOR, y)
     shuffled = run(Delayed(Own(), 2), PRIOR, by_age(y, delay[:, None, None]))
     assert_equal(shuffled.last, ordered.last)
-
-
-def test_measurements_by_age_are_those_that_were_taken():
-    rng = np.random.default_rng(0)
-    y, delay = rng.normal(size=(8, 2, 3)), rng.integers(0, 3, (8, 2, 3))
-    ages = by_age(y, delay)
-    assert ages.shape == (8, 2, 3, 3)
-    come = np.argwhere(np.isfinite(ages))
-    taken = {(k - age, row, channel): ages[k, row, age, channel] for k, row, age, channel in come}
-    assert len(taken) == len(come) == (np.arange(8)[:, None, None] + delay < 8).sum()
-    assert all(y[place] == value for place, value in taken.items())
 
 
 @pytest.mark.parametrize(
@@ -208,7 +199,6 @@ def test_measurements_by_age_are_those_that_were_taken():
             TypeError,
             "give rng as keys",
         ),
-        (lambda: by_age(np.zeros((3, 1)), 0.5), ValueError, "delay must be whole numbers"),
         (lambda: LATE.log_likelihood(BEGUN, BEGUN), ValueError, "once they are sorted"),
     ],
 )

@@ -27,8 +27,6 @@ def test_an_example_runs_as_it_stands(
     code: str, capsys: pytest.CaptureFixture, tmp_path, monkeypatch
 ):
     monkeypatch.chdir(tmp_path)  # what an example saves is not kept
-    if "consistency_figure" in code:
-        pytest.importorskip("matplotlib")
     for library in re.findall(r"^(?:from|import) (filterpy|pykalman|dapper)\b", code, re.M):
         pytest.importorskip(library)
     if "agents" in code:

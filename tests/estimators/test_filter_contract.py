@@ -100,7 +100,7 @@ REFUSED = [
     ("kf", _nonlinear(), {}, "^kf needs a LinearModel: use ekf"),
     (
         "kf-umv-ui", _linear(G=SECOND), {},
-        r"^kf-umv-ui needs rank\(H\) = 1 unknown input, got 0: measure the input or use kf-umv-ui-wdf$",
+        r"^kf-umv-ui needs rank\(H\) = 1 unknown input, got 0: measure the input or use ekf-ui-wdf, or ",
     ),
     ("kf-umv-ui", _linear(G=I2, H=np.ones((2, 2))), {}, r"rank\(H\) = 2 unknown inputs, got 1"),
     ("kf-umv-ui", _linear(G=I2, H=ONE_BAD_ROW), {}, r"rank\(H\) = 2 unknown inputs, got 1"),
@@ -113,7 +113,7 @@ REFUSED = [
     *((name, _linear(**PRIORS[name]), {"input_prior": value}, f"^input_prior .*{problem}")
       for name in PRIORS for value, problem in ((-1.0, "positive semidefinite"), (0.0, "positive definite"),
                                                 (I2, "shape"), ([1.0], "shape"), (np.nan, "finite"))),
-    ("kf", _linear(), {"input_cov": 1.0}, "input_cov was given, but the model has no unknown input"),
+    ("kf", _linear(), {"input_cov": 1.0}, "input_cov needs an unknown input"),
     ("kf", _linear(G=FIRST), {"input_cov": I2}, "input_cov has shape"),
     ("kf", _linear(G=FIRST), {"input_cov": -1.0}, "input_cov must be positive semidefinite"),
 ]  # fmt: skip

@@ -152,7 +152,7 @@ def test_matrices_may_be_functions_of_the_known_input_and_compiled_are_part_of_t
         for k in range(6):
             calls.clear()
             belief = filter.step(belief, y[k], u[k])
-            assert k == 0 or bool(calls) != filter.model.is_compiled("A")
+            assert k == 0 or bool(calls) != filter.model.is_compiled("predict")
             matrices = {key: function(u[k]) for key, function in functions.items()}
             anew = make(name, LinearModel(**matrices, **constant))
             expected = anew.update(anew.predict(expected, u[k]), y[k])
@@ -237,42 +237,6 @@ def test_continuous_models_are_lists_too_and_no_step_goes_back():
             step(-0.1)
 
 
-def _bearing(**own: object) -> NonlinearModel:
-    def bearing(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        return np.arctan2(x[..., 1:2], x[..., :1])
-
-    return NonlinearModel(lambda x, u: x, bearing, I2, [[0.01]], measurement_angles=(0,), **own)
-
-
-def _bearing_jacobian(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-    return (np.stack([-x[..., 1], x[..., 0]], -1) / (x**2).sum(-1, keepdims=True))[..., None, :]
-
-
-@pytest.mark.parametrize("spread", [0.0, 1e-5, 1.0, 100.0, 1e5])
-def test_a_right_jacobian_is_taken_however_far_the_belief_reaches(spread: float):
-    """Also where it vanishes."""
-    filter = make("ekf", _bearing(measurement_jacobian=_bearing_jacobian))
-    prior = Gaussian([[-1.0, 0.0], [0.3, 1.0]], spread**2 * I2)
-    assert filter.update(filter.init(prior), [3.0]).healthy.all()
-    cubic = NonlinearModel(
-        lambda x, u: x, lambda x, u: x**3, I2, I2,
-        measurement_jacobian=lambda x, u: 3.0 * x[..., None] ** 2 * I2,
-    )  # fmt: skip
-    filter = make("ekf", cubic)
-    assert filter.update(filter.init(Gaussian([0.0, 1e-3], spread**2 * I2)), [3.0, 3.0]).healthy
-
-
-def test_a_wrong_jacobian_is_refused_at_every_use_where_it_is_finite():
-    def wrong(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        return np.where(x[..., :1, None] == 0.0, np.nan, -_bearing_jacobian(x, u))
-
-    model = _bearing(measurement_jacobian=wrong)
-    assert np.isnan(model.linearise_measurement(np.array([0.0, 1.0]), None)[1]).any()
-    for _ in range(2):
-        with pytest.raises(ValueError, match=r"entry \(0, 1\) is 0.917431, by differences -0.9174"):
-            model.linearise_measurement(np.array([-1.0, 0.3]), None)
-
-
 def test_differences_of_few_digits_are_refused_and_a_jacobian_taken():
     """Of float32 they would be off by 40 %."""
 
@@ -318,8 +282,8 @@ def test_the_jacobian_of_an_angle_is_right_however_little_is_known_of_it(
 # --- compiled functions ---------------------------------------------------------------------------
 
 
-def test_a_compiled_jacobian_counts_and_not_the_derivative_once_it_was_compared():
-    """It is off by less than the comparison allows, and by as much as it is off."""
+def test_a_compiled_jacobian_counts_and_not_the_derivative():
+    """It is off by a ten-thousandth, and so is the covariance."""
     sine, x = compiled(lambda x, u: np.sin(x)), np.array([0.3, 1.0])
     own = compiled(lambda x, u: 1.0001 * np.cos(x)[..., None] * I2)
     filter = make(

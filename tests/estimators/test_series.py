@@ -13,7 +13,6 @@ from estimators import (
     LinearModel,
     NonlinearModel,
     RandomKeys,
-    by_age,
     make,
     nis,
     run,
@@ -25,6 +24,7 @@ from tests.estimators.cases import (
     Case,
     assert_close,
     assert_same,
+    by_age,
     every_case,
     kalman_system,
     observable_directions,
@@ -185,6 +185,20 @@ def test_a_large_state_takes_no_other_channel_out_of_the_likelihood():
     assert large == pytest.approx(alone, abs=1e-5)
 
 
+@pytest.mark.parametrize("name", ["kf-umv-ui-wdf", "ukf-umv", "ulise"])
+def test_the_diffuse_likelihood_of_exact_measurements_is_the_limit_of_precise_ones(name: str):
+    """Where the input is the only thing that can explain a measurement."""
+    A, G = np.array([[1.0, 0.1], [0.0, 1.0]]), np.array([[0.0], [1.0]])
+    rng, x = np.random.default_rng(0), np.zeros((20, 2))
+    for k in range(1, 20):
+        x[k] = A @ x[k - 1] + G[:, 0] * rng.normal() + [0.1 * rng.normal(), 0.0]
+    found = []
+    for R in (0.0, 1e-9):
+        model = LinearModel(A, np.eye(2), np.diag([0.01, 0.0]), R * np.eye(2), G=G)
+        found.append(run(make(name, model), Gaussian([0.0, 0.0], np.eye(2)), x).log_likelihood)
+    assert found[0] == pytest.approx(found[1], abs=1e-3)
+
+
 # --- times ----------------------------------------------------------------------------------------
 
 
@@ -330,7 +344,7 @@ _AFTER = run(_ETKF, _PRIOR, np.zeros((1, 1)), rng=0).last
         ({"t": [0.0, 1.0, 0.5, 2.0, 3.0], "filter": _KF}, "t must be finite and not go back: sort"),
         ({"t": np.arange(5.0)}, "this model is the same however long a step takes"),
         ({"filter": _KF}, "give run the times t"),
-        ({"prior": Gaussian(np.zeros((3, 2)), np.eye(2))}, r"has rows \(3,\), y has \(\)"),
+        ({"prior": Gaussian(np.zeros((3, 2)), np.eye(2))}, r"prior's mean has shape \(3, 2\), expected \(2,\)"),
         ({"prior": _AFTER, "filter": _ETKF, "rng": 0}, "first must be how many measurements came"),
     ],
 )  # fmt: skip

@@ -247,7 +247,7 @@ def _matrices(**changes: object) -> LinearModel:
 # measurement that would show the other, or does not.
 HIDDEN = _matrices(C=[[1.0, 0.0]], R=[[1.0]], G=[[0.0], [1.0]])
 BLOCKED, FREE, H = [[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [0.0, 0.0]]
-RANK = "rank(C2 G2) = q - rank(H)"
+RANK = "rank(H) + rank(C2 G2)"
 ADVICE = (
     ": measure the input, or a state that it drives directly, by a measurement that no other"
     " unknown input disturbs"
@@ -259,9 +259,13 @@ ADVICE = (
     [
         ("ukf-umv", _matrices(G=np.ones((2, 1)), H=lambda u: np.zeros((2, 1))), "H = 0 (no feed"),
         ("ekf-ui-wdf", HIDDEN, "rank(C G) = 1 unknown input, got 0: measure a state that each"),
-        ("ukf-umv", _functions(G=np.ones((2, 2))), "rank(C G) = 2 unknown inputs, got at most 1: "),
-        ("ulise", HIDDEN, f"{RANK} = 1 - 0, got 0{ADVICE}"),
-        ("ulise", _matrices(G=np.stack([FREE, BLOCKED]), H=H), f"{RANK} = 2 - 1, got 0{ADVICE}"),
+        ("ukf-umv", _functions(G=np.ones((2, 2))), "rank(C G) = 2 unknown inputs, got 1: "),
+        ("ulise", HIDDEN, f"{RANK} = 1 unknown input, got 0{ADVICE}"),
+        (
+            "ulise",
+            _matrices(G=np.stack([FREE, BLOCKED]), H=H),
+            f"{RANK} = 2 unknown inputs, got 1{ADVICE}",
+        ),
     ],
 )
 def test_a_model_whose_input_no_measurement_could_show_is_refused_in_a_sentence(

@@ -17,7 +17,6 @@ from agents import save_agent
 from agents.commands import ablate, watch
 from agents.commands import train as train_command
 from agents.commands.console import command
-from estimators.consistency import consistency_figure
 from scripts import reproduce
 from vessel_gym.extras import EXTRAS, require
 
@@ -81,21 +80,17 @@ def sentence(module: str, name: str) -> str:
     )
 
 
-def test_the_adapter_a_picture_and_a_figure_of_a_filter_say_what_to_type(
+def test_the_adapter_and_a_picture_say_what_to_type(
     monkeypatch: pytest.MonkeyPatch,
 ):
     monkeypatch.delitem(sys.modules, "agents.training.vec_env", raising=False)
-    for module in ("stable_baselines3", "pygame", "matplotlib", "matplotlib.figure"):
+    for module in ("stable_baselines3", "pygame"):
         monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(ModuleNotFoundError, match=sentence("stable_baselines3", "train")) as caught:
         import_module("agents.training.vec_env")
     assert caught.value.name == "stable_baselines3"
     with pytest.raises(ModuleNotFoundError, match=sentence("stable_baselines3", "train")):
         save_agent(None, "agent.zip")
-    with pytest.raises(
-        ModuleNotFoundError, match="a figure needs Matplotlib: pip install matplotlib"
-    ):
-        consistency_figure(None)
     with pytest.raises(gym.error.DependencyNotInstalled, match=sentence("pygame", "render")):
         first_picture()
 
