@@ -28,9 +28,9 @@ from estimators.linalg import (
 from estimators.model_checks import as_covariance
 from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import RandomKeys
-from estimators.recovery import DIGITS, exhausted, is_finite, perfect, recovered, rows_of
+from estimators.recovery import DIGITS, is_healthy, recovered, rows_of
 from estimators.stepping import StepProgram
-from estimators.varying import noise_at, resolve
+from estimators.varying import StateNoise, resolve
 
 Rng = RandomKeys | np.random.Generator | None
 """Random numbers: keys a row and a step, or a Generator for the whole batch."""
@@ -163,7 +163,10 @@ class Filter(ABC, Generic[Record]):
 
     def _noise(self, belief: Record, u: np.ndarray | None, R: Any) -> Any:
         """R ``(..., p, p)``: the one that is given, or the model's."""
-        return noise_at(self.model.R, belief.mean, u) if R is None else R
+        if R is not None:
+            return R
+        R = self.model.R
+        return resolve(R.function, belief.mean, u) if isinstance(R, StateNoise) else resolve(R, u)
 
     # --- the contract -----------------------------------------------------------------------------
 
@@ -365,16 +368,13 @@ class Filter(ABC, Generic[Record]):
         u, *_, rng = data
         drawn = (rng,) if self.random else ()
         changed = self._predict(belief, u, *answers, *drawn)
-        after = belief.replaced(changed)
         if step == "step":
-            return changed | self._changed("update", after, data)
-        healthy = is_finite(after)
-        if self.input_delay is not None:
-            healthy = healthy & ~exhausted(belief, changed)
-        return changed | {"healthy": healthy}
+            return changed | self._changed("update", belief.replaced(changed), data)
+        shrinks = self.input_delay is not None  # by an input of the step that has ended
+        return changed | {"healthy": is_healthy(belief, changed, shrinks)}
 
     def _corrected(
-        self, belief: Record, data: Data, expected: Any, C: Any, R: Any, *more: Any
+        self, belief: Record, data: Data, expected: Any, C: Any, R: Any, H: Any = None
     ) -> Changes:
         """Arrays that an update changes, of the model's answers."""
         u, y, available, _, rng = data
@@ -383,18 +383,14 @@ class Filter(ABC, Generic[Record]):
             available = available & np.isfinite(expected) & np.isfinite(C).all(-1)
         e = np.where(available, difference(y, expected, self.model.measurement_angles), 0.0)
         C = np.where(available[..., None], C, 0.0)
-        # H, of an unknown input
-        rest = [np.where(available[..., None], each, 0.0) for each in more]
+        rest = () if H is None else (np.where(available[..., None], H, 0.0),)
         R, drawn = masked(R, available), (rng,) if self.random else ()
         updated = {"innovation_cov": None, "innovation": e, "available": available}
         updated |= self._update(belief, u, e, C, R, available, *rest, *drawn)
         if updated["innovation_cov"] is None:
             updated["innovation_cov"] = congruence(C, belief.cov) + R
-        healthy = is_finite(belief.replaced(updated))
-        healthy = healthy & ~perfect(updated, R, 1e20 if self.random else DIGITS)
-        if not self.random:
-            healthy = healthy & ~exhausted(belief, updated)
-        return updated | {"healthy": healthy}
+        digits = 1e20 if self.random else DIGITS
+        return updated | {"healthy": is_healthy(belief, updated, not self.random, R, digits)}
 
     def _in_numpy(self, step: str, belief: Record, data: Data) -> Changes:
         """Arrays that a step changes, in NumPy; the mean is NaN in rows with a singular matrix."""

@@ -65,7 +65,10 @@ class FirstUse:
                 f"{self.name} gave two values for the same arguments: it must depend on these"
                 " alone, without random numbers, clocks or counters of its own"
             )
-        sizes = [*map(_size, (alone, *filter(_given, rows)))]
+        sizes = list[float]()
+        for each in (alone, *filter(_given, rows)):
+            largest = np.maximum.reduce(np.abs(each), None, where=np.isfinite(each), initial=0.0)
+            sizes.append(largest)
         tolerance = max(1e-9, 64.0 * rounding(alone)) * sizes[0] + 1e-13 * max(sizes)
         if together.shape == alone.shape[2:] and len(self.shape) == 2:  # one for all rows
             together = together + np.zeros(alone.shape)
@@ -174,11 +177,6 @@ def rounding(array: np.ndarray) -> float:
 
 
 _given = partial(is_not, None)
-
-
-def _size(array: np.ndarray) -> float:
-    """Largest finite number."""
-    return np.maximum.reduce(np.abs(array[np.isfinite(array)]), initial=0.0)
 
 
 def _equal(found: np.ndarray, expected: np.ndarray, tolerance: float = 0.0) -> bool:

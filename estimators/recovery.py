@@ -33,27 +33,33 @@ _NEGATIVE = 1e-12
 """An eigenvalue of a covariance that is less negative, as a share of its trace, is rounding."""
 
 
-def is_finite(belief: Any) -> Any:
-    """Mask ``(...)``: are means and covariances of a belief finite?"""
-    total = belief.mean.sum(-1) + belief.cov.sum((-2, -1))
-    if "input_mean" in belief.names():
-        total = total + belief.input_mean.sum(-1)
-    if "feedthrough_cov" in belief.names():
-        total = total + belief.feedthrough_cov.sum((-2, -1))
-    return total - total == 0.0
+def is_healthy(
+    belief: Any, changed: dict[str, Any], shrinks: bool, R: Any = None, digits: float = DIGITS
+) -> Any:
+    """Mask ``(...)``: is a step finite, and no variance perhaps nothing but rounding?
 
-
-def exhausted(belief: Any, changed: dict[str, Any]) -> Any:
-    """Mask ``(...)``: has a step left perhaps nothing but rounding of a variance?"""
-    left = changed.get("cov", belief.cov).diagonal(0, -2, -1)
-    shrunk = left.sum(-1) < _SHRUNK * belief.cov.diagonal(0, -2, -1).sum(-1)
-    return shrunk | (np.where(left < 0.0, 1.0, 0.0).sum(-1) > 0.0)
-
-
-def perfect(changed: dict[str, Any], R: Any, digits: float) -> Any:
-    """Mask ``(...)``: is a measurement more precise than expected by so many digits?"""
-    variance = changed["innovation_cov"].diagonal(0, -2, -1)
-    return np.where(variance > digits * R.diagonal(0, -2, -1), 1.0, 0.0).sum(-1) > 0.0
+    Args:
+        belief: Before the step.
+        changed: Arrays that the step changes.
+        shrinks: May the step take variance away? Then little of it may be left, or less than none.
+        R: Covariance of the measurements of an update.
+        digits: Factor by which a measurement may be more precise than expected.
+    """
+    after = belief.replaced(changed)
+    total = after.mean.sum(-1) + after.cov.sum((-2, -1))
+    if "input_mean" in after.names():
+        total = total + after.input_mean.sum(-1)
+    if "feedthrough_cov" in after.names():
+        total = total + after.feedthrough_cov.sum((-2, -1))
+    healthy = total - total == 0.0
+    if R is not None:
+        precise = after.innovation_cov.diagonal(0, -2, -1) > digits * R.diagonal(0, -2, -1)
+        healthy = healthy & ~(np.where(precise, 1.0, 0.0).sum(-1) > 0.0)
+    if shrinks:
+        left = after.cov.diagonal(0, -2, -1)
+        shrunk = left.sum(-1) < _SHRUNK * belief.cov.diagonal(0, -2, -1).sum(-1)
+        healthy = healthy & ~(shrunk | (np.where(left < 0.0, 1.0, 0.0).sum(-1) > 0.0))
+    return healthy
 
 
 def recovered(filter: Any, step: str, belief: Record, after: Record, data: Any) -> Record:

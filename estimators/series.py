@@ -131,15 +131,8 @@ def run(
     if isinstance(prior, Gaussian):
         shape = batch + prior.mean.shape[-1:]
         prior = prior.about(broadcast("the prior's mean", prior.mean, shape))
-    model = getattr(filter, "model", None)
-    if (
-        t is not None
-        and isinstance(model, LinearModel)
-        and not any(map(callable, vars(model).values()))
-    ):
-        raise ValueError(
-            "this model is the same however long a step takes: make it with sampled, or leave out t"
-        )
+    if t is not None:
+        _check_sampled(getattr(filter, "model", None))
     available, R = _over_time("available", available, T), _over_time("R", R, T)
     after, at = _known_inputs(u, t, T + continued, batch)
     if isinstance(rng, int | np.integer):
@@ -156,6 +149,13 @@ def run(
     if isinstance(filter, Delayed):
         predicted, updated = ([each.now for each in found] for found in (predicted, updated))
     return Series(filter, over_time(predicted), over_time(updated), belief)
+
+
+def _check_sampled(model: Any) -> None:
+    if isinstance(model, LinearModel) and not any(map(callable, vars(model).values())):
+        raise ValueError(
+            "this model is the same however long a step takes: make it with sampled, or leave out t"
+        )
 
 
 def _over_time(name: str, value: np.ndarray | None, T: int) -> Any:

@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 from functools import partial
-from itertools import filterfalse
+from itertools import compress, filterfalse
+from operator import is_not
 from typing import Any
 
 import numpy as np
@@ -45,14 +46,12 @@ class StepProgram:
         drawn: Any = _DRAWN if filter.random else ()
         answered = len(given) - len(_GIVEN + drawn)
         answers = [*zip(filter._axes.get(step, ())[:answered], "ffff", strict=False)]
-        arrays = [getattr(belief, name) for name in names]
-        kinds = [(each.ndim - batch, each.dtype.kind) for each in arrays]
-        kinds += *_GIVEN, *answers, *drawn
-        rows = [
-            None if each is None else Argument(each.shape[each.ndim - axes :], kind)
-            for each, (axes, kind) in zip((*arrays, *given), kinds, strict=True)
-        ]
-        sources = *names, *(i for i, each in enumerate(given) if each is not None)
+        rows = list[Any]()
+        for array in map(partial(getattr, belief), names):
+            rows.append(Argument(array.shape[batch:], array.dtype.kind))
+        for each, (axes, kind) in zip(given, (*_GIVEN, *answers, *drawn), strict=True):
+            rows.append(None if each is None else Argument(each.shape[each.ndim - axes :], kind))
+        sources = *names, *compress(range(len(given)), map(partial(is_not, None), given))
 
         def function(*arrays: Any) -> list[Any]:
             before = record.of(dict(zip((*names, "u"), arrays, strict=False)))

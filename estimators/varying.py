@@ -109,8 +109,3 @@ class StateNoise:
     def changed(self, change: Callable[[np.ndarray], np.ndarray]) -> "StateNoise":
         """A function of this noise, such as its double."""
         return StateNoise(lambda x, u: change(self.function(x, u)), change(self.nominal))
-
-
-def noise_at(R: Matrix, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-    """The measurement noise covariance ``(..., p, p)`` of a model at states ``(..., n)``."""
-    return resolve(R.function, x, u) if isinstance(R, StateNoise) else resolve(R, u)
