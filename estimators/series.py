@@ -129,10 +129,9 @@ def run(
             "first must be how many measurements came before: their random numbers are used up"
         )
     if isinstance(prior, Gaussian):
-        shape = batch + prior.mean.shape[-1:]
-        prior = prior.about(broadcast("the prior's mean", prior.mean, shape))
-    if t is not None:
-        _check_sampled(getattr(filter, "model", None))
+        mean = broadcast("the prior's mean", prior.mean, batch + prior.mean.shape[-1:])
+        prior = prior.about(mean)
+    _check_sampled(getattr(filter, "model", None), t)
     available, R = _over_time("available", available, T), _over_time("R", R, T)
     after, at = _known_inputs(u, t, T + continued, batch)
     if isinstance(rng, int | np.integer):
@@ -140,8 +139,7 @@ def run(
         rng = RandomKeys(key(int(rng))).of(rows)
     loop, belief, predicted, updated = cast(Any, filter), prior, [], []
     for k in range(T):
-        now = rng.at(first + k) if isinstance(rng, RandomKeys) else rng
-        i = k + continued
+        i, now = k + continued, rng.at(first + k) if isinstance(rng, RandomKeys) else rng
         belief = loop.predict(belief, after[i - 1], rng=now) if i else loop.init(prior, rng=now)
         predicted.append(belief)
         belief = loop.update(belief, y[k], rng=now, available=available[k], R=R[k], u=at[i])
@@ -151,8 +149,9 @@ def run(
     return Series(filter, over_time(predicted), over_time(updated), belief)
 
 
-def _check_sampled(model: Any) -> None:
-    if isinstance(model, LinearModel) and not any(map(callable, vars(model).values())):
+def _check_sampled(model: Any, t: np.ndarray | None) -> None:
+    fixed = isinstance(model, LinearModel) and not any(map(callable, vars(model).values()))
+    if t is not None and fixed:
         raise ValueError(
             "this model is the same however long a step takes: make it with sampled, or leave out t"
         )
