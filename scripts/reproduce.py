@@ -43,7 +43,7 @@ def main(
             one_of("paper", name, ("all", *PAPERS))
     check_folder(out)
     jobs = {name: job(name) for name in (PAPERS if "all" in papers else dict.fromkeys(papers))}
-    with job_progress("reproducing") as progress:
+    with job_progress("reproducing", processes) as progress:
         outcome = run(jobs.values(), out, processes, progress=progress)
     made = {name: outcome.values[of.key] for name, of in jobs.items() if of.key in outcome.values}
     _report(made, out)

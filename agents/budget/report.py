@@ -7,9 +7,8 @@ import pandas as pd
 
 import vessel_gym
 from agents.budget.result import Budget
-from agents.budget.suites import MOST
 from agents.files import replacing
-from agents.page import bullets, many, table, text, words, write_page
+from agents.page import bullets, listed, many, table, text, words, write_page
 from agents.studies.answer import markdown_frame
 
 LIMITS = (
@@ -24,6 +23,11 @@ LIMITS = (
 )
 
 
+_NOT_RUN = (
+    "not run (no better in any sensor than one that keeps less, or dearer than one that keeps it)"
+)
+
+
 def conclusion(budget: Budget) -> list[str]:
     """The answer, the conclusion first."""
     share = f"{100 * budget.keep:g} % of the score on the truth"
@@ -32,27 +36,33 @@ def conclusion(budget: Budget) -> list[str]:
         kept = words(budget.shares.get(budget.nearest), 3)
         found = [
             f"No suite is confirmed to keep {share}.",
-            f"The nearest, {suite}, keeps {kept} in the search.",
+            f"The nearest, {suite}, keeps {kept} of it in the search.",
         ]
     else:
         number, noun = sum(other.cost < suite.cost for other in budget.suites), "cheaper suite"
         kept = words(budget.confirmed[budget.answer], 3)
         found = [
             f"The cheapest suite that is confirmed to keep {share}: {suite}.",
-            f"Its price is {suite.cost[0]:g}, and it keeps {kept} on {budget.episodes} fresh"
-            " seeds.",
+            f"Its price is {suite.cost[0]:g}, and on {budget.episodes} fresh seeds it keeps {kept}"
+            " of the score on the truth.",
         ]
-    verdicts = Counter(budget.verdicts.get(i, "not flown") for i in range(number))
-    counts = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.items())
+    verdicts = Counter(budget.verdicts.get(i, _NOT_RUN) for i in range(number))
+    counts = listed([f"{count} {verdict}" for verdict, count in verdicts.items()] or [""])
     return [*found, f"Of {many(number, noun)}: {counts}." if counts else "No suite is cheaper."]
 
 
-def suites_table(budget: Budget, most: int = MOST) -> pd.DataFrame:
-    """Suites that were flown, the cheapest first: price, shares with their intervals, verdict.
+def legend(budget: Budget) -> str:
+    """Sentences on the intervals and verdicts of the tables."""
+    return (
+        f"Share of the score on the truth with its 95 % interval. Keeps it: all of the interval in"
+        f" the search is at least {budget.keep:g}; keeps less: all of it is below; not decided: it"
+        " reaches both. Confirmed: all of the interval on fresh seeds is at least that; not"
+        " confirmed: it begins below."
+    )
 
-    If there are too many, those are left out whose prices are far from that of the answer.
-    """
-    near = sorted(budget.verdicts, key=lambda i: abs(i - budget.nearest))[:most]
+
+def suites_table(budget: Budget) -> pd.DataFrame:
+    """Suites that were flown, the cheapest first: price, shares with their intervals, verdict."""
     rows = {
         str(budget.suites[i]): {
             "price": f"{budget.suites[i].cost[0]:g}",
@@ -60,9 +70,24 @@ def suites_table(budget: Budget, most: int = MOST) -> pd.DataFrame:
             "fresh seeds": text(budget.confirmed.get(i), 3),
             "verdict": budget.verdicts[i],
         }
-        for i in sorted(near)
+        for i in sorted(budget.verdicts)
     }
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("suite")
+
+
+def differences(budget: Budget, most: int) -> list[list[str]]:
+    """Suites whose prices are nearest to that of the answer, by the sensors that differ from it.
+
+    A row has these sensors, price, share, that of fresh seeds where there is one, and verdict.
+    """
+    nearest = budget.suites[budget.nearest]
+    rows = []
+    for i in sorted(sorted(budget.verdicts, key=lambda i: abs(i - budget.nearest))[:most]):
+        suite, share = budget.suites[i], budget.confirmed.get(i, budget.shares.get(i))
+        own = [f"{s} {grade}" for s, grade in suite.grades.items() if grade != nearest.grades[s]]
+        cells = f"{suite.cost[0]:g}", text(share, 3), budget.verdicts[i]
+        rows.append([", ".join(own) or "this suite", *cells])
+    return rows
 
 
 def write_report(budget: Budget, notes: list[str]) -> Path:
@@ -84,7 +109,7 @@ def write_report(budget: Budget, notes: list[str]) -> Path:
         flown = pd.concat(budget.tables, ignore_index=True).drop_duplicates()
         flown[["condition", "estimator", "seed", "end", "score"]].to_parquet(path, index=False)
     with replacing(folder / "budget.md") as path:
-        blocks = f"# {study.title}", *conclusion(budget), markdown_frame(suites)
+        blocks = f"# {study.title}", *conclusion(budget), markdown_frame(suites), legend(budget)
         path.write_text("\n\n".join(blocks) + "\n", encoding="utf-8")
     arms = (*study.environments, study.estimators[0].name, study.agents[0].name)
     subtitle = f"vessel-gym {vessel_gym.__version__}: {', '.join(arms)}"
@@ -92,8 +117,8 @@ def write_report(budget: Budget, notes: list[str]) -> Path:
         table(
             "Suites that were flown, the cheapest first",
             suites,
-            "Share of the score on the truth with 95 % intervals: in the search for all suites and"
-            " looks at once, on fresh seeds for one suite.",
+            f"{legend(budget)} Intervals of the search are for all suites and looks at once, those"
+            " on fresh seeds for one suite.",
         ),
         bullets("The guarantee, and its limits", [*LIMITS, *notes]),
         bullets("Refused suites", sorted(budget.refusals) or ["None."]),

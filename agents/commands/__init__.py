@@ -44,5 +44,7 @@ def _listing() -> str:
     for name in COMMANDS:
         summary = import_module(f"agents.commands.{name}").main.__doc__.splitlines()[0]
         lines.append(f"  {name:10} {summary}")
-    last = "vessel-gym COMMAND --help tells what a command takes; --version, which this is."
+    last = (
+        "vessel-gym COMMAND --help prints what a command takes, vessel-gym --version the version."
+    )
     return "\n".join([*lines, "", last])

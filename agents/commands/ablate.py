@@ -6,7 +6,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from agents.commands.console import asked, job_progress, print_table
+from agents.commands.console import asked, job_progress, print_answer, print_table
 
 
 def _shipped() -> dict[str, Path]:
@@ -66,7 +66,7 @@ def main(
         check_folder(out)
     _introduce(planned.study, path, out)
     episodes = examples(planned)
-    with job_progress(study.stem) as progress:
+    with job_progress(study.stem, processes) as progress:
         jobs = [*planned.jobs, *episodes.values()]
         outcome = run(jobs, out, processes, scheduler, progress)
     pages = {e: outcome.values[job.key] for e, job in episodes.items() if job.key in outcome.values}
@@ -77,17 +77,21 @@ def main(
 
 def _report(results: Any, pages: Any, out: Path) -> None:
     """Write the report; print the share kept in each condition, the answer and the place."""
-    from agents.studies.answer import answer, conditions_table, to_copy
+    from agents.studies.answer import answer, conditions_table, heading, to_copy
     from agents.studies.report import write_report
 
     report = write_report(results, out, pages)
     for environment in results.environments:
         table = conditions_table(results, environment).reset_index()
-        print_table(environment, list(table.columns), [table.itertuples(index=False)])
-    print(*answer(results), sep="\n")
+        title = heading(results, environment)
+        print_table(title, table.columns, [table.itertuples(index=False)])
+    print_answer(answer(results))
     table = to_copy(results)
-    if len(table):
-        print_table("To copy", list(table.columns), [table.itertuples(index=False)])
+    lines = list(filter(None, table.pop("to copy")))
+    if lines:
+        title = "To use (95 % intervals, for all at once)"
+        print_table(title, table.columns, [table.itertuples(index=False)])
+        print(*lines, sep="\n")
     print(f"Report: {report}")
 
 

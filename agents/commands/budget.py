@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from agents.commands.console import asked, print_table, progress
+from agents.commands.console import asked, print_answer, print_table, progress
 
 ROWS = 8
 """The most rows of the table in the console; the page has all suites that were flown."""
@@ -84,10 +84,10 @@ def _check_numbers(keep: float, episodes: int, first_seed: int) -> None:
 
 def _search(budget: Any, priced: bool) -> int:
     """Search and confirm, write the report, and print the answer; the exit status."""
-    from agents.budget.report import conclusion, suites_table, write_report
+    from agents.budget.report import conclusion, differences, legend, write_report
 
     try:
-        with progress(f"{len(budget.suites)} suites", counted=True) as show:
+        with progress("suites decided", counted=True) as show:
             budget.run(show)
     except KeyboardInterrupt:
         kept = "what was finished is kept, and the same command goes on from there"
@@ -97,8 +97,8 @@ def _search(budget: Any, priced: bool) -> int:
         " of the same price may keep the share, too. Give prices with --prices."
     ]  # fmt: skip
     report = write_report(budget, notes)
-    print(*conclusion(budget), sep="\n")
-    table = suites_table(budget, ROWS).reset_index()
-    print_table("Suites round the answer", list(table.columns), [table.itertuples(index=False)])
-    print(*notes, f"Report: {report}", sep="\n")
+    print_answer(conclusion(budget))
+    header = "differs in", "price", "share", "verdict"
+    print_table("Suites round this one", header, [differences(budget, ROWS)])
+    print(legend(budget), *notes, f"Report: {report}", sep="\n")
     return int(budget.answer is None)

@@ -86,12 +86,13 @@ def print_table(
 ) -> None:
     """Print a table of text: columns of words to the left, of numbers to the right.
 
-    In a file or pipe it is as wide as it needs to be.
+    In a file or pipe it is as wide as it needs to be, or as ``COLUMNS`` says.
     """
     from rich.console import Console
     from rich.table import Table
 
-    table, width = Table(title=title), None if sys.stdout.isatty() else 1000
+    follows = sys.stdout.isatty() or "COLUMNS" in os.environ
+    table, width = Table(title=title), None if follows else 1000
     filled = [[list(row) for row in rows] for rows in sections]
     for i, label in enumerate(header):
         words = all(row[i][:1].isalpha() for rows in filled for row in rows if row[i])
@@ -101,6 +102,15 @@ def print_table(
             table.add_row(*row)
         table.add_section()
     Console(width=width, markup=False, emoji=False, highlight=False).print(table)
+
+
+def print_answer(sentences: Sequence[str]) -> None:
+    """Print the answer of a command, in a terminal its first sentences bold."""
+    from rich.console import Console
+
+    console, (first, *others) = Console(markup=False, emoji=False, highlight=False), sentences
+    console.print(first, style="bold", soft_wrap=True)
+    print(*others, sep="\n", end="\n" if others else "")
 
 
 @contextmanager
@@ -122,29 +132,32 @@ def complain(text: str) -> int:
 
 
 @contextmanager
-def progress(title: str, counted: bool = False) -> Iterator[Callable[..., None]]:
+def progress(title: str, counted: bool = False, slow: int = 0) -> Iterator[Callable[..., None]]:
     """Progress by calls with (done, total, text), in a line that changes.
 
     In a file or pipe a line is written at each tenth, and every ten seconds. From the first tenth
-    on, the time that is left is shown, unless the pieces of work are ``counted``, being of
-    different lengths.
+    or minute on, the time that is left is shown, unless the pieces of work are ``counted``, being
+    of different lengths. It is that of the pieces after the first ``slow`` ones of this run.
     """
     live = sys.stderr.isatty()
-    said, tenth, first = 0.0, -1, None
+    said, tenth, began, first, last = 0.0, -1, None, (0, 0.0), ""
 
     def show(done: int, total: int, text: str = "") -> None:
-        nonlocal said, tenth, first
+        nonlocal said, tenth, began, first, last
         now, reached = time.monotonic(), 10 * done // max(total, 1)
-        before, start = first = first or (done, now)
+        began = done if began is None else began
+        before, start = first = (done, now) if done <= began + slow else first
         if reached <= tenth and now < said + (0.1 if live else 10.0):
             return
         said, tenth = now, reached
         words = [f"{title}: {done}/{total}", text]
-        if not counted and total - before <= 10 * (done - before) and done < total:
+        soon = total - before <= 10 * (done - before) or now - start > 60.0
+        if not counted and soon and before < done < total:
             left = (now - start) * (total - done) / (done - before)
             words.append(f"{timedelta(seconds=round(left))} left")
-        line = ", ".join(filter(None, words))
-        print(f"\r{line:79}" if live else line, end="\n"[live:], file=sys.stderr, flush=True)
+        before_that, last = last, ", ".join(filter(None, words))
+        if last != before_that:
+            print(f"\r{last:79}" if live else last, end="\n"[live:], file=sys.stderr, flush=True)
 
     try:
         yield show
@@ -162,19 +175,20 @@ def progress_bar(title: str, total: int) -> Iterator[Callable[[], None]]:
 
 
 @contextmanager
-def job_progress(title: str) -> Iterator[Callable[[int, int, int], None]]:
+def job_progress(title: str, processes: int) -> Iterator[Callable[[int, int, int], None]]:
     """Progress for `agents.jobs.run`: jobs that have ended, those that failed included."""
-    kept = ""
+    kept, text = "", "the first jobs take longer, because they compile"
 
     def report(done: int, failed: int, total: int) -> None:
-        nonlocal kept
+        nonlocal kept, text
         if done and not kept:
             print(f"goes on: {done} of {total} results are there", file=sys.stderr)
         kept = f"{done} of {total} results are kept, and the same command goes on from there"
-        show(done + failed, total, f"{failed} failed" if failed else "")
+        show(done + failed, total, f"{failed} failed" if failed else text * (done < total))
+        text = ""
 
     try:
-        with progress(title) as show:
+        with progress(title, slow=processes) as show:
             yield report
     except KeyboardInterrupt:
         raise KeyboardInterrupt(kept) from None

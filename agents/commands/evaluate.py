@@ -45,7 +45,8 @@ def main(
         "one episode" if episodes == 1 else f"mean and 95 % interval over {episodes} episodes"
     )
     if hasattr(env.unwrapped, "core"):
-        title += f", {options.get('disturbance', 'moderate')} {options.get('sensors', 'nominal')}"
+        title += f", {options.get('disturbance', 'moderate')} disturbance"
+        title += f", {options.get('sensors', 'nominal')} sensors"
     _fly(title, agent, env_id, seeds, worlds, trust)
 
 
@@ -59,7 +60,7 @@ def _fly(
     from agents.metrics import SCORE, core_of, metrics, scores
 
     columns = {}
-    with progress_bar("flying", len(worlds)) as advance:
+    with progress_bar("estimators", len(worlds)) as advance:
         for name, options in worlds.items():
             flown = rollout(agent, env_id, seeds, options, trust=trust)
             columns[name] = scores(flown)
@@ -100,5 +101,6 @@ def _row(metric: Any, columns: list[Any]) -> list[str]:
             return f"{values[0]:.{metric.decimals}f}"
         return words(mean(metric, values[None]), metric.decimals)
 
-    name = f"{metric.label} [{metric.unit}]" if metric.unit else metric.label
+    name = f"{metric.label} error, RMS" if metric.key.endswith("_rmse") else metric.label
+    name += f" [{metric.unit}]" if metric.unit else ""
     return [name, *map(cell, columns)]

@@ -1,26 +1,41 @@
 """Say what there is: ``vessel-gym list environments``."""
 
 from importlib import import_module
-from typing import Any
 
 from agents.commands.console import asked, print_table
 
-OPTIONS = {"what": "environments, estimators, sensors or studies"}
+OPTIONS = {
+    "what": "environments, estimators, sensors or studies",
+    "env_id": "environment of these estimators or sensors (SigmaCorvette-v0), or your own:"
+    " module:id",
+}
 
 
-def main(what: str = "environments", env_id: str = "SigmaCorvette-v0", /) -> None:
+def main(what: str = "environments", env_id: str = "", /) -> None:
     """List the environments and studies, or the estimators and sensors of an environment."""
+    import gymnasium as gym
+
+    from agents.studies.worlds import registered_id
     from vessel_gym.checks import one_of
 
+    of = env_id or "SigmaCorvette-v0"
     lists = {
-        "environments": lambda: (("environment", "estimator", ""), _environments()),
-        "estimators": lambda: (("estimator", "", "variants"), _estimators(env_id)),
-        "sensors": lambda: (("sensor", "grades, the best first"), _sensors(env_id)),
-        "studies": lambda: (("study", ""), _studies()),
+        "environments": (("environment", "default estimator", "description"), _environments),
+        "estimators": (("estimator", "default", "variants"), lambda: _estimators(of)),
+        "sensors": (("sensor", "grades, the best first"), lambda: _sensors(of)),
+        "studies": (("study", "question"), _studies),
     }
     with asked():
-        header, rows = lists[one_of("list", what, lists)]()
-    print_table(what if what in ("environments", "studies") else env_id, header, [rows])
+        if ":" in what or what in gym.registry:
+            raise ValueError(
+                f"{registered_id(what)} has two lists: vessel-gym list estimators {what}, and"
+                f" vessel-gym list sensors {what}"
+            )
+        header, rows = lists[one_of("list", what, lists)]
+        whole = what in ("environments", "studies")
+        if whole and env_id:
+            raise ValueError(f"list {what} lists all: it takes no {env_id!r}")
+        print_table(what if whole else of, header, [rows()])
 
 
 def _environments() -> list[list[str]]:
@@ -36,28 +51,32 @@ def _environments() -> list[list[str]]:
 
 
 def _estimators(env_id: str) -> list[list[str]]:
-    """Estimators that an environment's model can carry, and their variants."""
-    from agents.studies.worlds import estimated_world
-    from vessel_gym.estimation import VARIANTS, accepted, chosen_disturbance
+    """Estimators that an environment can carry, and their variants."""
+    from agents.studies.worlds import estimated_world, refusal
+    from vessel_gym.estimation import VARIANTS, estimator_names
 
-    system: Any = estimated_world(env_id)
-    world = system.sensors_of("nominal"), chosen_disturbance(system, "moderate")
-    plain = accepted(system, *world)
+    default = estimated_world(env_id).estimator
+    refused = {name: refusal(env_id, {"estimator": name}) for name in estimator_names()}
     rows = []
-    for name in plain:
-        variants = accepted(system, *world, tuple(f"{name}-{last}" for last in VARIANTS))
-        rows.append([name, "default" if name == system.estimator else "", ", ".join(variants)])
+    for name in (name for name, reason in refused.items() if reason is None):
+        variants = [f"{name}-{last}" for last in VARIANTS]
+        variants = [each for each in variants if refusal(env_id, {"estimator": each}) is None]
+        rows.append([name, "yes" if name == default else "", ", ".join(variants)])
+    if not rows:
+        raise ValueError(str(refused["truth"]))
     return rows
 
 
 def _sensors(env_id: str) -> list[list[str]]:
-    """Sensors of an environment, and their grades."""
+    """Sensors of an environment, and their grades; those of an environment of others have one."""
     from agents.studies.worlds import estimated_world
-    from vessel_gym.sensors.grades import grades_of
+    from agents.wrapped import Wrapped
+    from vessel_gym.sensors.grades import NOMINAL, grades_of
 
-    return [
-        [name, ", ".join(grades)] for name, grades in grades_of(estimated_world(env_id)).items()
-    ]
+    system = estimated_world(env_id)
+    if isinstance(system, Wrapped):
+        return [[sensor.name, NOMINAL] for sensor in system.sensors.each]
+    return [[name, ", ".join(grades)] for name, grades in grades_of(system).items()]
 
 
 def _studies() -> list[list[str]]:

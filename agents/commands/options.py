@@ -58,7 +58,6 @@ SHARED = {
 """Help on parameters of several commands; each command has its own in ``OPTIONS``."""
 _METAVARS: dict[Any, str] = {
     "env_id": "ENV",
-    "env_ids": "ENV",
     "study": "STUDY",
     "papers": "PAPER",
     "mismatch": "SHARE",
@@ -69,7 +68,7 @@ _METAVARS: dict[Any, str] = {
     Path: "FILE",
 }
 """Placeholders of some parameters, and of types."""
-_LEAST = dict.fromkeys(("episodes", "every", "processes", "rounds", "rows", "runs"), 1)
+_LEAST = dict.fromkeys(("episodes", "every", "processes", "rounds", "runs"), 1)
 """Least values of whole numbers that may not be 0."""
 MOST = 2**31 - 1
 """No whole number that a command takes may be greater."""

@@ -50,7 +50,7 @@ def main(
     """
     from agents.policies.checkpoint import npz_path
     from agents.studies.worlds import environment_id
-    from agents.training.algorithms import read_settings
+    from agents.training.algorithms import read_settings, tuned_settings
 
     algorithm = algorithm.lower()
     out = npz_path(out or Path("results") / algorithm)
@@ -62,21 +62,38 @@ def main(
                 f"{out} is there already: give --force to replace it, or another --out"
             )
         env_id = environment_id(env_id)
-        settings = read_settings(hyperparameters, env_id) if hyperparameters else {}
+        settings = read_settings(hyperparameters, env_id)[1] if hyperparameters else {}
+        if (table := tuned_settings(algorithm, env_id)[0]) != env_id:
+            of = "the defaults, not tuned" if table == "default" else f"those of {table}"
+            print(f"settings: {of} ({algorithm}.toml)", flush=True)
         given = {"settings": settings | set_, "steps": steps, "algorithm": algorithm}
         given |= {"memory": memory, "env_options": options, "resume": resume, "force": force}
         if runs == 1:
-            _once(env_id, out, seed, given)
+            _once(env_id, env_id, out, seed, given)
         else:
             _best(env_id, out, range(seed, seed + runs), given)
-    print(f"checkpoint: {out}")
+    print(f"wrote {out}, and for stable-baselines3 {out.with_suffix('.zip')}")
+    if runs == 1:
+        _tell_best(out.with_suffix(""))
 
 
-def _once(env_id: str, path: Path, run: int, given: dict[str, Any]) -> None:
+def _tell_best(folder: Path) -> None:
+    """Print which of the evaluations of a training the best policy is of."""
+    import numpy as np
+
+    with np.load(folder / "evaluations.npz") as kept:
+        returns, steps = kept["results"].mean(axis=1), kept["timesteps"]
+    print(
+        f"the best of {len(returns)} evaluations, mean return {returns.max():.3f} after"
+        f" {steps[returns.argmax()]} steps: {folder / 'best_model.npz'}"
+    )
+
+
+def _once(title: str, env_id: str, path: Path, run: int, given: dict[str, Any]) -> None:
     """Train once, with progress."""
     from agents.training.algorithms import train
 
-    with progress(f"{env_id}, run {run}") as show:
+    with progress(title) as show:
 
         def report(done: int, total: int, reward: float) -> None:
             show(done, total, "" if reward != reward else f"mean return in evaluation {reward:.3f}")
@@ -95,7 +112,8 @@ def _best(env_id: str, out: Path, runs: range, given: dict[str, Any]) -> None:
         path = out.with_suffix("") / f"run-{run}.npz"
         if not (given["resume"] and path.exists()):
             started = path.with_suffix("").exists()
-            _once(env_id, path, run, given | {"resume": given["resume"] and started})
+            title = f"{env_id}, run {run}"
+            _once(title, env_id, path, run, given | {"resume": given["resume"] and started})
         flight = rollout(path, env_id, seeds, given["env_options"], record=False)
         scores[path] = float(flight.score.mean())
         print(f"run {run}: mean score {scores[path]:.3f} over {CHOOSING} tuning seeds", flush=True)

@@ -41,8 +41,10 @@ def main(
     import gymnasium as gym
 
     from agents import episode, load_agent
+    from agents.episodes.recording import TYPICAL
     from agents.files import check_file
-    from agents.studies.worlds import environment_options, registered_id
+    from agents.studies.worlds import environment_options, registered_id, system_of
+    from agents.wrapped import Wrapped
 
     with asked():
         check_kind(out)
@@ -53,7 +55,10 @@ def main(
             page = episode(env_id, None, agent, seed, options, trust)
         page.save(out)
         scores = ", ".join(f"{score:.3f} on {name}" for name, score in page.scores.items())
-        print(f"wrote {out}, score {scores}")
+        which = page.page["conditions"][-1]  # seed 7
+        if seed is None and not isinstance(system_of(env_id), Wrapped):
+            which = f"the most typical of {TYPICAL} episodes ({which})"
+        print(f"wrote {out}, {which}, score {scores}")
         return
     with asked():
         drawn = environment_options(env_id, {"render_mode": "rgb_array" if out else "human"})

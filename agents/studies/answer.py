@@ -9,19 +9,17 @@ import pandas as pd
 
 from agents.page import listed, markdown_table, text, words
 from agents.statistics import (
-    BETTER,
     EQUIVALENT,
-    HIGHER,
     LOWER,
     UNDECIDED,
     WORSE,
     Interval,
     crossed_interval,
-    verdict,
+    mean_interval,
 )
 from agents.studies.records import Condition, beyond_the_truth
 from agents.studies.results import Results
-from agents.studies.shares import ALL, Ranking, learned_differences, rankings
+from agents.studies.shares import ALL, Ranking, episodes_for, learned_differences, rankings
 
 BEST = 5
 """Number of estimators in the table at the head of a report."""
@@ -82,17 +80,21 @@ def _where(environments: Sequence[str]) -> str:
 def _standing(ranking: Ranking) -> str:
     """Verdicts on the other estimators against the best."""
     found, best = ranking.verdicts, ranking.best
+    margin = f"{ranking.results.plan.study.margin:g}"
     if not found:
         return "; no other estimator was compared"
     if set(found.values()) == {WORSE}:
         other = next(iter(found))
-        return f"; every other is worse, the next, {other}, by {amount(ranking.gap(best, other))}"
-    each = []
-    for word in (EQUIVALENT, UNDECIDED, LOWER):
-        if names := [name for name in found if found[name] == word]:
-            each.append(f"{listed(names)} {'is' if len(names) == 1 else 'are'} {word}")
-    rest = ["the others are worse"] if WORSE in found.values() else []
-    return f". Against {best}, {listed(each + rest)}"
+        gap = amount(ranking.gap(best, other))
+        return f"; every other keeps less by more than {margin}, the next, {other}, by {gap}"
+    phrases = {EQUIVALENT: f"within ±{margin}", UNDECIDED: UNDECIDED, LOWER: "less"}
+    each = [
+        f"{phrase} on {listed(names)}"
+        for word, phrase in phrases.items()
+        if (names := [name for name in found if found[name] == word])
+    ]
+    rest = [f"less by more than {margin} on the others"] if WORSE in found.values() else []
+    return f". Against {best}: {'; '.join(each + rest)}"
 
 
 def _elsewhere(ranking: Ranking) -> str:
@@ -139,7 +141,8 @@ def _numbers(names: Sequence[str]) -> list[float]:
 def _trend(ranking: Ranking) -> str | None:
     """The best estimator's share over `ordered` conditions that all environments have, or None.
 
-    Verdicts against the first condition hold for all estimators at once.
+    Changes from the first condition are paired by seed; their intervals hold for all estimators at
+    once. The last condition not shown to keep less stands before the first one that is.
     """
     results, environments, pick = ranking.results, ranking.environments, ranking.best
     conditions = [c for c in results.plan.study.conditions if all(map(c.is_in, environments))]
@@ -152,20 +155,37 @@ def _trend(ranking: Ranking) -> str | None:
         c.name if re.fullmatch(r"[\d.]+ ?\S*", c.name) else f'"{c.name}"'  # a number and a unit
         for c in conditions
     ]
-    scale = ranking.scales.mean(axis=1).groupby(level=0).min()
-    span, comparisons = float((1.0 / scale).mean()), len(ranking.shares) * len(others)
-    found: dict[str, list[str]] = {}
-    for name, shares in zip(names[1:], others, strict=True):
-        word = verdict(shares - first, results.plan.study.margin, span, comparisons)
-        found.setdefault(word, []).append(name)
-    order = (BETTER, HIGHER, EQUIVALENT, UNDECIDED, LOWER, WORSE)
-    against = listed([f"{word} at {listed(found[word])}" for word in order if word in found])
-    at_first, at_last = (amount(crossed_interval(at[None])) for at in (first, others[-1]))
+    changes, comparisons = [shares - first for shares in others], len(ranking.shares) * len(others)
+    found = [mean_interval(change, comparisons) for change in changes]
+    each = [
+        f"{amount(change, signed=True)} at {name}"
+        for name, change in zip(names[1:], found, strict=True)
+    ]
+    margin, more = results.plan.study.margin, ""
+    if any(change and change.half > margin for change in found):
+        enough = max(episodes_for(change, margin, comparisons) for change in changes)
+        enough = max(enough, len(first) + 1.0)
+        more = f"; a difference of {margin:g} takes at least {enough:.0f} episodes to show"
     most = ", which keeps most over all conditions," if ranking.verdicts else ""
     return (
-        f"In {_where(environments)} on {pick}{most} {results.who} keeps {at_first} {_WORTH} at"
-        f" {names[0]} and {at_last} at {names[-1]}; against {names[0]}: {against}."
+        f"In {_where(environments)} on {pick}{most} {results.who} keeps"
+        f" {amount(mean_interval(first))} {_WORTH} at {names[0]}. From there the share changes by"
+        f" {listed(each)}. {_last(names, found, more)}"
     )
+
+
+def _last(names: Sequence[str], changes: Sequence[Interval | None], more: str) -> str:
+    """The last condition before the first that is shown to keep less, by the changes to each.
+
+    Where nothing is decided, there is more to say.
+    """
+    for i, change in enumerate(changes):
+        if change and change.high < 0.0:
+            if i == 0:
+                return f"Already {names[1]} is shown to keep less."
+            return f"The last condition not shown to keep less than {names[0]}: {names[i]}."
+    more = "" if any(change and change.excludes_zero for change in changes) else more
+    return f"None is shown to keep less than {names[0]}{more}."
 
 
 # --- learned policies, and what is missing --------------------------------------------------------
@@ -201,13 +221,29 @@ def _missing(results: Results) -> list[str]:
     return [f"{len(missing)} of {len(flights)} results are missing{why}. Run the study again."]
 
 
-def amount(value: Interval | float | None) -> str:
+def amount(value: Interval | float | None, signed: bool = False) -> str:
     """A share or score in a sentence, with a digit more where its interval is small."""
     wide = isinstance(value, Interval) and value.half >= 0.095
-    return words(value, 2 if wide else 3)
+    return words(value, 2 if wide else 3, signed)
 
 
 # --- tables ---------------------------------------------------------------------------------------
+
+
+def heading(results: Results, environment: str) -> str:
+    """Title of `conditions_table`."""
+    unit = "share kept" if environment in rankings(results) else "score"
+    return f"{environment}: {unit} (95 % intervals, each for itself)"
+
+
+def legend(results: Results) -> str:
+    """Sentences on the intervals and verdicts of all other tables."""
+    margin = f"{results.plan.study.margin:g}"
+    return (
+        "Intervals and verdicts of an environment, and of all together, hold for all estimators at"
+        f" once. Equivalent: within ±{margin} of the best. Worse: more than {margin} below it;"
+        " lower: below it."
+    )
 
 
 def summary(ranking: Ranking) -> pd.DataFrame:
@@ -232,15 +268,17 @@ def _table(rows: dict[str, dict[str, str]]) -> pd.DataFrame:
 def to_copy(results: Results) -> pd.DataFrame:
     """The estimator to use in each environment, its share, and the line that makes it.
 
-    The last row is the estimator to avoid: the one that keeps least, if that is shown.
+    The last row is the estimator to avoid: the one that keeps least, if it is shown to keep less
+    than the one before it, and worse than the best.
     """
     rows, worst = [], []
     for environment, ranking in rankings(results).items():
         if environment != ALL:
-            pick, least = ranking.cheapest, list(ranking.shares)[-1]
+            pick, (*before, least) = ranking.cheapest, ranking.shares
             line = _line(results, environment, pick)
             rows.append((environment, pick, text(ranking.kept(pick), 3), line))
-            if ranking.verdicts.get(least) in (LOWER, WORSE):
+            gap = ranking.gap(before[-1], least) if before else None
+            if gap and gap.low > 0.0 and ranking.verdicts[least] == WORSE:
                 worst.append((float(ranking.shares[least].mean()), least, environment))
     for share, name, environment in sorted(worst)[:1]:
         if all(name != pick for _, pick, *_ in rows):
@@ -268,14 +306,10 @@ def conditions_table(results: Results, environment: str) -> pd.DataFrame:
     names, rows = results.conditions(environment), {}
     for estimator in results.estimators(environment):
         own = results.rows(values, estimator)
-        there = {
-            name: own.loc[[(environment, name)]]
-            for name in names
-            if (environment, name) in own.index
-        }
-        cells = {name: text(crossed_interval(row.to_numpy()), 3) for name, row in there.items()}
-        rows[estimator] = dict.fromkeys(names, "–") | cells
-    return _table(rows).reindex(columns=names)
+        found = own[own.index.isin([(environment, name) for name in names])]
+        cells = [text(crossed_interval(row[None]), 3) for row in found.to_numpy()]
+        rows[estimator] = dict(zip(found.index.get_level_values("condition"), cells, strict=True))
+    return _table(rows).reindex(columns=names).fillna("–")
 
 
 def ranking_table(results: Results) -> pd.DataFrame:
@@ -297,10 +331,10 @@ def markdown(results: Results) -> str:
     if ranked:
         lines = to_copy(results).set_index("where")
         lines["to copy"] = [f"`{line}`" if line else "" for line in lines["to copy"]]
-        blocks.append(markdown_frame(lines))
+        blocks += [markdown_frame(lines), legend(results)]
     for environment in results.environments:
         table = conditions_table(results, environment)
-        blocks += [f"## {environment}", markdown_frame(table)]
+        blocks += [f"## {heading(results, environment)}", markdown_frame(table)]
     if ranked:
         blocks += ["## All conditions", markdown_frame(ranking_table(results))]
     return "\n\n".join(blocks) + "\n"

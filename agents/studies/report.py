@@ -16,6 +16,8 @@ from agents.statistics import mean_interval
 from agents.studies.answer import (
     answer,
     conditions_table,
+    heading,
+    legend,
     markdown,
     ranking_table,
     summary,
@@ -69,25 +71,24 @@ def _ranked(results: Results) -> list[Block]:
     """Blocks about the share kept in all conditions together."""
     if not (columns := rankings(results)):
         return []
-    margin, (head, ranking) = results.plan.study.margin, next(iter(columns.items()))
+    head, ranking = next(iter(columns.items()))
     return [
-        table("To copy", to_copy(results).set_index("where")),
+        table("To copy", to_copy(results).set_index("where"), legend(results)),
         table(
             f"The best estimators for {results.who}{', ' + head if len(columns) > 1 else ''}",
             summary(ranking),
-            f"Means over conditions and evaluation seeds with 95 % intervals for other seeds: the"
-            f" share kept of {ORACLE} over dead reckoning, the score lost against {ORACLE},"
-            " completed episodes, and the mean score of the worst tenth of them.",
+            "Means over conditions and evaluation seeds with 95 % intervals for other seeds, the"
+            f" first two for all estimators at once: the share kept of {ORACLE} over dead"
+            f" reckoning, the score lost against {ORACLE}, completed episodes, and the mean score"
+            " of the worst tenth of them.",
         ),
         picture("Share of the oracle's performance kept", data_uri(shares_figure(results))),
         table(
             "Share kept, and the verdict against the best of each column",
             ranking_table(results),
             "In each environment and condition, the score on dead reckoning is 0 and that on the"
-            " truth 1, in the same episodes. Intervals and verdicts of a column hold for all its"
-            f" estimators at once. Equivalent: within ±{margin:g} of the best. Worse: more than"
-            f" {margin:g} below it; lower: below it. A dash: not used there, or not in every"
-            " condition.",
+            " truth 1, in the same episodes. Intervals and verdicts as above. A dash: not used"
+            " there, or not in every condition.",
         ),
         table(
             "Difference from the best",
@@ -116,12 +117,11 @@ def _differences(results: Results) -> pd.DataFrame:
 
 def _environments(results: Results) -> list[Block]:
     """The tables of each environment: conditions, costs, consistency and CPU time."""
-    blocks, ranked = [], rankings(results)
+    blocks = []
     for environment in results.environments:
         first = results.conditions(environment)[0]
-        unit = "share kept" if environment in ranked else "score"
-        note = f"Of {results.who}; 95 % intervals over evaluation seeds, each for itself."
-        blocks.append(table(f"{environment}: {unit}", conditions_table(results, environment), note))
+        cells = conditions_table(results, environment)
+        blocks.append(table(heading(results, environment), cells, f"Of {results.who}."))
         chosen = [SCORE, *(m for m in metrics(system_of(environment)) if m.cost)]
         meanings = " ".join(f"{m.label}: {m.meaning}" for m in chosen)
         if (environment, first) in results.rows(results.wide("score"), ORACLE).index:

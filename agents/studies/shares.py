@@ -62,6 +62,13 @@ def kept(
     return interval(results, policy, shares(results, [environment], policy, there).to_numpy())
 
 
+def episodes_for(values: np.ndarray, half: float, comparisons: int) -> float:
+    """Number of seeds at which the mean's interval is its value ± half, by the values' spread."""
+    from scipy.special import ndtri
+
+    return float((ndtri(1.0 - 0.025 / comparisons) * values.std(ddof=1) / half) ** 2)
+
+
 # --- estimators of the classical agent ------------------------------------------------------------
 
 
@@ -168,8 +175,6 @@ class Ranking:
         the scale (Fieller 1954: a ratio whose denominator may be zero has no bounded interval). So
         many as make both half as wide, by their spread, and more than there are; NaN of one seed.
         """
-        from scipy.special import ndtri
-
         worth, best = self.scales.to_numpy().mean(axis=0), self.shares[self.best]
         if len(best) < 2:
             return float("nan")
@@ -177,8 +182,7 @@ class Ranking:
         for values, half, among in ((worth, worth.mean(), 1), (best, 0.5, len(self.shares))):
             found = mean_interval(values, among)
             enough &= found is not None and found.half < half
-            quantile = ndtri(1.0 - 0.025 / among)
-            needed = max(needed, (2.0 * quantile * values.std(ddof=1) / half) ** 2)
+            needed = max(needed, episodes_for(values, 0.5 * half, among))
         return 0.0 if enough else float(max(np.ceil(needed), len(best) + 1))
 
 

@@ -15,6 +15,7 @@ import numpy as np
 
 import vessel_gym
 from agents.files import check_file, replacing
+from agents.named import vector_class
 from agents.policies.checkpoint import npz_path, write
 from agents.seeds import training_seed
 from agents.source import source_digest
@@ -66,10 +67,9 @@ def hyperparameters(
             none, or of another kind.
     """
     one_of("memory", memory, MEMORIES)
-    one_of("algorithm", algorithm, ALGORITHMS)
+    _, tuned = tuned_settings(algorithm, env_id)
     if algorithm != "ppo" and memory != "none":
         raise ValueError(f"{algorithm} trains agents without a memory")
-    tuned = read_settings(Path(__file__).with_name(f"{algorithm}.toml"), env_id)
     tuned = _merged(tuned, tuned.get(memory, {}))
     tuned = {key: value for key, value in tuned.items() if key not in MEMORIES}
     parameters = inspect.signature(_algorithm(algorithm, "none")).parameters
@@ -84,18 +84,35 @@ def hyperparameters(
     return _merged(tuned, changed or {})
 
 
-def read_settings(path: Path, env_id: str) -> dict[str, Any]:
-    """Settings of an environment in a TOML file: its own table, or the one called default.
+def tuned_settings(algorithm: str, env_id: str) -> tuple[str, dict[str, Any]]:
+    """Settings of an algorithm that come with the package, as `read_settings`."""
+    one_of("algorithm", algorithm, ALGORITHMS)
+    return read_settings(Path(__file__).with_name(f"{algorithm}.toml"), env_id)
+
+
+def read_settings(path: Path, env_id: str) -> tuple[str, dict[str, Any]]:
+    """Settings of an environment in a TOML file, after the name of their table.
+
+    It is the environment's own; else that of the environment whose task is the nearest base of its
+    task's class; else ``default``.
 
     Raises:
         ValueError: if there is neither, or the file is not TOML.
         OSError: if it cannot be read.
     """
     tables: Any = TomlFile(path).data
-    found = tables.get(env_id, tables.get("default"))
-    if not isinstance(found, dict):
+    name = env_id
+    if env_id not in tables:
+        of = {_task(each): each for each in tables if each in gym.registry}
+        name = next((of[base] for base in _task(env_id).__mro__ if base in of), "default")
+    if not isinstance(found := tables.get(name), dict):
         raise ValueError(f"{path} has neither a table [{env_id!r}] nor [default]")
-    return found
+    return name, found
+
+
+def _task(env_id: str) -> type:
+    """Class of the task of an environment; ``object`` where it has none."""
+    return type(vector_class(env_id).system.task)  # type: ignore[attr-defined]
 
 
 def _merged(settings: Mapping[str, Any], changed: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """PPO training: repeatable, on its own seeds, with policies that fly as the model."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,23 @@ from agents import load_agent
 from agents.policies.checkpoint import description
 from agents.policies.lstm import LstmPolicy
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
-from agents.training.algorithms import MEMORIES, batch, describe, hyperparameters, train
+from agents.training.algorithms import (
+    MEMORIES,
+    batch,
+    describe,
+    hyperparameters,
+    train,
+    tuned_settings,
+)
 from agents.training.vec_env import StableBaselinesVecEnv
 from estimators import ExtendedKalmanFilter
 from vessel_gym.core import Core
+from vessel_gym.envs import (
+    SegorogeniAUVEnv,
+    SigmaChannelEnv,
+    SigmaCorvetteEnv,
+    register_environment,
+)
 
 ENV = "SigmaCorvette-v0"
 RAW = {"observe": "measurement", "estimator": "measurement"}
@@ -161,6 +175,28 @@ def test_hyperparameters_have_the_names_of_rl_zoo3_and_changed_ones_their_kind()
     assert found.items() >= {"learning_rate": "lin_1e-3", "target_kl": 0.1, "n_envs": 128}.items()
     for name, value in {"ent_coef": "auto_0.1", "gradient_steps": -1, "noise_std": 0.2}.items():
         assert hyperparameters(ENV, "none", {name: value}, "sac")[name] == value
+
+
+def test_a_task_of_ones_own_has_the_settings_of_the_nearest_task_that_it_derives_from():
+    dive = SegorogeniAUVEnv.system
+    corvette, channel = SigmaCorvetteEnv.system, SigmaChannelEnv.system
+    for name, system in {"corvette": corvette, "dive": dive, "channel": channel}.items():
+        gentle = type("Gentle", (type(system.task),), {}, verified=True)
+        gentler = type("Gentler", (gentle,), {}, verified=True)
+        given = (f.name for f in dataclasses.fields(system.task) if f.init)
+        fields = {field: getattr(system.task, field) for field in given}
+        own = dataclasses.replace(system, name=f"Gentler-{name}-v0", task=gentler(**fields))
+        register_environment(own)
+    try:
+        for name, like in (("corvette", ENV), ("dive", "SegorogeniAUV-v0")):
+            found = tuned_settings("ppo", f"Gentler-{name}-v0")
+            assert found == (like, tuned_settings("ppo", like)[1])
+        # of a channel, and of an algorithm that is tuned for none, there are the defaults alone
+        assert tuned_settings("ppo", "Gentler-channel-v0")[0] == "default"
+        assert tuned_settings("sac", "Gentler-corvette-v0")[0] == "default"
+    finally:
+        for name in ("corvette", "dive", "channel"):
+            del gym.registry[f"Gentler-{name}-v0"]
 
 
 @pytest.mark.parametrize(

@@ -9,6 +9,7 @@ import pandas as pd
 import pytest
 
 import agents.jobs
+from agents.budget.report import conclusion, differences
 from agents.budget.result import Budget, budget_study
 from agents.budget.search import Request
 from agents.budget.suites import choices_of, price_list, suites_of
@@ -17,6 +18,7 @@ from agents.policies.checkpoint import packaged
 from agents.refusal import Refusal
 from agents.rollouts import rollout
 from agents.seeds import evaluation_seeds
+from agents.statistics import Interval
 from agents.studies.plan import plan
 from agents.studies.worlds import graded_sensors, system_of
 
@@ -152,3 +154,31 @@ def test_what_cannot_be_meant_is_one_sentence(tmp_path, arguments, sentence):
         budget.main(ENVIRONMENT, out=tmp_path / "out", **arguments)
     assert sentence in str(refused.value)
     assert not (tmp_path / "out").exists()
+
+
+def test_suites_round_the_answer_are_named_by_what_differs_from_it(made: Budget):
+    made.answer = answer = next(
+        i for i, s in enumerate(made.suites) if s.grades["receiver"] == "four metres"
+    )
+    for i in range(len(made.suites)):
+        made.verdicts[i], made.shares[i] = "keeps it", Interval(0.9, 0.8, 1.0)
+    made.confirmed[answer] = Interval(0.85, 0.8, 0.9)
+    rows = differences(made, 3)
+    assert len(rows) == 3
+    (own,) = (row for row in rows if row[0] == "this suite")
+    assert own[1:] == [f"{made.suites[answer].cost[0]:g}", "0.850 ± 0.050", "keeps it"]
+    for i, (words, *_) in enumerate(differences(made, 100)):
+        other = [f"{s} {grade}" for s, grade in made.suites[i].grades.items()
+                 if grade != made.suites[answer].grades[s]]  # fmt: skip
+        assert words == (", ".join(other) or "this suite")
+
+
+def test_the_conclusion_says_of_what_a_share_is_and_why_suites_were_not_run(made: Budget):
+    made.answer = last = len(made.suites) - 1
+    made.confirmed[last] = Interval(0.85, 0.8, 0.9)
+    made.verdicts[0] = "keeps less"
+    first, share, others = conclusion(made)
+    assert "confirmed to keep 80 % of the score on the truth: " in first
+    assert share.endswith("it keeps 0.850 ± 0.050 of the score on the truth.")
+    start = f"Of {last} cheaper suites: 1 keeps less and {last - 1} not run (no better in any "
+    assert others.startswith(start)

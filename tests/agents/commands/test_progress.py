@@ -18,7 +18,7 @@ def printed(capsys) -> list[str]:
 
 
 def test_many_short_jobs_say_how_far_they_are_at_each_tenth(clock, capsys):
-    with console.job_progress("quick") as progress:
+    with console.job_progress("quick", 2) as progress:
         for done in range(1001):
             progress(done, 0, 1000)
     assert [line.partition(",")[0] for line in printed(capsys)] == [
@@ -27,16 +27,31 @@ def test_many_short_jobs_say_how_far_they_are_at_each_tenth(clock, capsys):
 
 
 def test_long_jobs_say_it_every_ten_seconds_and_those_that_failed_are_counted_in(clock, capsys):
-    with console.job_progress("full") as progress:
+    with console.job_progress("full", 2) as progress:
         for done in range(60):
             progress(done, 3, 10_000)
             clock[0] += 2.5
-    assert printed(capsys) == [f"full: {done + 3}/10000, 3 failed" for done in range(0, 60, 4)]
+    lines = [line.partition(" left")[0].rpartition(", 6:") for line in printed(capsys)]
+    assert [first or last for first, _, last in lines] == [
+        f"full: {done + 3}/10000, 3 failed" for done in range(0, 60, 4)
+    ]
+    assert [bool(first) for first, *_ in lines] == [2.5 * done > 65.0 for done in range(0, 60, 4)]
+
+
+def test_the_time_that_is_left_follows_from_the_jobs_after_those_that_compile(clock, capsys):
+    with console.job_progress("quick", 2) as progress:
+        for done in range(21):
+            progress(done, 0, 20)
+            clock[0] += 60.0 if done < 2 else 1.0
+    first, *lines = printed(capsys)
+    assert first == "quick: 0/20, the first jobs take longer, because they compile"
+    assert lines[:2] == ["quick: 1/20", "quick: 2/20"]
+    assert lines[2] == "quick: 4/20, 0:00:16 left"
 
 
 def test_a_run_says_that_it_goes_on_and_what_an_interruption_left(clock, capsys):
     def interrupted() -> None:
-        with console.job_progress("quick") as progress:
+        with console.job_progress("quick", 2) as progress:
             progress(120, 0, 300)
             progress(121, 0, 300)
             raise KeyboardInterrupt

@@ -1,5 +1,6 @@
 """The train and evaluate commands."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,12 @@ def test_a_trained_agent_can_be_evaluated_on_several_estimators(
     tables.write_text(f'["{ENV}"]\nn_steps = 2\nbatch_size = 64\ngamma = 0.9\n')
     given: Any = {"hyperparameters": tables, "set_": {"gamma": 0.8}, "steps": 256}
     train.main(ENV, out=tmp_path / "ppo.zip", memory="frames", **given)
-    assert f"checkpoint: {policy}" in capsys.readouterr().out
+    printed = capsys.readouterr()
+    model = tmp_path / "ppo.zip"
+    assert f"wrote {policy}, and for stable-baselines3 {model}\n" in printed.out
+    best = re.search(r"the best of 2 evaluations, .* after (?:128|256) steps: (.*)", printed.out)[1]
+    assert Path(best).exists()
+    assert "run 0" not in printed.err
     described = description(policy)
     assert (described["memory"], described["trained_steps"]) == ("frames", 256)
     assert described["hyperparameters"].items() >= {"n_steps": 2, "gamma": 0.8}.items()
@@ -64,7 +70,9 @@ def test_of_several_trainings_the_best_on_tuning_seeds_is_kept(
     assert (tmp_path / "best.zip").read_text() == "model 8"
     assert flown == [tuning_seeds(train.CHOOSING)] * 2
     printed = capsys.readouterr().out.splitlines()
-    assert [line.split(":")[0] for line in printed] == ["run 7", "run 8", "checkpoint"]
+    assert [line.split(":")[0] for line in printed[:-1]] == ["run 7", "run 8"]
+    zipped = tmp_path / "best.zip"
+    assert printed[-1] == f"wrote {tmp_path / 'best.npz'}, and for stable-baselines3 {zipped}"
 
 
 @pytest.mark.parametrize("lost", [0.0, 1.0])
@@ -79,6 +87,13 @@ def test_scores_above_those_on_the_truth_are_warned_of(
     evaluate.main(ENV, estimator=("kf", "truth"), episodes=3)
     warning = "autopilot beats the truth beyond chance: check the task's score, and what its reward"
     assert (warning in capsys.readouterr().out) == bool(lost)
+
+
+def test_the_table_names_its_world_and_what_errors_are_of(capsys: pytest.CaptureFixture[str]):
+    evaluate.main(ENV, estimator=("kf",), episodes=1, disturbance="calm")
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "one episode, calm disturbance, nominal sensors" in printed
+    assert "│ Position error, RMS [m] │" in printed
 
 
 def test_an_interrupted_command_ends_quietly():

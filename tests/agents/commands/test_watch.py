@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import gymnasium as gym
 import imageio.v3 as iio
@@ -129,3 +130,17 @@ def test_the_window_stays_until_it_is_closed(run, monkeypatch, quit_after):
     monkeypatch.setattr(agents, "load_agent", lambda name, env, trust: Helmsman(quit_after))
     assert run() == 0
     assert not pygame.display.get_init()
+
+
+@pytest.mark.parametrize(
+    ("words", "which"),
+    [([], "the most typical of 40 episodes (seed 7)"), (["--seed", "7"], "seed 7")],
+)
+def test_a_page_says_which_episode_it_shows(run, tmp_path, monkeypatch, capsys, words, which):
+    page = SimpleNamespace(
+        page={"conditions": ["rough sea", "seed 7"]}, scores={"kf": 0.5}, save=lambda out: None
+    )
+    monkeypatch.setattr(agents, "episode", lambda *arguments: page)
+    out = tmp_path / "page.html"
+    assert run("--out", str(out), *words) == 0
+    assert capsys.readouterr().out == f"wrote {out}, {which}, score 0.500 on kf\n"

@@ -25,6 +25,7 @@ from invented import (
 from agents.jobs import Outcome
 from agents.statistics import LOWER, UNDECIDED, WORSE, paired_difference, verdict
 from agents.studies.answer import (
+    amount,
     answer,
     conditions_table,
     markdown,
@@ -53,14 +54,14 @@ def small():
 def test_the_advice_is_the_estimator_on_which_most_is_kept(small, best):
     told = answer(results(small.plan, QUALITY | {best: 0.99}))[0]
     assert told.startswith(f"Use {best} in {CORVETTE}: on it the autopilot keeps ")
-    assert "; every other is worse, the next, " in told
+    assert "; every other keeps less by more than 0.01, the next, " in told
 
 
 def test_estimators_that_differ_by_chance_are_not_called_worse(small):
     level = dict.fromkeys(QUALITY, 0.9) | {"truth": 1.0, "dead-reckoning": 0.0}
     told = answer(results(small.plan, level))[0]
-    assert "worse" not in told
-    assert re.search(r"Against \S+, .* and .* are (equivalent|not decided)", told)
+    assert "less" not in told
+    assert re.search(r"Against \S+: (within ±0.01|not decided) on .* and [^;]*\.$", told)
 
 
 def test_of_equivalent_estimators_the_advice_is_the_cheapest():
@@ -80,7 +81,7 @@ def test_of_equivalent_estimators_the_advice_is_the_cheapest():
 
 def test_below_the_best_but_not_by_the_margin_is_lower(small):
     told = answer(results(small.plan, QUALITY | {"ekf": 0.945}, noise=1e-3))[0]
-    assert told.endswith("Against kf-umv-ui, ekf is lower and the others are worse.")
+    assert told.endswith("Against kf-umv-ui: less on ekf; less by more than 0.01 on the others.")
 
 
 @pytest.mark.parametrize(("episodes", "noise"), [(2, 0.1), (4, 0.5), (20, 0.5)])
@@ -174,12 +175,42 @@ def test_over_conditions_that_are_numbers_the_answer_is_their_trend():
     assert told.startswith(
         f"In {CORVETTE} on kf-umv-ui, which keeps most over all conditions, the autopilot keeps"
     )
-    at = re.search(r"keeps (0\.9\d+) ± .* at 10 Hz and (0\.[45]\d+) ± .* at 0\.2 Hz; against", told)
-    assert at
-    assert told.endswith("against 10 Hz: not decided at 5 Hz and worse at 1 Hz and 0.2 Hz.")
+    assert re.search(
+        r"keeps 0\.9\d+ ± \S+ of what .* at 10 Hz\. From there the share changes by \S+ ± \S+ at 5 Hz,"
+        r" −0\.0\d+ ± \S+ at 1 Hz and −0\.4\d+ ± \S+ at 0\.2 Hz\.",
+        told,
+    )
+    assert told.endswith(" The last condition not shown to keep less than 10 Hz: 5 Hz.")
 
-    told = answer(numbered("in time", "1 s late", "2 s late", **{"kf-umv-ui_in_2 s late": 0.5}))[0]
-    assert re.search(r' at "in time" and .* at "2 s late"; against "in time": .* at "1 s', told)
+    late = "in time", "1 s late", "2 s late"
+    told = answer(numbered(*late, **{"kf-umv-ui_in_1 s late": 0.9}))[0]
+    assert re.search(r' at "in time"\. .* at "1 s late" and .* at "2 s late"\. Already "1 s', told)
+
+
+def test_the_changes_of_a_trend_are_paired_and_hold_for_all_estimators_at_once():
+    found = numbered("10 Hz", "5 Hz", **{"kf-umv-ui_in_5 Hz": 0.9})
+    ranking = rankings(found)[CORVETTE]
+    kept = found.rows(found.kept, "kf-umv-ui").loc
+    change = paired_difference(
+        *(kept[CORVETTE, name].to_numpy() for name in ("5 Hz", "10 Hz")),
+        comparisons=len(ranking.shares),
+    )
+    assert f"the share changes by {amount(change, True)} at 5 Hz." in answer(found)[0]
+
+
+def test_a_trend_that_is_not_decided_names_the_episodes_that_it_takes():
+    level = {"kf-umv-ui_in_5 Hz": 0.94}
+    few = answer(numbered("10 Hz", "5 Hz", noise=0.1, **level))[0]
+    enough = re.search(
+        r"None is shown to keep less than 10 Hz; a difference of 0\.01 takes at least"
+        r" (\d+) episodes to show\.$",
+        few,
+    )
+    assert int(enough[1]) > 40
+    alike = dict.fromkeys(("kf-umv-ui_in_10 Hz", "kf-umv-ui_in_5 Hz"), 0.95)
+    assert answer(numbered("10 Hz", "5 Hz", noise=1e-4, **alike))[0].endswith(
+        " None is shown to keep less than 10 Hz."
+    )
 
 
 def test_a_trend_is_over_the_conditions_that_all_environments_have():
@@ -187,7 +218,7 @@ def test_a_trend_is_over_the_conditions_that_all_environments_have():
     conditions[2] = replace(conditions[2], environments=(CORVETTE,))
     told = answer(results(study(conditions=tuple(conditions))))[0]
     assert told.startswith("In both environments on enkf, which keeps most over all conditions, ")
-    assert re.search(r" at 4 Hz and .* at 2 Hz; against 4 Hz: .* at 2 Hz\.$", told)
+    assert re.search(r" at 4 Hz\. From there the share changes by .* at 2 Hz\. [^,]*$", told)
 
 
 @pytest.mark.parametrize(
@@ -242,6 +273,14 @@ def test_the_line_to_copy_makes_the_environment_with_its_best_estimator(classica
         env.close()
     undecided = to_copy(results(classical.plan, noise=1.0))
     assert "avoid" not in undecided["where"].tolist()
+
+
+def test_who_keeps_least_is_to_avoid_only_if_no_other_keeps_as_little(small):
+    beside = results(small.plan, QUALITY | {"kf": 0.5, "enkf": 0.5})
+    assert rankings(beside)[CORVETTE].verdicts["enkf"] == WORSE
+    assert "avoid" not in to_copy(beside)["where"].tolist()
+    alone = to_copy(results(small.plan, QUALITY | {"kf": 0.5, "enkf": 0.4}))
+    assert alone.iloc[-1][["where", "use"]].tolist() == ["avoid", "enkf"]
 
 
 def test_the_line_to_copy_names_the_estimator_that_default_stands_for():
