@@ -15,7 +15,7 @@ from vessel_gym.envs import SegorogeniAUVEnv, register_environment
 DOCS = Path(__file__).parents[1] / "docs"
 PAGES = {
     "my_sensor": "own-sensor", "my_disturbance": "own-disturbance", "my_task": "own-task",
-    "my_vehicle": "own-equations", "my_route": "own-task",
+    "my_vehicle": "own-equations", "usv": "recipes/differential-drive", "my_route": "own-equations",
 }  # fmt: skip
 OWN = ("Usbl-v0", "Shear-v0", "Docking-v0", "HeavyShip-v0")
 """The environments, registered when this module is imported; the last is that of the page on vehicles."""
@@ -40,7 +40,7 @@ for _module in PAGES:
     (_FOLDER / f"{_module}.py").write_text(code(_module), encoding="utf-8")
 (_FOLDER / "my_ship.toml").write_text(blocks("vehicles", "toml")[0], encoding="utf-8")
 
-my_sensor, my_disturbance, _, my_vehicle, _ = map(
+my_sensor, my_disturbance, _, my_vehicle, *_ = map(
     import_module, PAGES
 )  # the tasks register their environments themselves
 _SYSTEM = SegorogeniAUVEnv.system

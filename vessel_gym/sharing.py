@@ -32,18 +32,24 @@ def shared(build: _Builder) -> _Builder:
 
     @wraps(build)
     def builder(*arguments: Any) -> Any:
-        values = BytesIO()
-        pickler = _Values(values)
-        try:
-            for each in arguments:
-                pickler.dump(each)
-                # objects that arguments have in common do not matter
-                pickler.clear_memo()
-        except (pickle.PicklingError, TypeError, AttributeError):
-            return build(*arguments)
-        return built(_Arguments(values.getvalue(), arguments))
+        values = _values(arguments)
+        # outside of the except, so that errors of ``build`` come alone
+        return build(*arguments) if values is None else built(_Arguments(values, arguments))
 
     return builder  # type: ignore[return-value]
+
+
+def _values(arguments: tuple[Any, ...]) -> bytes | None:
+    """Values of constants as bytes; None if an argument may change."""
+    values = BytesIO()
+    pickler = _Values(values)
+    try:
+        for each in arguments:
+            pickler.dump(each)
+            pickler.clear_memo()  # objects that arguments have in common do not matter
+    except (pickle.PicklingError, TypeError, AttributeError):
+        return None
+    return values.getvalue()
 
 
 @dataclass(frozen=True)

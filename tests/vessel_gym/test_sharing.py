@@ -202,3 +202,14 @@ def test_few_are_kept() -> None:
     for i in range(200):
         built(i)
     assert built("first") is not first
+
+
+def test_an_error_while_building_comes_alone() -> None:
+    @shared
+    def refusing(value: Any) -> Any:
+        raise ValueError("no")
+
+    for value in (0, Own()):
+        with pytest.raises(ValueError, match="no") as caught:
+            refusing(value)
+        assert caught.value.__context__ is None

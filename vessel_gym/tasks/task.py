@@ -216,13 +216,15 @@ class Task(Verified):
         [0, 1]. Negative sums count as 0, so express a cost as a factor such as ``1 / (1 + cost)``.
 
         Args:
-            state: ``(B, n)`` true state of the vehicle.
-            exogenous: ``(B, f)`` true exogenous input over the coming step.
-            reference: ``(B, r)`` as `reference` returns it.
-            over: ``(B,)`` as `over` returns it.
-            actuators: ``(B, a)``.
-            action: ``(B, a)``, clipped.
-            score_state: ``(B, k)`` of the step before.
+            state: ``(B, n)`` true state of the vehicle, with the components ``vehicle.state_names``.
+            exogenous: ``(B, f)`` true exogenous input over the coming step: ``vehicle.increments``,
+                then ``vehicle.ambient_flows``.
+            reference: ``(B, r)`` as `reference` returns it at the estimated state, or at the true
+                one if raw measurements are observed. A reward on it scores the estimate.
+            over: ``(B,)`` as `over` returns it; with ``termination="task"``, at the true state.
+            actuators: ``(B, a)`` after the step.
+            action: ``(B, a)``, clipped to [-1, 1].
+            score_state: ``(B, k)`` of the step before; see `initial_score_state`.
 
         Returns:
             Reward ``(B,)``, number of the end reason ``(B,)`` (0: the episode goes on), and the

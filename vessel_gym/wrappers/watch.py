@@ -500,7 +500,8 @@ def _filter(model: Model, estimator: EstimatorChoice, options: dict[str, Any]) -
         return own_filter(estimator, options, model)
     known = (*factory.names(), *KNOWN)
     if not isinstance(estimator, str) or estimator not in known:
-        raise ValueError(factory.unknown("estimator", estimator, known))
+        sentence = factory.unknown("estimator", estimator, known)
+        raise ValueError(f'{sentence}; raw measurements are observe="measurement"')
     if estimator not in KNOWN:
         return factory.make(estimator, model, **options)
     if options:

@@ -83,8 +83,7 @@ def test_the_documentation_shows_how_to_bring_an_own_estimator_and_environment(
     (tmp_path / "my_filters.py").write_text(fading)  # in the working directory
     (folder := tmp_path / "studies").mkdir()
     for name, page, pattern in (
-        ("my_route.py", "own-task.md", "python my_route\n(.*?)```"),
-        ("my_vehicle.py", "own-equations.md", "python my_vehicle\n(.*?)```"),
+        ("usv.py", "recipes/differential-drive.md", "python usv\n(.*?)```"),
         ("own.toml", "studies.md", "toml\n(.*?)```"),
     ):
         (folder / name).write_text(found(page, pattern))
@@ -93,6 +92,6 @@ def test_the_documentation_shows_how_to_bring_an_own_estimator_and_environment(
     assert command(ablate.main, ["studies/own.toml", "--out", "out", "--processes", "1"]) == 0
     table = pd.read_parquet(tmp_path / "out" / "results.parquet")
     flown = set(zip(table.environment, table.estimator, strict=True))
-    route = "my_route:Route-v0"
+    route = "usv:USV-v0"
     assert flown == {(route, name) for name in ("truth", "dead-reckoning", "ekf", "fading")}
     assert "fading" in (tmp_path / "out" / "report.html").read_text()

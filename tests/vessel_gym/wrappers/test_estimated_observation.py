@@ -873,6 +873,7 @@ GIVEN = {
     ("changes", "error", "sentence"),
     [
         ({"estimator": "ufk"}, ValueError, "unknown estimator 'ufk'.*did you mean 'ukf'"),
+        ({"estimator": "measurement"}, ValueError, 'raw measurements are observe="measurement"$'),
         ({"estimator": "kf"}, ValueError, "kf needs a LinearModel"),
         ({"estimator": int}, TypeError, "estimator must be a name, a Filter class or a function of the model"),
         ({"estimator_options": {"members": 5}}, TypeError, "ekf has no option 'members'"),
