@@ -46,7 +46,8 @@ def test_one_without_the_keyword_is_one_sentence():
         del gym.registry["Fixed-v0"]
 
 
-def test_ours_lists_the_estimators_that_its_models_carry(capsys):
+def test_ours_lists_the_estimators_that_its_models_carry(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "120")
     from vessel_gym.envs import SigmaCorvetteEnv
 
     command.main("estimators")
