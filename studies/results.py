@@ -246,7 +246,7 @@ def shares(study: str) -> str:
 
 
 def five(study: str) -> str:
-    """What to use on a ship, under water, in the air and with outliers, what to avoid, and how."""
+    """The estimators to use on a ship, under water, in the air and with outliers, and to avoid."""
     planned = plan(study_file(STUDIES[study]))
     rows, of = [], read_study(study)
     for what, environment, condition in (

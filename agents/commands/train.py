@@ -50,7 +50,7 @@ def main(
     """
     from agents.policies.checkpoint import npz_path
     from agents.studies.worlds import environment_id
-    from agents.training.algorithms import read_settings, tuned_settings
+    from agents.training.algorithms import read_settings
 
     algorithm = algorithm.lower()
     out = npz_path(out or Path("results") / algorithm)
@@ -63,9 +63,7 @@ def main(
             )
         env_id = environment_id(env_id)
         settings = read_settings(hyperparameters, env_id)[1] if hyperparameters else {}
-        if (table := tuned_settings(algorithm, env_id)[0]) != env_id:
-            of = "the defaults, not tuned" if table == "default" else f"those of {table}"
-            print(f"settings: {of} ({algorithm}.toml)", flush=True)
+        _tell_settings(algorithm, env_id)
         given = {"settings": settings | set_, "steps": steps, "algorithm": algorithm}
         given |= {"memory": memory, "env_options": options, "resume": resume, "force": force}
         if runs == 1:
@@ -75,6 +73,15 @@ def main(
     print(f"wrote {out}, and for stable-baselines3 {out.with_suffix('.zip')}")
     if runs == 1:
         _tell_best(out.with_suffix(""))
+
+
+def _tell_settings(algorithm: str, env_id: str) -> None:
+    """Print whose settings train an environment that has none of its own."""
+    from agents.training.algorithms import tuned_settings
+
+    if (table := tuned_settings(algorithm, env_id)[0]) != env_id:
+        of = "the defaults, not tuned" if table == "default" else f"those of {table}"
+        print(f"settings: {of} ({algorithm}.toml)", flush=True)
 
 
 def _tell_best(folder: Path) -> None:

@@ -40,25 +40,16 @@ def main(
     """Watch one episode in a window or, with --out, write it to a file."""
     import gymnasium as gym
 
-    from agents import episode, load_agent
-    from agents.episodes.recording import TYPICAL
+    from agents import load_agent
     from agents.files import check_file
-    from agents.studies.worlds import environment_options, registered_id, system_of
-    from agents.wrapped import Wrapped
+    from agents.studies.worlds import environment_options, registered_id
 
     with asked():
         check_kind(out)
         options = environment_options(env_id := registered_id(env_id), options)
         check_display() if out is None else check_file(out)
     if out is not None and out.suffix.lower() == PAGE:
-        with asked():
-            page = episode(env_id, None, agent, seed, options, trust)
-        page.save(out)
-        scores = ", ".join(f"{score:.3f} on {name}" for name, score in page.scores.items())
-        which = page.page["conditions"][-1]  # seed 7
-        if seed is None and not isinstance(system_of(env_id), Wrapped):
-            which = f"the most typical of {TYPICAL} episodes ({which})"
-        print(f"wrote {out}, {which}, score {scores}")
+        _write_page(env_id, agent, seed, options, trust, out)
         return
     with asked():
         drawn = environment_options(env_id, {"render_mode": "rgb_array" if out else "human"})
@@ -72,6 +63,25 @@ def main(
         flown = fly(env, flyer, observation)
         score = record(env, flown, out, every) if out else show(env, flown)
     print(f"wrote {out}, score {score:.3f}" if out else f"score {score:.3f}")
+
+
+def _write_page(
+    env_id: str, agent: str, seed: int | None, options: dict[str, Any], trust: bool, out: Path
+) -> None:
+    """Write an episode as a page, and print which it is and its scores."""
+    from agents import episode
+    from agents.episodes.recording import TYPICAL
+    from agents.studies.worlds import system_of
+    from agents.wrapped import Wrapped
+
+    with asked():
+        page = episode(env_id, None, agent, seed, options, trust)
+    page.save(out)
+    scores = ", ".join(f"{score:.3f} on {name}" for name, score in page.scores.items())
+    which = page.page["conditions"][-1]  # seed 7
+    if seed is None and not isinstance(system_of(env_id), Wrapped):
+        which = f"the most typical of {TYPICAL} episodes ({which})"
+    print(f"wrote {out}, {which}, score {scores}")
 
 
 def check_kind(out: Path | None) -> None:

@@ -118,9 +118,9 @@ class Condition(_Somewhere):
         mismatch: Relative spread of the truth's parameters around the filters'.
         latency: Seconds by which sensors are late, by name; an environment has those of them that
             it has.
-        faults: What goes wrong with sensors, likewise: fields of a
+        faults: Faults of sensors by their names: fields of a
             `vessel_gym.sensor_faults.SensorFault` each.
-        environments: Where it is flown; empty: everywhere.
+        environments: Environments that have it; empty: all of them.
     """
 
     name: str
