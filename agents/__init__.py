@@ -32,21 +32,22 @@ __all__ = [
     "save_agent",
 ]
 
-_MODULES = {
-    "agent": ("Agent", "RandomAgent", "load_agent"),
-    "controllers": ("register_controller",),
-    "controllers.turning": ("TurningAutopilot",),
-    "episodes": ("Episode", "episode"),
-    "metrics": ("Metric", "register_metrics"),
-    "policies.checkpoint": ("save_agent",),
-    "rollouts": ("Rollout", "rollout"),
-}
+_MODULES = (
+    "controllers",
+    "rollouts",
+    "agent",
+    "metrics",
+    "policies.checkpoint",
+    "episodes",
+    "controllers.turning",
+)
+"""Modules of these names, in which they are looked for."""
 
 
 def __getattr__(name: str) -> Any:
-    for module, names in _MODULES.items():
-        if name in names:
-            return getattr(import_module(f"agents.{module}"), name)
+    for module in _MODULES if name in __all__ else ():
+        if hasattr(found := import_module(f"agents.{module}"), name):
+            return getattr(found, name)
     raise AttributeError(f"module 'agents' has no attribute {name!r}")
 
 

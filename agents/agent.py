@@ -2,7 +2,7 @@
 
 import os
 from pathlib import Path
-from typing import Any, Protocol, cast, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from gymnasium.spaces import Box
@@ -10,7 +10,7 @@ from gymnasium.spaces import Box
 from agents.controllers import CONTROLLERS, PPO, RANDOM, make_controller, unknown_controller
 from agents.policies.agent import TrainedAgent
 from agents.policies.checkpoint import packaged, policy_path
-from agents.wrapped import Wrapped
+from agents.wrapped import core_of
 from estimators.checks import short_repr
 
 
@@ -89,8 +89,7 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
     if os.path.isfile(path):  # which takes any name; pathlib raises for one that is too long
         return TrainedAgent(path, given, trust)
     if isinstance(name, str) and ":" in name:
-        one = env.envs[0] if hasattr(env, "envs") else given
-        return make_controller(name, env.system if ours else cast(Any, Wrapped(given.spec.id, one)))
+        return make_controller(name, core_of(given).system)
     if Path(name).suffix in (".zip", ".npz") or len(Path(name).parts) > 1:
         raise ValueError(f"there is no checkpoint {str(name)!r}")
     if not ours:

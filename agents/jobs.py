@@ -103,10 +103,10 @@ class Outcome:
     seconds: dict[str, float] = field(default_factory=dict)
     failures: dict[str, str] = field(default_factory=dict)
 
-    def add(self, key: str, record: dict[str, Any] | None, failure: str) -> None:
-        """Take in the end of a job: what `load` gives, or else why there is nothing."""
-        if record is None:
-            self.failures[key] = failure
+    def add(self, key: str, record: dict[str, Any]) -> None:
+        """Take in the end of a job: what `load` gives, or else its ``failure``."""
+        if "failure" in record:
+            self.failures[key] = record["failure"]
         else:
             self.values[key], self.seconds[key] = record["values"], record["cpu_seconds"]
 
@@ -148,7 +148,7 @@ def run(
     outcome = Outcome()
     for key, job in wanted.items():
         if record := load(job, folder):
-            outcome.add(key, record, "")
+            outcome.add(key, record)
     left = [job for key, job in wanted.items() if key not in outcome.values]
     for first in (True, False):
         ready = []
@@ -165,8 +165,8 @@ def run(
     return outcome
 
 
-End = tuple[str, dict[str, Any] | None, str]
-"""Key of a job, its record, and why there is none."""
+End = tuple[str, dict[str, Any]]
+"""Key of a job, and its record, or the reason why there is none as ``failure``."""
 
 
 def _compute_all(
@@ -230,11 +230,11 @@ def _on_cluster(jobs: list[Job], folder: Path, scheduler: str) -> Iterator[End]:
         futures = client.map(compute, jobs, folder=folder, pure=False)
         submitted = dict(zip(futures, jobs, strict=True))
         for future in as_completed(submitted):
-            error = future.exception()
-            if isinstance(error, KilledWorker):
-                yield submitted[future].key, None, f"{submitted[future].label}: {error}"
-            else:
+            try:
                 yield future.result()
+            except KilledWorker as error:
+                job = submitted[future]
+                yield job.key, {"failure": f"{job.label}: {error}"}
 
 
 def compute(job: Job, folder: Path) -> End:
@@ -252,18 +252,18 @@ def compute(job: Job, folder: Path) -> End:
     if not folder.is_dir():
         raise OSError(f"{platform.node()} does not see {folder}: all workers need that folder")
     if record := load(job, folder):
-        return job.key, record, ""
+        return job.key, record
     begin = time.process_time()
     try:
         values = json.loads(json.dumps(job.call(folder), default=lambda array: array.tolist()))
         digest = _digest(job, folder, values)
     except (Exception, SystemExit):
-        return job.key, None, f"{job.label}: {traceback.format_exc()}"
+        return job.key, {"failure": f"{job.label}: {traceback.format_exc()}"}
     seconds = time.process_time() - begin
     record = {"job": job.description, "values": values, "cpu_seconds": seconds, "sha256": digest}
     with replacing(folder / f"{job.key}.json") as temporary:
         temporary.write_text(json.dumps(record), encoding="utf-8")
-    return job.key, record, ""
+    return job.key, record
 
 
 def load(job: Job, folder: Path) -> dict[str, Any] | None:

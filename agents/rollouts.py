@@ -1,10 +1,11 @@
 """Fly any agent in any environment over many seeds, and keep what is needed to score it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -13,11 +14,15 @@ import vessel_gym  # noqa: F401  (registers the environments)
 from agents.agent import Agent, load_agent
 from agents.named import vector_class
 from agents.refusal import Refusal
+from agents.wrapped import core_of
 from estimators import nis
 from estimators.checks import short_repr
 from vessel_gym import checks
 from vessel_gym.checks import is_integer
 from vessel_gym.envs.vector import VesselVectorEnv
+
+Arrays = dict[str, np.ndarray]
+"""Arrays with a row for each episode, by their key in ``info``."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -37,8 +42,8 @@ class Rollout:
             after an episode's end repeat its last values. Beside that ``nis``: the normalised
             innovation squared, NaN where an estimator has none, and at an episode's end.
         env: The (closed) vector environment, for its system and spaces.
-        scenario: ``(N, k)`` parameters of the episode that the task has drawn; None where the
-            environment is not ours.
+        scenario: ``(N, k)`` array of the parameters of the episode that the task has drawn; None where
+            the environment is not ours.
     """
 
     env_id: str
@@ -48,14 +53,19 @@ class Rollout:
     length: np.ndarray
     terminated: np.ndarray
     end: np.ndarray
-    history: dict[str, np.ndarray]
+    history: Arrays
     env: Any
-    scenario: np.ndarray | None
+    scenario: Any
 
     def __repr__(self) -> str:
         episodes = f"{len(self.seeds)} episode{'s' * (len(self.seeds) != 1)}"
         flown = f"mean score {self.score.mean():.3f}, {self.length.sum()} steps"
         return f"<Rollout {self.env_id}: {episodes}, {flown}>"
+
+    @cached_property
+    def core(self) -> Any:
+        """The core of the environment, or the `agents.wrapped.Wrapped` that stands for it."""
+        return core_of(self.env)
 
     @property
     def alive(self) -> np.ndarray:
@@ -108,9 +118,12 @@ def rollout(
         start = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
         core: Any = getattr(env.unwrapped, "core", None)
         scenario = None if core is None else core.scenario.copy()
-        flown, frames = _flown(env, flyer, *start, core, record, ensembles)
-    history = {key: np.stack([each[key] for each in frames]) for key in (frames or [{}])[0]}
-    return Rollout(env_id, np.array(seeds), history=history, env=env, scenario=scenario, **flown)
+
+        def frame(info: dict[str, Any]) -> Arrays:
+            return _frame(info, core, ensembles) if record else {}
+
+        flown = _flown(env, flyer, *start, frame)
+    return Rollout(env_id, np.array(seeds), env=env, scenario=scenario, **flown)
 
 
 def _flown(
@@ -118,13 +131,11 @@ def _flown(
     agent: Agent,
     observations: np.ndarray,
     info: dict[str, Any],
-    core: Any,
-    record: bool,
-    ensembles: bool,
-) -> tuple[dict[str, np.ndarray], list[dict[str, np.ndarray]]]:
-    """Fields of a `Rollout` and frames of its history: one episode in each environment."""
-    count = env.num_envs
-    frames = [_frame(info, core, ensembles)] if record else []
+    frame: Callable[[dict[str, Any]], Arrays],
+) -> dict[str, Any]:
+    """Fields of a `Rollout`: one episode in each environment."""
+    count, frames = env.num_envs, [frame(info)]
+    last = {key: values.copy() for key, values in frames[0].items()}
     alive, ended = np.ones(count, bool), np.zeros(count, bool)
     returns, length = np.zeros(count), np.zeros(count, int)
     score, end = np.full(count, np.nan), np.full(count, "", dtype=object)
@@ -132,16 +143,36 @@ def _flown(
         action = acted(agent, observations, env.action_space.shape)
         observations, reward, terminated, truncated, info = env.step(action)
         done = (terminated | truncated) & alive
-        final = info.get("final_info", {}) if done.any() else {}
-        if record:
-            frames.append(_next(frames[-1], _frame(info, core, ensembles), final, alive, done))
+        if done.any():
+            final = info.get("final_info", {})
+            score[done], end[done] = final.get("score", score)[done], final.get("end", end)[done]
+            for key, values in last.items():
+                values[done] = final.get(key, frames[-1][key])[done]
+        frames.append(frame(info))
         returns += np.where(alive, reward, 0.0)
         length, ended = length + alive, ended | (terminated & done)
-        score[done], end[done] = final.get("score", score)[done], final.get("end", end)[done]
         alive &= ~done
-    score = np.where(np.isnan(score), returns, score)
-    names = "score", "returns", "length", "terminated", "end"
-    return dict(zip(names, (score, returns, length, ended, end), strict=True)), frames
+    return {
+        "score": np.where(np.isnan(score), returns, score),
+        "returns": returns,
+        "length": length,
+        "terminated": ended,
+        "end": end,
+        "history": _history(frames, last, length),
+    }
+
+
+def _history(frames: list[Arrays], last: Arrays, length: np.ndarray) -> Arrays:
+    """History of episodes of these lengths, from the last values of each on.
+
+    A belief is by then that of another episode, so there is none.
+    """
+    over = np.arange(len(frames))[:, None] >= length
+    history = {}
+    for key, ends in last.items():
+        values = history[key] = np.stack([each[key] for each in frames])
+        values[over] = np.nan if key in _OF_BELIEF else np.broadcast_to(ends, values.shape)[over]
+    return history
 
 
 def acted(agent: Agent, observations: np.ndarray, shape: tuple[int, ...] | None) -> np.ndarray:
@@ -160,10 +191,10 @@ def acted(agent: Agent, observations: np.ndarray, shape: tuple[int, ...] | None)
     return actions
 
 
-def _frame(info: dict[str, Any], core: Any, ensembles: bool) -> dict[str, np.ndarray]:
-    """Numeric arrays of an ``info`` by key, and `_OF_BELIEF`; NIS is NaN if there is none."""
+def _frame(info: dict[str, Any], core: Any, ensembles: bool) -> Arrays:
+    """Copies of the numeric arrays of an ``info``, and `_OF_BELIEF`; NIS is NaN if there is none."""
     frame = {
-        key: value
+        key: value.copy()
         for key, value in info.items()
         if isinstance(value, np.ndarray) and value.dtype != object and not key.startswith("_")
     }
@@ -174,28 +205,7 @@ def _frame(info: dict[str, Any], core: Any, ensembles: bool) -> dict[str, np.nda
         size = np.abs(belief.mean).max(-1, keepdims=True)
         frame["nis"] = nis(belief.innovation, belief.innovation_cov, size)
     if ensembles and belief.ensemble is not None:
-        frame["ensemble"] = belief.ensemble
-    return frame
-
-
-def _next(
-    before: dict[str, np.ndarray],
-    now: dict[str, np.ndarray],
-    final: dict[str, Any],
-    alive: np.ndarray,
-    done: np.ndarray,
-) -> dict[str, np.ndarray]:
-    """The frame of a history after a step.
-
-    Of episodes that end now it holds the final values, of those that have ended the last ones; of a
-    belief, which is by then that of another episode, NaN.
-    """
-    frame = {}
-    for key, last in before.items():
-        over = np.nan if key in _OF_BELIEF else last
-        frame[key] = np.where(rows_like(alive & ~done, last), now[key], over)
-        if key in final:
-            frame[key] = np.where(rows_like(done, last), final[key], frame[key])
+        frame["ensemble"] = belief.ensemble.copy()
     return frame
 
 
@@ -223,14 +233,10 @@ def batch(
     else:
         mode = {"vectorization_mode": "sync", "vector_kwargs": mode}
     env = gym.make_vec(env_id, num_envs=num_envs, **mode, **options)
-    if native and cast(VesselVectorEnv, env.unwrapped).max_episode_steps is None:
+    made: Any = env.unwrapped
+    if (made if native else made.envs[0].spec).max_episode_steps is None:
         env.close()
         raise ValueError(
             f"episodes of {env_id} may never end: register it with max_episode_steps, or give that"
         )
     return env
-
-
-def rows_like(rows: np.ndarray, array: np.ndarray) -> np.ndarray:
-    """The mask ``rows (...)`` with as many axes as an array ``(..., k, ...)``."""
-    return rows.reshape(rows.shape + (1,) * (array.ndim - rows.ndim))

@@ -14,6 +14,7 @@ import gymnasium as gym
 import numpy as np
 
 from agents.named import loaded
+from vessel_gym.wrappers import EstimatedObservation
 from vessel_gym.wrappers.watch import Watch, time_step
 
 _IMPLIED = {
@@ -40,14 +41,13 @@ class Wrapped:
     """An environment of others, with the attributes of a system and of a core that `agents` needs.
 
     Args:
-        name: The id under which it is registered.
-        env: One environment of that id.
+        env: One registered environment.
     """
 
-    def __init__(self, name: str, env: gym.Env) -> None:
+    def __init__(self, env: Any) -> None:
         watch = watch_of(env)
-        self.name, self.system = name, self
-        self.task = Episodes((env.spec and env.spec.max_episode_steps) or 0)
+        self.name, self.system = env.spec.id, self
+        self.task = Episodes(env.spec.max_episode_steps)
         self.vehicle = SimpleNamespace(dt=time_step(env))
         self.estimator = "" if watch is None else watch.estimator
         names = () if watch is None else watch.sensors.state_names
@@ -67,27 +67,17 @@ class Wrapped:
 def watch_of(env: Any) -> Watch | None:
     """The estimation of the `EstimatedObservation` within an environment; None without one."""
     while isinstance(env, gym.Wrapper):
-        if isinstance(found := vars(env).get("watch"), Watch):
-            return found
+        if isinstance(env, EstimatedObservation):
+            return env.watch
         env = env.env
     return None
 
 
-def wrapped_system(env_id: str) -> Wrapped:
-    """An environment of others by its registered id.
-
-    Raises:
-        ValueError: if it cannot be made, or its episodes may never end.
-    """
-    try:
-        env = gym.make(env_id)
-    except (ValueError, TypeError, ImportError, gym.error.Error) as error:
-        raise ValueError(f"{env_id} cannot be made: {error}") from error
-    if not env.spec or not env.spec.max_episode_steps:
-        raise ValueError(
-            f"episodes of {env_id} may never end: register it with max_episode_steps, or give that"
-        )
-    return Wrapped(env_id, env)
+def core_of(env: Any) -> Any:
+    """The core of an environment or of a batch, or the `Wrapped` that stands for it."""
+    if hasattr(env.unwrapped, "core"):
+        return env.unwrapped.core
+    return Wrapped(getattr(env.unwrapped, "envs", [env])[0])
 
 
 def taken_options(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
@@ -101,7 +91,7 @@ def taken_options(env_id: str, options: Mapping[str, Any]) -> dict[str, Any]:
     every = any(each.kind is Parameter.VAR_KEYWORD for each in parameters.values())
     taken = {}
     for key, value in options.items():
-        if value is None or value in _IMPLIED.get(key, ()):
+        if value in (None, {}, [], *_IMPLIED.get(key, ())):
             continue
         if key not in parameters and (key in _OURS or not every):
             raise TypeError(

@@ -57,7 +57,7 @@ def _fly(
     import numpy as np
 
     from agents import rollout
-    from agents.metrics import SCORE, core_of, metrics, scores
+    from agents.metrics import SCORE, metrics, scores
 
     columns = {}
     with progress_bar("estimators", len(worlds)) as advance:
@@ -66,7 +66,7 @@ def _fly(
             columns[name] = scores(flown)
             advance()
     sections: tuple[list[list[str]], list[list[str]]] = ([], [])
-    for metric in metrics(core_of(flown).system):
+    for metric in metrics(flown.core.system):
         values = [column[metric.key] for column in columns.values()]
         if np.isfinite(values).any():
             sections[not (metric.cost or metric.key == SCORE.key)].append(_row(metric, values))

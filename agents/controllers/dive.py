@@ -178,7 +178,6 @@ class DiveAutopilot(Controller):
         self._vertical = regulator(vehicle, t, lateral=False)
         turns = "rudder" in vehicle.action_names
         self._lateral = regulator(vehicle, t, lateral=True) if turns else None
-        self._thrust_gain = vehicle.body.mass / t.speed
 
     def _actions(self, observations: np.ndarray) -> np.ndarray:
         """Actions ``(B, a)``: fins and thrust."""
@@ -195,7 +194,7 @@ class DiveAutopilot(Controller):
             feedback = self._lateral.feedback(drift, *rates, o["roll"], course, o["aside"])
             fins.insert(0, rudder - feedback)
             thrust = thrust + turning - body.cruise_thrust
-        return self._shares(fins, thrust - self._thrust_gain * o["surge error"])
+        return self._shares(fins, thrust - body.mass / self.tolerances.speed * o["surge error"])
 
     def _observed(self, observations: np.ndarray) -> dict[str, np.ndarray]:
         """Observed quantities in SI, ``(B,)`` each, and what the guidance makes of them.

@@ -9,22 +9,16 @@ from agents.controllers.loops import Controller, Loop, bryson, jacobian, regulat
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.puna import Puna, trim
 
-
-class FlightTolerances:
-    """Deviations that count alike in the quadratic costs (Bryson's rule).
-
-    Each weight is 1 / tolerance^2.
-    """
-
-    cross_track = 2.0  # m
-    course = 0.15  # rad
-    bank = 0.25  # rad, of the command
-    altitude = 1.0  # m
-    climb = 0.7  # m/s
-    airspeed = 1.0  # m/s
-    thrust = 3.0  # N
-    alpha = 0.007  # rad
-    approach = 0.8  # rad, course at which the vector field meets the path from afar
+# Deviations that count alike in the quadratic costs (Bryson's rule): each weight is 1 / tolerance^2.
+CROSS_TRACK = 2.0  # m
+COURSE = 0.15  # rad
+BANK = 0.25  # rad, of the command
+ALTITUDE = 1.0  # m
+CLIMB = 0.7  # m/s
+AIRSPEED = 1.0  # m/s
+THRUST = 3.0  # N
+ALPHA = 0.007  # rad
+APPROACH = 0.8  # rad, course at which the vector field meets the path from afar
 
 
 @cache
@@ -46,8 +40,8 @@ def lateral_gains(vehicle: Puna) -> np.ndarray:
     ])  # fmt: skip
     third = (0.5 * dt**2 - second) / rate
     B = np.array([[speed * turn * rate * third], [turn * rate * second], [rate * first]])
-    Q = bryson(FlightTolerances.cross_track, FlightTolerances.course, np.inf)
-    return regulator_gains(A, B, Q, bryson(FlightTolerances.bank))[0]
+    Q = bryson(CROSS_TRACK, COURSE, np.inf)
+    return regulator_gains(A, B, Q, bryson(BANK))[0]
 
 
 @cache
@@ -73,9 +67,9 @@ def longitudinal_gains(vehicle: Puna) -> np.ndarray:
 
     level = np.array([0.0, body.cruise_speed, 0.0] + 2 * [steady.thrust, steady.alpha])
     AB = jacobian(after, level)
-    slope = FlightTolerances.climb / body.cruise_speed
-    Q = bryson(FlightTolerances.altitude, FlightTolerances.airspeed, slope, np.inf, np.inf)
-    R = bryson(FlightTolerances.thrust, FlightTolerances.alpha)
+    slope = CLIMB / body.cruise_speed
+    Q = bryson(ALTITUDE, AIRSPEED, slope, np.inf, np.inf)
+    R = bryson(THRUST, ALPHA)
     return regulator_gains(AB[:, :5], AB[:, 5:], Q, R)
 
 
@@ -95,7 +89,7 @@ class FlightAutopilot(Controller):
         body = self._body = self._vehicle.body
         self._lateral = lateral_gains(self._vehicle)
         self._longitudinal = longitudinal_gains(self._vehicle)
-        self._slope = self._lateral[0] / self._lateral[1] / FlightTolerances.approach
+        self._slope = self._lateral[0] / self._lateral[1] / APPROACH
         self._banks = np.linspace(0.0, body.bank_limit, 20)
         steady = [trim(body.cruise_speed, body, bank=bank) for bank in self._banks]
         self._trims = np.array([[s.thrust, s.alpha] for s in steady]).T
@@ -127,7 +121,7 @@ class FlightAutopilot(Controller):
 
     def _field(self, cross: np.ndarray) -> np.ndarray:
         """Commanded course [rad] to the left of the path at a distance to the right of it [m]."""
-        return FlightTolerances.approach * np.arctan(self._slope * cross)
+        return APPROACH * np.arctan(self._slope * cross)
 
 
 @register_controller(Flight, "lqg")
@@ -135,7 +129,7 @@ class FlightRegulator(FlightAutopilot):
     """The linear-quadratic regulators alone, without the vector field's bound."""
 
     def _field(self, cross: np.ndarray) -> np.ndarray:
-        return FlightTolerances.approach * self._slope * cross
+        return APPROACH * self._slope * cross
 
 
 @register_controller(Flight, "pid")
@@ -152,9 +146,9 @@ class FlightPID(FlightAutopilot):
         body, dt = self._body, self._vehicle.dt
         lift = 0.5 * body.density[2] * body.cruise_speed**2 * body.area * body.lift[0]  # N/rad
         self._loops = (
-            Loop(body.gravity, 0.0, FlightTolerances.cross_track, FlightTolerances.bank, dt),
-            Loop(lift / body.mass, 0.0, FlightTolerances.altitude, FlightTolerances.alpha, dt),
-            Loop(1.0 / body.mass, None, FlightTolerances.airspeed, FlightTolerances.thrust, dt),
+            Loop(body.gravity, 0.0, CROSS_TRACK, BANK, dt),
+            Loop(lift / body.mass, 0.0, ALTITUDE, ALPHA, dt),
+            Loop(1.0 / body.mass, None, AIRSPEED, THRUST, dt),
         )
 
     def _actions(self, observations: np.ndarray) -> np.ndarray:

@@ -1,17 +1,17 @@
 """One episode on several estimators: flown, packed into a page, shown."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing, suppress
 from typing import Any
 
 import numpy as np
 
 from agents.episodes.page import FRAMES, Episode, curves, drawn, packed, root
-from agents.metrics import core_of, metrics, scores
-from agents.metrics.metric import core_in
+from agents.metrics import metrics, scores
 from agents.page import number
 from agents.rollouts import Rollout, batch, rollout
 from agents.seeds import evaluation_seeds
+from agents.wrapped import core_of
 from estimators.checks import short_repr
 from vessel_gym import checks
 from vessel_gym.rendering.scene import Chart, Scene, Series, ambients
@@ -55,7 +55,7 @@ def episode(
     first = options.pop("estimator", None)
     plain = {name: each for name, each in options.items() if name != "estimator_options"}
     with closing(batch(env_id, 1, plain)) as env:
-        default, ours = core_in(env, env_id).estimator, hasattr(env.unwrapped, "core")
+        default, ours = core_of(env).estimator, hasattr(env.unwrapped, "core")
     if not default:
         raise ValueError(
             f"{env_id!r} has no estimator in the loop: wrap it in"
@@ -74,11 +74,11 @@ def episode(
     names = [_name(each) for each in estimators]
     if len(set(names)) < len(names):
         raise ValueError(f"each estimator is shown once, got {', '.join(names)}")
-    worlds = [chosen(each) for each in estimators]
-    if seed is None:
-        seed = _typical_seed(agent, env_id, worlds, trust) if ours else 0
-    flown = [rollout(agent, env_id, [seed], world, trust=trust, ensembles=True) for world in worlds]
-    return Episode(page_of(flown, names))
+    worlds = dict(zip(names, map(chosen, estimators), strict=True))
+    if seed is None and not ours:
+        seed = 0
+    seeds = evaluation_seeds(TYPICAL) if seed is None else [seed]
+    return Episode(typical_page(agent, env_id, worlds, seeds, trust))
 
 
 def _can_be_made(env_id: str, options: dict[str, Any]) -> bool:
@@ -102,11 +102,32 @@ def typical_seed(scores: np.ndarray, seeds: Sequence[int]) -> int:
     return seeds[int(np.square((scores - scores.mean(1, keepdims=True)) / spread).sum(0).argmin())]
 
 
-def _typical_seed(agent: Any, env_id: str, worlds: list[dict[str, Any]], trust: bool) -> int:
-    """The typical seed of evaluation episodes in these worlds."""
-    seeds = evaluation_seeds(TYPICAL)
-    flown = [rollout(agent, env_id, seeds, each, record=False, trust=trust) for each in worlds]
-    return typical_seed(np.array([each.score for each in flown]), seeds)
+def typical_page(
+    agent: Any,
+    env_id: str,
+    worlds: Mapping[str, dict[str, Any]],
+    seeds: Sequence[int],
+    trust: bool = False,
+) -> dict[str, Any]:
+    """Data of the page of the `typical_seed`.
+
+    Args:
+        agent: As `rollout` takes it; it steers on each estimator afresh.
+        env_id: A registered environment.
+        worlds: Options of the environment by name of the estimator.
+        seeds: Of which the typical one is shown.
+        trust: See `agents.load_agent`.
+    """
+
+    def fly(seeds: Sequence[int], record: bool) -> list[Rollout]:
+        return [
+            rollout(agent, env_id, seeds, each, None, record, trust, ensembles=record)
+            for each in worlds.values()
+        ]
+
+    if len(seeds) > 1:
+        seeds = [typical_seed(np.array([each.score for each in fly(seeds, False)]), seeds)]
+    return page_of(fly(seeds, True), list(worlds))
 
 
 def _name(estimator: Any) -> str:
@@ -120,7 +141,7 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
 
     An environment of others has no map; its page holds charts of truth and estimate.
     """
-    ours, core = hasattr(flown[0].env.unwrapped, "core"), core_of(flown[0])
+    ours, core = hasattr(flown[0].env.unwrapped, "core"), flown[0].core
     name, dt = core.system.name, core.vehicle.dt
     every = 1 + int(max(each.length[0] for each in flown)) // FRAMES
     histories = [_first_row(each) for each in flown]
@@ -142,9 +163,8 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
             for each, name, history in zip(flown, names, histories, strict=True)
         ]
         return page
-    assert flown[0].scenario is not None
     around = surroundings_of(core, flown[0].scenario[0])
-    scenes = [Scene(core_of(each), around, h) for each, h in zip(flown, histories, strict=True)]
+    scenes = [Scene(each.core, around, h) for each, h in zip(flown, histories, strict=True)]
     first = scenes[0].position
     return page | {
         "conditions": [*scenes[0].conditions, *page["conditions"]],
@@ -228,6 +248,6 @@ def _costs(flown: Rollout) -> list[dict[str, Any]]:
             "unit": m.unit,
             "meaning": m.meaning,
         }
-        for m in metrics(core_of(flown).system)
+        for m in metrics(flown.core.system)
         if m.cost and np.isfinite(found[m.key][0])
     ]

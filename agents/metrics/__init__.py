@@ -25,7 +25,6 @@ from agents.metrics.metric import (
     Metric,
     components,
     consistency,
-    core_of,
     ended,
     nees_of,
     nis_consistency,
@@ -46,7 +45,6 @@ __all__ = [
     "Metric",
     "components",
     "consistency",
-    "core_of",
     "ended",
     "mean",
     "metrics",
@@ -126,7 +124,7 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
     Raises:
         ValueError: if the rollout kept no history, or a metric is not one value an episode.
     """
-    system, count = core_of(rollout).system, len(rollout.seeds)
+    system, count = rollout.core.system, len(rollout.seeds)
     if not rollout.history and system.estimator:
         raise ValueError("scores need the history of a rollout: fly it with record=True")
     found = {}

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agents.metrics import core_of, ended, register_metrics, rmse
+from agents.metrics import ended, register_metrics, rmse
 from agents.metrics.costs import tails
 from agents.metrics.metric import described, nees_in, rms_of
 from agents.rollouts import Rollout
@@ -14,28 +14,21 @@ POSITION = ("x", "y", "z")
 
 def path_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
     """Distances [m] of the truth from the path ``(T + 1, N)``: in plan, and vertically."""
-    task, h = core_of(rollout).task, rollout.history
-    rows = h["truth"].reshape(-1, h["truth"].shape[-1])
-    scenario = task.scenario_of(h["reference"])
-    where = follow(task.position(rows).reshape(scenario.shape), scenario, 0.0)
+    position = rollout.core.task.position(rollout.history["truth"])
+    where = follow(position, rollout.scenario, 0.0)
     return where[..., 1], where[..., 2] / np.sqrt(1.0 + where[..., 4] ** 2)
 
 
-def _scenario(rollout: Rollout) -> np.ndarray:
-    """Turn [rad], length and depth [m] of each path ``(N, 3)``."""
-    return core_of(rollout).task.scenario_of(rollout.history["reference"][0])
-
-
 def _clearance(rollout: Rollout) -> np.ndarray:
-    task, depth = core_of(rollout).task, _scenario(rollout)[:, 2]
-    height = depth + task.margin - task.position(rollout.history["truth"])[..., 2]
-    return height.min(0)
+    task = rollout.core.task
+    bottom = rollout.scenario[:, 2] + task.margin
+    return (bottom - task.position(rollout.history["truth"])[..., 2]).min(0)
 
 
 def _energy(rollout: Rollout) -> np.ndarray:
-    task, scenario = core_of(rollout).task, _scenario(rollout)
+    task, (_, length, depth) = rollout.core.task, rollout.scenario.T
     power = task.power(rollout.history["actuators"][1:])
-    seconds = np.hypot(scenario[:, 1], scenario[:, 2]) / task.auv.cruise_speed
+    seconds = np.hypot(length, depth) / task.auv.cruise_speed
     return power.sum(0, where=rollout.alive[1:]) * task.dt / seconds
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from agents.metrics import core_of, ended, register_metrics, rmse
+from agents.metrics import ended, register_metrics, rmse
 from agents.metrics.costs import tails
 from agents.metrics.metric import described, nees_in, rms_of
 from agents.rollouts import Rollout
@@ -17,7 +17,7 @@ def path_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
 
     The aircraft is looked for near the farthest place it has reached, as in the score.
     """
-    task, truth, scenario = core_of(rollout).task, rollout.history["truth"], _scenario(rollout)
+    task, truth, scenario = rollout.core.task, rollout.history["truth"], rollout.scenario
     farthest, off = task.initial_score_state(truth[0], scenario)[:, 0], []
     for state in truth:
         true = task.track(state, scenario, farthest)
@@ -26,22 +26,15 @@ def path_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
     return np.stack(off), truth[..., 2] - task.altitude_of(scenario)
 
 
-def _scenario(rollout: Rollout) -> np.ndarray:
-    """The scenario of each episode, see `Flight`."""
-    return core_of(rollout).task.scenario_of(rollout.history["reference"][0])
-
-
 def _clearance(rollout: Rollout) -> np.ndarray:
     """Least distance from an obstacle [m]; NaN where there is none."""
-    task, h = core_of(rollout).task, rollout.history
-    clearance = task.clearance(h["truth"], task.scenario_of(h["reference"]))
-    least = clearance.min(0)
+    least = rollout.core.task.clearance(rollout.history["truth"], rollout.scenario).min(0)
     return np.where(np.isfinite(least), least, np.nan)
 
 
 def _energy(rollout: Rollout) -> np.ndarray | None:
     """Relative energy of the propeller ``(N,)``; None if the truth does not hold the wind."""
-    core, h = core_of(rollout), rollout.history
+    core, h = rollout.core, rollout.history
     forces, names = core.config.world.forces, core.truth_names
     if not set(forces.disturbance.names) <= set(names):
         return None
@@ -50,7 +43,7 @@ def _energy(rollout: Rollout) -> np.ndarray | None:
     wind = forces.on(z, state)[..., len(core.vehicle.increments) : forces.outside]
     power = h["actuators"][1:, :, 0] * airspeed(state, wind)[1:]
     work = power.sum(0, where=rollout.alive[1:]) * core.vehicle.dt
-    return work / (core.task.body.cruise[0] * core.task.length_of(_scenario(rollout)))
+    return work / (core.task.body.cruise[0] * core.task.length_of(rollout.scenario))
 
 
 METRICS = described(

@@ -5,12 +5,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
-from typing import Any
 
 import numpy as np
 
 from agents.rollouts import Rollout
-from agents.wrapped import Wrapped
 from estimators import nees
 from estimators.angles import difference
 from vessel_gym.estimation import WITHOUT_COVARIANCE
@@ -92,7 +90,7 @@ def rmse(*names: str, scale: float = 1.0) -> PerEpisode:
     def of(rollout: Rollout) -> np.ndarray | None:
         if not (chosen := components(rollout, *names)):
             return None
-        core, h = core_of(rollout), rollout.history
+        core, h = rollout.core, rollout.history
         angles = core.filter.model.state_angles
         error = difference(h["estimate"], core.estimated(h["truth"]), angles)[..., chosen]
         return rms(np.sqrt((error**2).sum(-1)), rollout.alive) * scale
@@ -102,7 +100,7 @@ def rmse(*names: str, scale: float = 1.0) -> PerEpisode:
 
 def nees_in(*names: str) -> PerEpisode:
     """Mean NEES of the components with these names."""
-    return lambda rollout: mean_nees(rollout, components(rollout, *names))
+    return lambda rollout: mean_nees(rollout, *names)
 
 
 def ended(end: str) -> PerEpisode:
@@ -116,7 +114,7 @@ def input_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray] | None:
     The estimate of a step is of the input of some steps before: there are as many times fewer. None
     where none is estimated.
     """
-    core, h, alive = core_of(rollout), rollout.history, rollout.alive
+    core, h, alive = rollout.core, rollout.history, rollout.alive
     if core.belief.input_mean is None:
         return None
     delay = core.config.estimation.input_delay
@@ -125,7 +123,7 @@ def input_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def _input_rmse(rollout: Rollout) -> np.ndarray | None:
-    composition, found = core_of(rollout).composition, input_errors(rollout)
+    composition, found = rollout.core.composition, input_errors(rollout)
     if found is None or not composition.inputs:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -133,12 +131,12 @@ def _input_rmse(rollout: Rollout) -> np.ndarray | None:
     return rms(np.sqrt((error**2).mean(-1)), found[1])
 
 
-def mean_nees(rollout: Rollout, components: tuple[int, ...] | None = None) -> np.ndarray | None:
-    """Mean NEES per component of each episode ``(N,)``; None without a covariance."""
-    values, alive = nees_of(rollout, components), rollout.alive
+def mean_nees(rollout: Rollout, *names: str) -> np.ndarray | None:
+    """Mean NEES per component, as `nees_of`, of each episode ``(N,)``."""
+    values, alive = nees_of(rollout, *names), rollout.alive
     if values is None:
         return None
-    return values.mean(0, where=alive) / len(_known(rollout, components))
+    return values.mean(0, where=alive) / len(_known(rollout, names))
 
 
 SCORE, RETURN, STEPS, INPUT, NEES, UNHEALTHY = described(
@@ -154,18 +152,7 @@ SCORE, RETURN, STEPS, INPUT, NEES, UNHEALTHY = described(
 
 def components(rollout: Rollout, *names: str) -> tuple[int, ...]:
     """Indices of the components of the estimated state with these names."""
-    return tuple(i for i, name in enumerate(core_of(rollout).composition.names) if name in names)
-
-
-def core_of(rollout: Rollout) -> Any:
-    """The core of the environment that was flown, or the `Wrapped` that stands for it."""
-    return core_in(rollout.env, rollout.env_id)
-
-
-def core_in(env: Any, env_id: str) -> Any:
-    """The core of a batch, or the `Wrapped` that stands for it."""
-    env = env.unwrapped
-    return env.core if hasattr(env, "core") else Wrapped(env_id, env.envs[0])
+    return tuple(i for i, name in enumerate(rollout.core.composition.names) if name in names)
 
 
 def rms(error: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -173,44 +160,44 @@ def rms(error: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return np.sqrt((error**2).mean(0, where=mask))
 
 
-def nees_of(rollout: Rollout, components: tuple[int, ...] | None = None) -> np.ndarray | None:
+def nees_of(rollout: Rollout, *names: str) -> np.ndarray | None:
     """NEES ``(T + 1, N)``, or None for an estimator without a covariance of its own.
 
     Args:
         rollout: with its history.
-        components: of the filter's state; None: those that the truth has, too.
+        names: of components of the filter's state; none: all that the truth has, too.
     """
-    core, h = core_of(rollout), rollout.history
+    core, h = rollout.core, rollout.history
     if core.estimator in ("", *WITHOUT_COVARIANCE):
         return None
-    chosen = list(_known(rollout, components))
+    chosen = list(_known(rollout, names))
     state = core.estimated(h["truth"])
     angles = tuple(chosen.index(i) for i in core.filter.model.state_angles if i in chosen)
     cov = h["covariance"][..., np.array(chosen)[:, None], chosen]
     return nees(h["estimate"][..., chosen], cov, state[..., chosen], angles)
 
 
-def _known(rollout: Rollout, components: tuple[int, ...] | None) -> tuple[int, ...]:
-    """The components given; None: those of the filter's state that the truth has, too."""
-    if components is not None:
-        return components
-    absent = np.isnan(core_of(rollout).estimated(rollout.history["truth"])).all((0, 1))
+def _known(rollout: Rollout, names: tuple[str, ...]) -> tuple[int, ...]:
+    """Components of these names; without names, those that the truth has, too."""
+    if names:
+        return components(rollout, *names)
+    absent = np.isnan(rollout.core.estimated(rollout.history["truth"])).all((0, 1))
     return tuple(np.flatnonzero(~absent).tolist())
 
 
-def consistency(rollout: Rollout, components: tuple[int, ...] | None = None) -> float | None:
+def consistency(rollout: Rollout, *names: str) -> float | None:
     """Share of times at which the mean NEES over the runs lies in its 95 % chi-square band.
 
     About 0.95 for an estimator that is as good as it says; None for one that says nothing.
 
     Args:
         rollout: with its history.
-        components: of the filter's state; None: those that the truth has, too.
+        names: of components of the filter's state; none: all that the truth has, too.
     """
-    values, alive = nees_of(rollout, components), rollout.alive
+    values, alive = nees_of(rollout, *names), rollout.alive
     if values is None:
         return None
-    size = np.full(values.shape, len(_known(rollout, components)))
+    size = np.full(values.shape, len(_known(rollout, names)))
     return _share_in_band(values, size, alive)
 
 
@@ -221,7 +208,7 @@ def nis_consistency(rollout: Rollout) -> float | None:
     sensors: not every measurement has an innovation when it is delivered.
     """
     values = rollout.history.get("nis")
-    if values is None or core_of(rollout).sensors.horizon:
+    if values is None or rollout.core.sensors.horizon:
         return None
     degrees = rollout.history["available"].sum(-1)
     return _share_in_band(values, degrees, np.isfinite(values))

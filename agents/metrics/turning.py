@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from agents.metrics import core_of, register_metrics, rmse
+from agents.metrics import register_metrics, rmse
 from agents.metrics.costs import tails
 from agents.metrics.metric import (
     PerEpisode,
@@ -26,7 +26,7 @@ _DEGREES = float(np.rad2deg(1.0))
 
 def _true(rollout: Rollout, name: str) -> np.ndarray:
     """A component of the true state ``(T + 1, N)``; NaN if the vehicle has none of this name."""
-    names, truth = core_of(rollout).vehicle.state_names, rollout.history["truth"]
+    names, truth = rollout.core.vehicle.state_names, rollout.history["truth"]
     return truth[..., names.index(name)] if name in names else np.full(truth.shape[:-1], np.nan)
 
 
@@ -38,14 +38,13 @@ def _ahead(rollout: Rollout) -> np.ndarray:
     """Distance [m] made good through the water on the commanded heading."""
     speed = np.hypot(_true(rollout, "u"), _true(rollout, "v"))
     ahead = (speed * np.cos(_heading_error(rollout)))[1:]
-    return ahead.sum(0, where=rollout.alive[1:]) * core_of(rollout).task.dt
+    return ahead.sum(0, where=rollout.alive[1:]) * rollout.core.task.dt
 
 
 def _on_track(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
     """Progress along the track and distance off it [m], ``(T + 1, N)``."""
-    task = core_of(rollout).task
     place = np.stack([_true(rollout, "x"), _true(rollout, "y")], -1)
-    return task.on_track(task.scenario_of(rollout.history["reference"][0]), place)
+    return rollout.core.task.on_track(rollout.scenario, place)
 
 
 def _off_track(rollout: Rollout) -> np.ndarray:
@@ -64,7 +63,7 @@ def _propulsion(rollout: Rollout) -> tuple[np.ndarray, np.ndarray] | None:
     The propellers turn at constant revolutions, and their torque is taken to rise and fall as their
     thrust.
     """
-    if tuple(core_of(rollout).vehicle.parameter_names) != COEFFICIENTS:
+    if tuple(rollout.core.vehicle.parameter_names) != COEFFICIENTS:
         return None
     h = rollout.history
     return propulsion(h["truth"][..., : len(STATE)], h["actuators"][..., 0], h["parameters"])
@@ -84,7 +83,7 @@ def _fuel(made_good: Callable[[Rollout], np.ndarray]) -> PerEpisode:
             return None
         distance = made_good(rollout)
         speed, load = straight_course(rollout.history["parameters"][0])
-        energy = found[0][1:].sum(0, where=rollout.alive[1:]) * core_of(rollout).vehicle.dt
+        energy = found[0][1:].sum(0, where=rollout.alive[1:]) * rollout.core.vehicle.dt
         return 100.0 * (energy / np.where(distance > 0.0, distance, np.nan) * speed / load)
 
     return of
@@ -92,7 +91,7 @@ def _fuel(made_good: Callable[[Rollout], np.ndarray]) -> PerEpisode:
 
 def _input_rmse(rollout: Rollout) -> np.ndarray | None:
     """RMS error of the estimated yaw increment [mrad]; None where none is estimated."""
-    found, inputs = input_errors(rollout), core_of(rollout).unknown_inputs
+    found, inputs = input_errors(rollout), rollout.core.unknown_inputs
     if found is None or _INPUT not in inputs:
         return None
     return 1e3 * rms(found[0][..., inputs.index(_INPUT)], found[1])

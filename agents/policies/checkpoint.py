@@ -204,7 +204,7 @@ def load(path: Path, space: Any, trust: bool) -> tuple[Policy, Any]:
         if "description" in file:
             arrays = dict(file)
             policy = Policy(**json.loads(str(arrays.pop("description")))["policy"])
-            network = Network(policy.layers, arrays, policy.squash, space.low, space.high)
+            network = Network(policy.layers, arrays, policy.squash, space)
             if not np.isfinite(network(np.zeros((1, *policy.observations), np.float32))[0]).all():
                 raise ValueError("its actions are not finite")
             return policy, network

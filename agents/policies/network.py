@@ -23,15 +23,13 @@ class Network:
         arrays: Parameters, as ``"<number of the layer>.<name>"``; a weight that is a vector scales
             each component.
         squash: Scale the outputs from [-1, 1] to the bounds of the actions; otherwise clip them.
-        low: Lower bounds of the actions.
-        high: Upper bounds of the actions.
+        space: Space of the actions, with their bounds.
     """
 
     layers: list[str]
     arrays: dict[str, np.ndarray]
     squash: bool
-    low: Any = -1.0
-    high: Any = 1.0
+    space: Any
 
     def __call__(self, values: np.ndarray, state: Any = None) -> tuple[np.ndarray, Any]:
         """Mean actions ``(B, a)`` and the next recurrent state, for observations ``(B, k)``."""
@@ -44,9 +42,10 @@ class Network:
                 values = (values @ weight.T if weight.ndim == 2 else values * weight) + bias
             else:
                 values = ACTIVATIONS[layer](values)
+        low, high = self.space.low, self.space.high
         if self.squash:
-            return self.low + 0.5 * (values + 1.0) * (self.high - self.low), state
-        return np.clip(values, self.low, self.high), state
+            return low + 0.5 * (values + 1.0) * (high - low), state
+        return np.clip(values, low, high), state
 
 
 def _lstm(
@@ -72,7 +71,7 @@ def exported(policy: Any) -> Network:
     """
     space = policy.action_space
     try:
-        network = Network(*_chain(policy), policy.squash_output, space.low, space.high)
+        network = Network(*_chain(policy), policy.squash_output, space)
         trial = np.random.default_rng(0).normal(size=(8, *policy.observation_space.shape))
         observations = trial.astype(np.float32)
         expected, _ = policy.predict(observations, deterministic=True)

@@ -2,12 +2,8 @@
 
 from typing import Any
 
-import numpy as np
-
-from agents.controllers import make_controller
-from agents.episodes.recording import page_of, typical_seed
+from agents.episodes.recording import typical_page
 from agents.jobs import Job
-from agents.rollouts import Rollout, rollout
 from agents.studies.plan import Plan
 from agents.studies.records import FLOOR, ORACLE
 from agents.studies.worlds import environment_options, import_own, registered_id, system_of
@@ -57,22 +53,13 @@ def example(
     Args:
         environment: As in the study, and so is the agent.
         estimators: The study's name of each, and the environment's options with it.
-        agent: As `agents.controllers.make_controller` takes it.
+        agent: As `agents.load_agent` takes it.
         seeds: Of which the typical one is shown.
         own: Source digests of the user's own modules, see `agents.studies.flying.fly`.
 
     Returns:
-        The data of `agents.episodes.recording.page_of`.
+        The data of `agents.episodes.recording.typical_page`.
     """
     import_own(own)
-    env_id = registered_id(environment)
-    controller = make_controller(agent, system_of(environment))
-
-    def fly(seeds: list[int], record: bool) -> list[Rollout]:
-        worlds = [environment_options(environment, options) for _, options in estimators]
-        return [
-            rollout(controller, env_id, seeds, w, record=record, ensembles=record) for w in worlds
-        ]
-
-    scores = np.array([flight.score for flight in fly(seeds, False)])
-    return page_of(fly([typical_seed(scores, seeds)], True), [name for name, _ in estimators])
+    worlds = {name: environment_options(environment, options) for name, options in estimators}
+    return typical_page(agent, registered_id(environment), worlds, seeds)

@@ -132,7 +132,7 @@ class _EnvironmentPlan:
         if not agent.learned:
             yield agent.name, self.system.estimator, 0, None
             return
-        known = {RAW: _RAW_MEASUREMENTS} if agent.raw else self.estimators
+        known = {RAW: _RAW_MEASUREMENTS, **self.estimators}
         schools = (RAW,) if agent.raw else agent.trained_on
         for school, run in product(schools, range(self.study.training_seeds)):
             if home := known.get(self._real(school)):
@@ -157,10 +157,8 @@ class _EnvironmentPlan:
     def _train(self, agent: Agent, school: Estimator, seed: int) -> Job:
         env = self.environment
         asked = seed, agent.steps.get(env), agent.memory, agent.settings
-        described = describe(environment_id(env), None, *asked)
         arguments = self._world(agent, self.study.conditions[0], school, "")
-        arguments |= {"seed": seed, "steps": asked[1], "memory": agent.memory}
-        arguments |= {key: described[key] for key in ("hyperparameters", "versions")}
+        arguments |= describe(environment_id(env), None, *asked)
         label = f"train {agent.name} on {school.name} in {env}"
         return Job("agents.studies.training:train_agent", arguments, label, artifact=".npz")
 

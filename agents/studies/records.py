@@ -134,10 +134,8 @@ class Condition(_Somewhere):
     @property
     def options(self) -> dict[str, Any]:
         """As options of an environment, see `agents.studies.worlds.environment_options`."""
-        names = ("sensors", "disturbance", "mismatch")
-        at_sea = {"latency": self.latency, "faults": list(self.faults)}
-        more = {key: value for key, value in at_sea.items() if value}
-        return {name: getattr(self, name) for name in names} | more
+        names = ("sensors", "disturbance", "mismatch", "latency", "faults")
+        return {name: getattr(self, name) for name in names}
 
 
 @dataclass(frozen=True)

@@ -11,18 +11,18 @@ from agents.training.algorithms import train
 def train_agent(
     environment: str,
     options: dict[str, Any],
+    own: dict[str, str],
     memory: str,
-    steps: int | None,
+    steps: int,
     seed: int,
     hyperparameters: dict[str, Any],
-    versions: dict[str, str],
-    own: dict[str, str],
     artifact: Path,
+    **described: Any,
 ) -> dict[str, Any]:
     """Train by `agents.training.algorithms.train`; the checkpoint is the artifact.
 
-    The ``versions`` of libraries that learn and the source digests of what is the user's ``own``
-    are here to be part of the job.
+    Source digests of what is the user's ``own``, and the rest of what
+    `agents.training.algorithms.describe` has ``described``, are here to be part of the job.
     """
     chosen = environment_options(environment, options)
     settings = memory, hyperparameters

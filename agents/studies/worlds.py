@@ -4,6 +4,7 @@ import json
 import os
 import re
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import replace
 from functools import cache
 from hashlib import sha256
@@ -18,7 +19,7 @@ from agents.metrics import TASK_METRICS
 from agents.named import imported_module, named_object, vector_class
 from agents.rollouts import batch
 from agents.source import source_digest
-from agents.wrapped import Wrapped, taken_options, wrapped_system
+from agents.wrapped import Wrapped, core_of, taken_options
 from estimators.factory import unknown
 from vessel_gym.envs import VesselVectorEnv
 from vessel_gym.sensor_faults import SensorFault
@@ -47,8 +48,7 @@ def registered_id(name: str) -> str:
     """The id under which Gymnasium has an environment.
 
     Args:
-        name: An id; ``"module:id"``, registered when the module is imported; or ``"module:class"``,
-            a `VesselVectorEnv` with an attribute ``max_episode_steps``, registered here.
+        name: An id; or ``"module:id"``, registered when the module is imported.
 
     Raises:
         ValueError: if there is no such environment.
@@ -56,18 +56,6 @@ def registered_id(name: str) -> str:
     module, _, env_id = name.rpartition(":")
     if module and env_id not in gym.registry:
         imported_module(module, name)
-    if module and env_id not in gym.registry:
-        cls = named_object(name)
-        if not (isinstance(cls, type) and issubclass(cls, VesselVectorEnv)):
-            raise ValueError(f"{name!r} is neither a registered id nor a VesselVectorEnv class")
-        steps = getattr(cls, "max_episode_steps", None)
-        if not isinstance(steps, int):
-            raise ValueError(
-                f"{name!r} needs an attribute max_episode_steps: how long is an episode?"
-            )
-        env_id = f"{env_id}-v0"
-        if env_id not in gym.registry:
-            gym.register(env_id, vector_entry_point=cls, max_episode_steps=steps)
     if env_id not in gym.registry:
         raise ValueError(f"{unknown('environment', name, [*ours()])} (your own: module:id)")
     return env_id
@@ -84,11 +72,17 @@ def system_of(name: str) -> Any:
     """The system of an environment; of one of others, the `Wrapped` that stands for it.
 
     Raises:
-        ValueError: as `registered_id` and `wrapped_system`.
+        ValueError: as `registered_id`, or if one of others cannot be made.
     """
     env_id = registered_id(name)
     found: Any = vector_class(env_id)
-    return found.system if issubclass(found, VesselVectorEnv) else wrapped_system(env_id)
+    if issubclass(found, VesselVectorEnv):
+        return found.system
+    try:
+        with closing(batch(env_id, 1)) as env:
+            return core_of(env)
+    except (ValueError, TypeError, ImportError, gym.error.Error) as error:
+        raise ValueError(f"{env_id} cannot be made: {error}") from error
 
 
 def estimated_world(name: str) -> Any:
@@ -156,23 +150,22 @@ def graded_sensors(environment: str, grades: Mapping[str, str]) -> list[Sensor]:
     return found
 
 
-_refusals: dict[str, Exception | None] = {}
-
-
 def refusal(name: str, options: dict[str, Any]) -> Exception | None:
     """Why an environment refuses options, if it does.
 
     It is a ValueError if it cannot carry the estimator, and a TypeError for an option. Each
     environment is built once for that.
     """
-    key = json.dumps([name, options], sort_keys=True)
-    if key not in _refusals:
-        _refusals[key] = None
-        try:
-            batch(registered_id(name), 1, environment_options(name, options)).close()
-        except (ValueError, TypeError) as error:
-            _refusals[key] = error
-    return _refusals[key]
+    return _refusal(name, json.dumps(options, sort_keys=True))
+
+
+@cache
+def _refusal(name: str, options: str) -> Exception | None:
+    try:
+        batch(registered_id(name), 1, environment_options(name, json.loads(options))).close()
+    except (ValueError, TypeError) as error:
+        return error
+    return None
 
 
 def digests(environment: str, controller: str, *names: str) -> dict[str, str]:

@@ -100,14 +100,13 @@ class Evaluation(EvalCallback):
     def __init__(self, env: Any, folder: Path, steps: int, described: dict[str, Any]) -> None:
         super().__init__(
             env,
-            callback_on_new_best=_Best(folder / "best_model.npz", described),
             n_eval_episodes=EPISODES,
             eval_freq=max(steps // EVALUATIONS, 1),
             log_path=str(folder),
             best_model_save_path=str(folder),
             verbose=0,
         )
-        self._seed = tuning_seeds(1)[0]
+        self._best, self._described = folder / "best_model.npz", described
         with suppress(Exception), np.load(folder / "evaluations.npz") as kept:
             self.best_mean_reward = float(kept["results"].mean(axis=1).max())
             self.evaluations_timesteps = list(kept["timesteps"])
@@ -116,19 +115,13 @@ class Evaluation(EvalCallback):
             self.evaluations_successes = list(kept["successes"])
 
     def _on_step(self) -> bool:
-        self.eval_env.seed(self._seed)
-        return super()._on_step()
-
-
-class _Best(BaseCallback):
-    def __init__(self, path: Path, described: dict[str, Any]) -> None:
-        super().__init__()
-        self._path, self._described = path, described
-
-    def _on_step(self) -> bool:
-        steps = self.parent.num_timesteps  # type: ignore[union-attr]
-        write(self._path, self.model, self._described | {"trained_steps": steps})
-        return True
+        before = self.best_mean_reward
+        self.eval_env.seed(tuning_seeds(1)[0])
+        goes_on = super()._on_step()
+        if self.best_mean_reward > before:
+            steps = {"trained_steps": self.num_timesteps}
+            write(self._best, self.model, self._described | steps)
+        return goes_on
 
 
 def curves(folder: Path, steps: int) -> Logger:

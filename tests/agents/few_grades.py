@@ -4,6 +4,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+import gymnasium as gym
+
 from vessel_gym.envs.ship import SIGMA_CORVETTE
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.vehicles.ship import Ship
@@ -21,7 +23,9 @@ class FewGradesVectorEnv(VesselVectorEnv):
 
     system = replace(
         SIGMA_CORVETTE,
-        name="FewGradesVectorEnv-v0",
+        name="FewGrades-v0",
         vehicle=FewGrades(SIGMA_CORVETTE.vehicle.ship, SIGMA_CORVETTE.vehicle.dt),
     )
-    max_episode_steps = 120
+
+
+gym.register("FewGrades-v0", vector_entry_point=FewGradesVectorEnv, max_episode_steps=120)

@@ -13,8 +13,9 @@ from refusals import refused
 from agents import load_agent, rollout
 from agents.controllers import CONTROLLERS as REGISTERED
 from agents.controllers import controller_names, make_controller
+from agents.controllers import flight as of_flights
 from agents.controllers.dive import DiveTolerances, Regulator, regulator
-from agents.controllers.flight import FlightTolerances, longitudinal_gains
+from agents.controllers.flight import longitudinal_gains
 from agents.controllers.loops import Loop, first_order, jacobian, regulator_gains
 from agents.controllers.turning import ON_TRACK, Tolerances, gains
 from agents.seeds import evaluation_seeds
@@ -119,7 +120,7 @@ def test_the_integral_of_a_helm_waits_while_the_steering_gear_is_saturated():
 
 def test_the_gains_of_an_aircraft_are_optimal_for_a_step_of_the_aircraft():
     """In altitude, airspeed and slope, thrust and angle of attack, about level cruising."""
-    vehicle, t = system_of(PUNA).vehicle, FlightTolerances
+    vehicle, t = system_of(PUNA).vehicle, of_flights
     body, names = vehicle.body, vehicle.state_names
 
     def step(z: np.ndarray) -> np.ndarray:
@@ -139,9 +140,9 @@ def test_the_gains_of_an_aircraft_are_optimal_for_a_step_of_the_aircraft():
         return np.array([height, np.hypot(north, climb), np.arctan2(climb, north), *reached[:2]])
 
     AB = jacobian(step, np.zeros(7))
-    slope = t.climb / body.cruise_speed
-    Q = np.diag([t.altitude**-2, t.airspeed**-2, slope**-2, 0.0, 0.0])
-    R = np.diag([t.thrust**-2, t.alpha**-2])
+    slope = t.CLIMB / body.cruise_speed
+    Q = np.diag([t.ALTITUDE**-2, t.AIRSPEED**-2, slope**-2, 0.0, 0.0])
+    R = np.diag([t.THRUST**-2, t.ALPHA**-2])
     K = regulator_gains(AB[:, :5], AB[:, 5:], Q, R)
     found = longitudinal_gains(vehicle)
     np.testing.assert_allclose(found, K, rtol=1e-3, atol=1e-3 * np.abs(K).max())

@@ -151,7 +151,7 @@ def test_an_environment_of_others_has_charts_of_its_estimates():
         "autopilot", "SigmaCorvette-v0", [3], {"max_episode_steps": 12, "estimator": "ekf"}
     )
     names = ("estimate", "covariance", "truth")
-    single = SimpleNamespace(unwrapped=SimpleNamespace(dt=0.05), spec=None)
+    single = SimpleNamespace(unwrapped=SimpleNamespace(dt=0.05), spec=gym.spec("Pendulum-v1"))
     batch = SimpleNamespace(unwrapped=SimpleNamespace(envs=[single]))
     others = replace(kept, env=batch, history={name: kept.history[name] for name in names})
     page = page_of([others], ["ekf"])

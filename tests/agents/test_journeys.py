@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agents import rollout
-from agents.metrics import components, consistency, dive, flight, nees_of, scores
+from agents.metrics import consistency, dive, flight, nees_of, scores
 from agents.rollouts import Rollout
 from agents.seeds import evaluation_seeds
 from agents.statistics import paired_difference
@@ -53,8 +53,8 @@ def pooled_rms(journey: Rollout) -> tuple[float, float]:
     )
 
 
-def position(journey: Rollout) -> tuple[int, ...]:
-    return components(journey, *(flight if journey.env_id == PUNA else dive).POSITION)
+def position(journey: Rollout) -> tuple[str, ...]:
+    return (flight if journey.env_id == PUNA else dive).POSITION
 
 
 def gained(better: np.ndarray, worse: np.ndarray) -> bool:
@@ -92,8 +92,8 @@ def test_an_ensemble_with_independent_draws_is_overconfident(env_id: str):
     """Chance correlations shrink the position's variance between two fixes, and journeys miss their goal."""
     plain, exact = flown(env_id, plain=True), flown(env_id)
     assert (
-        consistency(plain, position(plain))
-        < consistency(exact, position(plain)) - LESS_CONSISTENT[env_id]
+        consistency(plain, *position(plain))
+        < consistency(exact, *position(plain)) - LESS_CONSISTENT[env_id]
     )
     more = exact.score, flown(env_id, first=50).score
     less = plain.score, flown(env_id, plain=True, first=50).score
@@ -112,11 +112,11 @@ def test_the_default_filter_is_consistent_in_the_position(env_id: str):
     """
     journey = flown(env_id)
     if env_id == PUNA:
-        share = consistency(journey, position(journey))
+        share = consistency(journey, *position(journey))
         assert share is not None
         assert share >= 0.86
         return
-    values, alive = nees_of(journey, position(journey)), journey.alive
+    values, alive = nees_of(journey, *position(journey)), journey.alive
     assert values is not None
     means = np.where(alive, values, 0.0).sum(0) / alive.sum(0) / len(position(journey))
     assert abs(means.mean() - 1.0) <= 4.0 * means.std(ddof=1) / np.sqrt(len(means))

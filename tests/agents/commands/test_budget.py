@@ -22,7 +22,7 @@ from agents.statistics import Interval
 from agents.studies.plan import plan
 from agents.studies.worlds import graded_sensors, system_of
 
-ENVIRONMENT = "few_grades:FewGradesVectorEnv"
+ENVIRONMENT = "few_grades:FewGrades-v0"
 PRICES = """
 [receiver]
 nominal = 900
@@ -105,7 +105,7 @@ def made(tmp_path: Path) -> Budget:
 def test_scores_are_those_of_a_rollout_on_the_grades_of_the_suite(made: Budget):
     sensors = graded_sensors(ENVIRONMENT, {"receiver": "twelve metres", "gyro compass": "worst"})
     options = {"sensors": sensors, "disturbance": "rough"}
-    flown = rollout("autopilot", "FewGradesVectorEnv-v0", evaluation_seeds(2, 7), options)
+    flown = rollout("autopilot", "FewGrades-v0", evaluation_seeds(2, 7), options)
     np.testing.assert_array_equal(made.fly([Request(0, 7, 2)]), [flown.score])
 
 

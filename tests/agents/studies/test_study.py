@@ -235,7 +235,7 @@ trained_on = ["enkf"]
         ("[environments]\nSegorogeniAUV = {}\n", "did you mean 'SegorogeniAUV-v0'"),
         ('[environments]\n"CartPole-v1" = {}\n', "no estimator in the loop"),
         ('[environments]\n"nowhere:Env-v0" = {}\n', "cannot import 'nowhere'"),
-        ('[environments]\n"vessel_gym.envs:VesselVectorEnv" = {}\n', "max_episode_steps"),
+        ('[environments]\n"vessel_gym.envs:VesselVectorEnv" = {}\n', "unknown environment"),
         ("environments = 3\n", "must be a table"),
         ("[environments]\nPunaUAV-v0 = {}\n[agents.x]\nkind = 'ppo'\nsteps = { PunaUAV-v0 = 2 }\n", "at least 256"),
         ("episodes = true\n[environments]\nPunaUAV-v0 = {}\n", "whole number"),
