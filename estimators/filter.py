@@ -260,15 +260,14 @@ class Filter(ABC, Generic[Record]):
             R = broadcast("R", as_array("R", R), (*batch, p, p), core=2)
             arrived = np.isfinite(y) & np.isfinite(R.diagonal(0, -2, -1))
             as_covariance("R", masked(R, arrived & available))
-        if u is not None:
-            belief = belief.replace(u=known_input(u, batch))
+        u = belief.u if u is None else known_input(u, batch)
         if self.input_delay is not None and self._was_updated(belief):
             raise ValueError(
                 f"{self.name} takes one update a step: join the measurements, NaN or masked where"
                 " none came"
             )
         rng = self._numbers(rng, batch) if self.random else None
-        return self._run("update", belief, (belief.u, y, available, R, rng))
+        return self._run("update", belief, (u, y, available, R, rng))
 
     def step(
         self,
