@@ -3,7 +3,6 @@
 import json
 import os
 import pickle
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -225,21 +224,19 @@ def test_a_doctored_policy_runs_nothing(tmp_path: Path, checkpoints: tuple[Path,
 
 
 def test_a_command_loads_what_is_not_ours_only_with_its_option(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):
     canary = tmp_path / "canary"
     model = PPO("MlpPolicy", adapter(), device="cpu")
     model.verbose = Payload(canary)
     model.save(tmp_path / "agent.zip")
-    line = ["evaluate", "--agent", str(tmp_path / "agent.zip"), "--episodes", "1"]
-    monkeypatch.setattr(sys, "argv", line)
+    line = ["--agent", str(tmp_path / "agent.zip"), "--episodes", "1"]
     with pytest.raises(SystemExit) as stop:
-        command(evaluate.main)
+        command(evaluate.main, line)
     assert stop.value.code == 2
     assert "--trust on a command line" in capsys.readouterr().err
     assert not canary.exists()
-    monkeypatch.setattr(sys, "argv", [*line, "--trust"])
-    command(evaluate.main)
+    command(evaluate.main, [*line, "--trust"])
     assert "Score" in capsys.readouterr().out
     assert canary.exists()
 

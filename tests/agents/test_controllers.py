@@ -386,21 +386,17 @@ def test_the_faster_over_ground_the_more_an_aircraft_banks_for_an_error_of_its_c
     assert fast / slow == pytest.approx(1.5, rel=1e-3)
 
 
-def on_truth(name: str, rows: int, disturbance: str = "calm", **options: Any) -> Any:
-    given = {
-        "estimator": "truth",
-        "disturbance": disturbance,
-        "mismatch": options.pop("mismatch", 0.0),
-    }
-    return rollout("autopilot", name, range(rows), given, **options)
+def on_truth(name: str, rows: int, reset_options: Any = None, **world: Any) -> Any:
+    given = {"estimator": "truth", "disturbance": "calm"} | world
+    return rollout("autopilot", name, range(rows), given, reset_options=reset_options)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("lengths", "mismatch"), [(-2.5, 0.0), (4.0, 0.0), (6.0, 0.0), (4.0, 0.1)])
 def test_every_radius_is_held_and_the_integral_leaves_no_bias(lengths: float, mismatch: float):
     radius = lengths * HEADING_SHIP.task.ship.length
-    given: Any = {"mismatch": mismatch, "reset_options": {"radius": radius}}
-    flight = on_truth(HEADING_SHIP.name, 30 if mismatch else 4, **given)
+    rows = 30 if mismatch else 4
+    flight = on_truth(HEADING_SHIP.name, rows, {"radius": radius}, mismatch=mismatch)
     assert (flight.length == 600).all()
     truth, reference = flight.history["truth"][-200:], flight.history["reference"][-200:]
     heading = wrap(reference[..., 0] - truth[..., 2])
@@ -433,7 +429,7 @@ def test_on_its_path_a_dive_that_turns_steadily_is_left_as_it_is(turn: float):
 @pytest.mark.parametrize("disturbance", ["calm", "rough"])
 def test_on_truth_every_journey_arrives_and_keeps_to_the_path(env_id: str, disturbance: str):
     """Root mean squares off the path [m] but for the first two seconds of a dive."""
-    flight, calm = on_truth(env_id, 12, disturbance), disturbance == "calm"
+    flight, calm = on_truth(env_id, 12, disturbance=disturbance), disturbance == "calm"
     assert (flight.end == "arrived").all()
     least, mean = (0.9, 0.95) if env_id == PUNA else (0.85, 0.89)
     assert flight.score.min() > (least if calm else 0.6)

@@ -189,6 +189,14 @@ def start(folder: Path, done: int) -> subprocess.Popen[str]:
     return process
 
 
+def goes_on(folder: Path, expected: dict) -> None:
+    """Run the long study to its end, keeping what a run that broke off has left."""
+    before = names(folder)
+    assert 3 < len(before) < 47
+    assert not before & results(computed(long_study(), folder))
+    np.testing.assert_equal(run(long_study(), folder).values, expected)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("times", [2, pytest.param(8, marks=pytest.mark.nightly)])
 def test_killed_at_random_moments_a_run_ends_as_if_it_had_not_been(tmp_path, expected, times):
@@ -200,10 +208,7 @@ def test_killed_at_random_moments_a_run_ends_as_if_it_had_not_been(tmp_path, exp
                 os.killpg(process.pid, signal.SIGKILL)
             else:
                 process.kill()  # its workers live on for a moment
-    before = names(tmp_path)
-    assert 3 < len(before) < 47
-    assert not before & results(computed(long_study(), tmp_path))
-    np.testing.assert_equal(run(long_study(), tmp_path).values, expected)
+    goes_on(tmp_path, expected)
 
 
 @pytest.mark.slow
@@ -212,10 +217,7 @@ def test_an_interrupt_leaves_results_and_no_process(tmp_path, expected):
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does
         process.communicate(timeout=PATIENCE)  # ends when no worker holds the pipe any more
     assert process.returncode != 0
-    before = names(tmp_path)
-    assert 4 <= len(before) < 47
-    assert not before & results(computed(long_study(), tmp_path))
-    np.testing.assert_equal(run(long_study(), tmp_path).values, expected)
+    goes_on(tmp_path, expected)
 
 
 @pytest.mark.slow

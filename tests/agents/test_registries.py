@@ -14,7 +14,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from heading_ship import HEADING_SHIP
 from own_task import DepthController, KeepDepth, KeepDepthEnv, KeepShallowDepth, system_with
 from refusals import refused
 
@@ -22,16 +21,14 @@ import agents
 from agents import Metric, load_agent, register_controller, register_metrics, rollout
 from agents.commands import evaluate
 from agents.controllers import CONTROLLERS, controller_names
-from agents.metrics import TASK_METRICS, components, metrics, rmse, scores
+from agents.metrics import TASK_METRICS, metrics, scores
 from agents.source import _closure, source_digest
 from agents.studies import worlds
 from agents.studies.plan import plan
 from agents.studies.records import Study
 from agents.studies.study import StudyError, read_study
 from vessel_gym.core import Core
-from vessel_gym.envs import (
-    SegorogeniAUVEnv,
-)
+from vessel_gym.envs import SegorogeniAUVEnv
 from vessel_gym.registry import Registry
 from vessel_gym.rendering import make_renderer
 from vessel_gym.surroundings import (
@@ -76,13 +73,6 @@ def test_a_task_of_ones_own_flies_and_is_scored_without_metrics(agent: str):
     h = flight.history
     depth = np.sqrt(np.mean((h["estimate"][..., 4] - h["truth"][..., 4]) ** 2, axis=0))
     np.testing.assert_allclose(figures["z_rmse"], depth)
-
-
-def test_a_component_that_an_estimator_does_not_have_has_no_error():
-    flight = rollout("autopilot", HEADING_SHIP.name, [0], {"estimator": "kf"})
-    assert rmse("u")(flight) is None
-    assert components(flight, "psi", "v") == (0, 2)
-    assert "u" in HEADING_SHIP.vehicle.estimated("nonlinear")  # others estimate it
 
 
 def test_the_commands_take_a_task_and_a_controller_of_ones_own(capsys: pytest.CaptureFixture[str]):
@@ -192,9 +182,9 @@ def test_the_packages_entries_are_registered_before_a_users():
         (lambda: register_metrics("KeepDepth", ()), TypeError, "for a class of tasks"),  # type: ignore[arg-type]
         (lambda: register_metrics(KeepDepth, (OFFSET, OFFSET)), ValueError, "keys of their own"),
         (
-            lambda: register_metrics(Dive, (OFFSET,)),
+            lambda: register_controller(Dive, "autopilot")(DepthController),
             ValueError,
-            "its metrics from agents.metrics.dive: subclass",
+            "its controller 'autopilot' from agents.controllers.dive: subclass",
         ),
         (
             lambda: register_controller(KeepDepth(), "me")(DepthController),
@@ -207,17 +197,6 @@ def test_the_packages_entries_are_registered_before_a_users():
             ValueError,
             "other than random, ppo, checkpoint",
         ),
-        (
-            lambda: register_controller(Dive, "autopilot")(DepthController),
-            ValueError,
-            "its controller 'autopilot' from agents.controllers",
-        ),
-        (
-            lambda: register_surroundings(Dive)(_dock),
-            ValueError,
-            "its surroundings from vessel_gym.surroundings",
-        ),
-        (lambda: register_surroundings(KeepDepth())(_dock), TypeError, "class of tasks"),  # type: ignore[arg-type]
         (lambda: Surroundings("boat"), ValueError, "unknown hull 'boat'"),
     ],
 )

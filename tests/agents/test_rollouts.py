@@ -1,6 +1,7 @@
 """Rollouts: the same seeds give the same flights, however they are batched."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,24 +16,28 @@ ENV = "SigmaCorvette-v0"
 ROUGH = {"disturbance": "rough", "sensors": "degraded"}
 
 
-def bang_bang(side: float):
-    """An agent that puts the rudder hard over at once, and loses the turn."""
+class Own:
+    """An agent that acts on the number of rows alone."""
 
-    class HardOver:
-        def reset(self, num_envs: int) -> None:
-            pass
+    def __init__(self, act: Callable[[int], Any]) -> None:
+        self.given = act
 
-        def act(self, observations: np.ndarray) -> np.ndarray:
-            return np.full((len(observations), 1), side, np.float32)
+    def reset(self, num_envs: int) -> None:
+        pass
 
-    return HardOver()
+    def act(self, observations: np.ndarray) -> Any:
+        return self.given(len(observations))
 
 
-@pytest.mark.parametrize("agent", ["autopilot", bang_bang(1.0)], ids=["autopilot", "hard over"])
+HARD_OVER = Own(lambda rows: np.ones((rows, 1), np.float32))
+"""Puts the rudder hard over at once, and loses the turn."""
+
+
+@pytest.mark.parametrize("agent", ["autopilot", HARD_OVER], ids=["autopilot", "hard over"])
 def test_a_rollout_equals_a_loop_over_single_environments(agent: Any):
     seeds = [5, 6, 900_000]
     flight = rollout(agent, ENV, seeds, ROUGH)
-    hard_over = agent != "autopilot"
+    hard_over = agent is HARD_OVER
     assert flight.terminated.any() == hard_over
     assert len(set(flight.length)) > 1 or not hard_over  # the ends are staggered
     nis, rows = flight.history["nis"], np.arange(3)
@@ -139,15 +144,9 @@ def test_a_rollout_is_one_short_line():
 def test_actions_of_another_shape_are_one_sentence_also_where_an_environment_of_others_takes_them(
     env_id: str, shape: Any
 ):
-    class Own:
-        def reset(self, num_envs: int) -> None:
-            pass
-
-        def act(self, observations: np.ndarray) -> Any:
-            return None if shape is None else np.zeros(shape, np.float32)
-
+    agent = Own(lambda rows: shape and np.zeros(shape, np.float32))
     with pytest.raises(
         Refusal,
         match=r"^act of Own returns (nothing|an array of .*), and must return \(2, 1\): .*$",
     ):
-        rollout(Own(), env_id, [0, 1])
+        rollout(agent, env_id, [0, 1])

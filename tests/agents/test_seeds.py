@@ -3,13 +3,10 @@
 from itertools import pairwise
 from typing import Any
 
-import gymnasium as gym
 import pytest
-from stable_baselines3 import PPO
 
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
 from agents.training.algorithms import hyperparameters
-from agents.training.vec_env import StableBaselinesVecEnv
 
 MILLION = 1_000_000
 EVALUATION, TUNING = (
@@ -23,19 +20,11 @@ def test_the_ranges_share_no_seed():
 
 
 def test_training_with_any_seed_that_is_typed_meets_no_evaluation_and_no_tuning_seed():
-    """Rows of `train --seed` start at `training_seed`; those of another library's training at the seed itself."""
+    """Rows of `train --seed` start at `training_seed`; those of `PPO(..., seed=...)` at the seed itself."""
     for seed in range(1001):
         for first in (training_seed(seed), seed):
             rows = range(first, first + 100_000)
             assert rows[-1] < EVALUATION[0] or rows[0] > TUNING[-1]
-
-
-def test_another_library_s_training_with_seed_0_resets_no_row_with_an_evaluation_seed():
-    """`PPO(..., seed=0)` of stable-baselines3 seeds its environments with its own seed, row by row from there."""
-    env = StableBaselinesVecEnv(gym.make_vec("ThesisCorvette-v0", num_envs=64))
-    PPO("MlpPolicy", env, n_steps=2, batch_size=64, seed=0, device="cpu")
-    env.reset()
-    assert not any(seed in EVALUATION or seed in TUNING for seed in env.env.unwrapped.core.seeds)
 
 
 def test_batches_of_different_training_seeds_share_no_environment():

@@ -27,15 +27,8 @@ def test_a_paired_difference_is_scipys_paired_t_test():
     np.testing.assert_allclose(
         [ours.mean, ours.low, ours.high], [np.mean(a - b), expected.low, expected.high]
     )
-    assert ours.excludes_zero == (test.pvalue < 0.05)
-
-
-def test_a_mean_interval_is_scipys_t_interval():
-    values = np.random.default_rng(2).normal(size=12)
-    ours = mean_interval(values)
-    expected = stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
-    np.testing.assert_allclose([ours.low, ours.high], [expected.low, expected.high])
     assert ours.half == pytest.approx(0.5 * (expected.high - expected.low))
+    assert ours.excludes_zero == (test.pvalue < 0.05)
 
 
 def test_equal_values_have_an_interval_without_width():
@@ -65,11 +58,6 @@ def test_scores_that_are_not_a_matrix_of_numbers_are_refused(wrong):
 
 def ends(interval):
     return np.array([interval.mean, interval.low, interval.high])
-
-
-@pytest.fixture
-def scores():
-    return np.random.default_rng(3).normal([0.2, 0.5, 0.9], [0.1, 0.3, 0.02], (10, 3))
 
 
 def ratio(score, floor, ceiling):
@@ -146,6 +134,15 @@ def test_an_interval_over_runs_that_seeds_do_not_move_is_students_over_runs():
     )
 
 
+def test_an_interval_over_runs_and_seeds_that_add_up_has_satterthwaites_degrees_of_freedom():
+    rng = np.random.default_rng(26)
+    runs, seeds = rng.normal(size=(5, 1)), 4.0 * rng.normal(size=40)
+    parts = np.array([runs.var(ddof=1) / 5, seeds.var(ddof=1) / 40])
+    quantile = stats.t.ppf(0.975, parts.sum() ** 2 / (parts**2 / [4, 39]).sum())
+    expected = quantile * np.sqrt(parts.sum())
+    assert crossed_interval(runs + seeds).half == pytest.approx(expected)
+
+
 def test_a_constant_offset_of_the_seeds_widens_no_difference_and_all_widths_follow_the_scale():
     rng = np.random.default_rng(24)
     values, weather = rng.normal(size=(5, 30)), 100.0 * rng.normal(size=30)
@@ -176,27 +173,10 @@ def test_a_share_of_yes_and_no_has_scipys_exact_interval(hits, trials):
     )
 
 
-def bounded(rng, size):
-    return rng.beta(4.0, 1.0, size)
-
-
-def collapsing(rng, size):
-    """One training in five fails."""
-    return np.where(
-        rng.random(size) < 0.2, rng.normal(0.2, 0.05, size), rng.normal(0.9, 0.03, size)
-    )
-
-
 FLIGHTS = np.load(Path(__file__).parent / "flights.npz")
-"""Scores of the corvette's autopilot at evaluation seeds 0 to 1999, moderate sea, by estimator; and ``runs``: of 32
-autopilots whose tolerances were drawn at random, at seeds 0 to 499. `tests/agents/fly_flights.py`
-flew them."""
+"""Scores of the corvette's autopilot at evaluation seeds 0 to 1999, moderate sea, by estimator.
+`tests/agents/fly_flights.py` flew them."""
 STUDIES = 1000
-
-
-def drawn(rng, *sizes):
-    """Which runs and seeds each of the studies draws, of populations so large."""
-    return [rng.integers(size, size=(STUDIES, count)) for size, count in sizes]
 
 
 def coverage(values, truth):
@@ -209,34 +189,9 @@ def coverage(values, truth):
 def test_the_interval_of_a_share_over_20_seeds_holds_that_of_2000_in_95_studies_of_100(estimator):
     """Studies of real flights. At a true coverage of 95 % a thousand of them leave 92 to 98 % once in 100,000 times."""
     score, floor, ceiling = (FLIGHTS[name] for name in (estimator, "dead-reckoning", "truth"))
-    [seeds] = drawn(np.random.default_rng(30), (len(score), 20))
+    seeds = np.random.default_rng(30).integers(len(score), size=(STUDIES, 20))
     studies = [normalise(score[s][None], floor[s], ceiling[s]) for s in seeds]
     assert 0.92 <= coverage(studies, ratio(score, floor, ceiling)) <= 0.98
-
-
-def test_near_the_oracle_a_share_is_known_as_well_as_the_difference_from_it():
-    """kf-umv-ui keeps 0.994. Taken over scores at each seed its interval would be eight times as wide."""
-    score, floor, ceiling = (
-        FLIGHTS[name][:20] for name in ("kf-umv-ui", "dead-reckoning", "truth")
-    )
-    ours = mean_interval(normalise(score[None], floor, ceiling)[0])
-    lost = mean_interval((ceiling - score) / (ceiling.mean() - floor.mean()))
-    unpaired = mean_interval((score - floor.mean()) / (ceiling.mean() - floor.mean()))
-    assert ours.half == pytest.approx(lost.half, rel=0.1)
-    assert unpaired.half > 5.0 * ours.half
-
-
-@pytest.mark.parametrize("spread", [0.0, 0.3, 1.0])
-def test_the_interval_over_5_runs_and_50_seeds_holds_that_of_all_flights_in_95_studies_of_100(
-    spread,
-):
-    """Studies of real flights, with their differences between runs and a part of them; the bounds as above."""
-    flown = FLIGHTS["runs"]
-    middle = flown.mean(axis=1, keepdims=True)
-    flown = flown + (spread - 1.0) * (middle - flown.mean())
-    runs, seeds = drawn(np.random.default_rng(31), (len(flown), 5), (flown.shape[1], 50))
-    studies = flown[runs[:, :, None], seeds[:, None, :]]
-    assert 0.92 <= coverage(studies, flown.mean()) <= 0.98
 
 
 @pytest.mark.parametrize(
@@ -245,24 +200,14 @@ def test_the_interval_over_5_runs_and_50_seeds_holds_that_of_all_flights_in_95_s
 def test_the_interval_over_5_runs_and_50_seeds_holds_the_truth_whatever_varies_most(
     runs, seeds, rest
 ):
-    """A plain bootstrap over both holds it in 83 to 94 of 100; the bounds as above."""
+    """A plain bootstrap over both holds it in 83 to 94 of 100; the bounds as above.
+
+    Intervals over means of runs alone take the seeds as known, and miss where these differ more.
+    """
     rng = np.random.default_rng(32)
     shapes = ((runs, (5, 1)), (seeds, (1, 50)), (rest, (5, 50)))
     studies = sum(spread * rng.normal(size=(STUDIES, *shape)) for spread, shape in shapes)
     assert 0.92 <= coverage(studies, 0.0) <= 0.98
-
-
-def test_seeds_are_no_less_drawn_than_runs():
-    """Runs differ by 0.1, seeds by 0.5: intervals over means of runs alone take the seeds as known, and miss mostly."""
-    rng = np.random.default_rng(33)
-    flown = (
-        0.1 * rng.normal(size=(200, 5, 1))
-        + 0.5 * rng.normal(size=(200, 1, 50))
-        + 0.2 * rng.normal(size=(200, 5, 50))
-    )
-    over_runs = [mean_interval(each.mean(axis=1)) for each in flown]
-    assert np.mean([each.low <= 0.0 <= each.high for each in over_runs]) < 0.9
-    assert coverage(flown, 0.0) > 0.9
 
 
 @pytest.mark.parametrize(

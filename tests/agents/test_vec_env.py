@@ -188,14 +188,10 @@ def test_what_a_batch_cannot_do_is_refused_and_what_it_can_is_answered():
     assert not env.has_attr("no_such_attribute")
 
 
-def small_ppo(env: VecEnv) -> PPO:
-    return PPO("MlpPolicy", env, n_steps=16, batch_size=32, policy_kwargs={"net_arch": [8]}, seed=0,
-               device="cpu")  # fmt: skip
-
-
 def test_stable_baselines3_evaluates_a_policy_on_it_and_warns_of_nothing(tmp_path: Path):
     env = adapter(disturbance="calm", render_mode="rgb_array")
-    model = small_ppo(env)
+    network = {"net_arch": [8]}
+    model = PPO("MlpPolicy", env, policy_kwargs=network, seed=0, device="cpu")
     returns, _ = evaluate_policy(model, env, n_eval_episodes=6, return_episode_rewards=True)
     assert len(returns) == 6
     recorder = VecVideoRecorder(env, str(tmp_path), lambda step: step == 0, video_length=2)

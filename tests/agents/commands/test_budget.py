@@ -34,11 +34,6 @@ worst = 300
 """
 
 
-@pytest.fixture(autouse=True)
-def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[1]))
-
-
 def results(out: Path) -> dict[str, int]:
     """The files of a run's flights, each with a number that changes when it is written again."""
     return {path.name: path.stat().st_ino for path in (out / "jobs").iterdir()}
@@ -142,14 +137,9 @@ def test_lower_rates_are_choices_of_their_own():
         ({"rates": (0.3,)}, "reads at 0.3 Hz, which does not divide the 2 steps a second"),
         ({"rates": (0.5, 2.0)}, "--rates must be above 0 and below 2 Hz, the highest of any"),
         ({"agent": "nosuch"}, "nosuch"),
-        ({"prices": "receiver = ["}, "not TOML"),
-        ({"prices": PRICES.replace("worst", "wrost")}, "unknown grade of gyro compass in the pric"),
     ],
 )
 def test_what_cannot_be_meant_is_one_sentence(tmp_path, arguments, sentence):
-    if "prices" in arguments:
-        (tmp_path / "prices.toml").write_text(arguments["prices"])
-        arguments = {"prices": tmp_path / "prices.toml"}
     with pytest.raises(Refusal, match=r"^[^\n]*$") as refused:
         budget.main(ENVIRONMENT, out=tmp_path / "out", **arguments)
     assert sentence in str(refused.value)

@@ -78,7 +78,7 @@ for name in {names}:
     if loaded := {HEAVY!r} & set(sys.modules):
         sys.exit(f"{{name}} loads {{loaded}}")
 """
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
+    done = shell(ROOT, "-c", program)
     assert done.stderr == ""
     assert done.stdout.count("usage: ") == len(names)
 
@@ -175,7 +175,7 @@ for name in {names}:
     except SystemExit as stop:
         print("ended", stop.code)
 """
-    done = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True)
+    done = shell(ROOT, "-c", program)
     assert done.stderr == ""
     assert re.findall("^usage: |^ended .*", done.stdout, re.M) == ["usage: ", "ended 0"] * len(
         names

@@ -22,7 +22,6 @@ from vessel_gym.extras import EXTRAS, require
 
 ROOT = Path(__file__).parents[3]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-ENV = "SigmaCorvette-v0"
 
 
 def distributions(requirements: list[str]) -> set[str]:
@@ -96,7 +95,7 @@ def test_the_adapter_and_a_picture_say_what_to_type(
 
 
 def first_picture() -> Any:
-    env = gym.make(ENV, render_mode="rgb_array")
+    env = gym.make("SigmaCorvette-v0", render_mode="rgb_array")
     env.reset(seed=0)
     return env.render()
 
@@ -127,9 +126,8 @@ def test_a_command_that_needs_an_extra_says_what_to_type_before_it_works(
 ):  # fmt: skip
     monkeypatch.chdir(tmp_path)
     monkeypatch.setitem(sys.modules, module, None)
-    monkeypatch.setattr(sys, "argv", ["command", *arguments])
     with pytest.raises(SystemExit) as stop:
-        command(main)
+        command(main, arguments)
     assert stop.value.code == 2
     assert re.search(sentence(module, name), capsys.readouterr().err)
     assert list(tmp_path.iterdir()) == []

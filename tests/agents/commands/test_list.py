@@ -1,7 +1,5 @@
 """`vessel-gym list`: what there is, of environments of others too."""
 
-from pathlib import Path
-
 import gymnasium as gym
 import pytest
 
@@ -11,11 +9,6 @@ from agents.refusal import Refusal
 from vessel_gym.estimation import accepted, chosen_disturbance
 
 SWINGING = "swinging:Swinging-v0"
-
-
-@pytest.fixture(autouse=True)
-def _importable(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[1]))
 
 
 def cells(printed: str) -> list[list[str]]:

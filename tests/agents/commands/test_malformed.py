@@ -219,7 +219,6 @@ def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(
 LINES = [
     ("evaluate --estimator", "--estimator: expected at least one argument"),
     ("evaluate --episodes 0", "--episodes must be from 1 to 2147483647, got 0"),
-    ("evaluate --episodes 99999999999999999999", "--episodes must be from 1 to 2147483647"),
     (
         "evaluate --first-seed 999999 --episodes 2",
         "evaluation seeds, numbered from 0: ask for one or more of these, got 2 from 999999",
@@ -263,7 +262,6 @@ LINES = [
     ),
     ("speed --rounds 99999999999999999999", "--rounds must be from 1 to"),
     ("budget --keep 1.5", "--keep must be above 0 and at most 1, got 1.5"),
-    ("budget --rates 9", "--rates must be above 0 and below 2 Hz, the highest"),
     ("budget --prices study.toml", "unknown sensor in the prices 'title'"),
     ("ablate", "arguments are required: STUDY"),
     ("ablate quik", "unknown study 'quik' (did you mean 'quick'?)"),
@@ -394,7 +392,13 @@ def test_a_study_file_is_read_or_every_mistake_in_it_is_one_sentence_with_the_na
 ):
     path = Path("mutated.toml")
     path.write_text(text, encoding="utf-8")
-    mistakes = mistakes_in(path)
+    said, mistakes = str(path), [(0, "none")]
+    try:
+        read_study(path)
+    except StudyError as error:
+        said, mistakes = str(error), error.mistakes
+    assert said.startswith(str(path))
+    assert mistakes
     for line, mistake in mistakes:
         assert 0 <= line <= len(text.splitlines()) + 1
         assert mistake
@@ -436,19 +440,6 @@ def test_an_extreme_value_in_a_study_file_is_named_with_its_line(old: str, new: 
     with pytest.raises(StudyError) as caught:
         read_study(path)
     assert mistake in str(caught.value)
-
-
-def mistakes_in(path: Path) -> list[tuple[int, str]]:
-    """What is wrong with a study file; nothing, if it is one."""
-    try:
-        read_study(path)
-    except StudyError as error:
-        refusal = error
-    else:
-        return []
-    assert str(refusal).startswith(str(path))
-    assert refusal.mistakes
-    return refusal.mistakes
 
 
 # --- public functions -----------------------------------------------------------------------------

@@ -1,6 +1,5 @@
 """`vessel-gym watch` writes pictures and films, and refuses in one sentence what the machine cannot write."""
 
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -44,24 +43,18 @@ def short_episodes(monkeypatch):
     monkeypatch.setattr(agents, "load_agent", lambda name, env, trust: Helmsman())
 
 
-@pytest.fixture
-def run(monkeypatch):
-    """The command line; returns its exit status."""
-
-    def status(*arguments):
-        monkeypatch.setattr(sys, "argv", ["watch", *arguments])
-        try:
-            command(watch.main)
-        except SystemExit as error:
-            return error.code
-        return 0
-
-    return status
+def run(*words):
+    """The exit status of a command line."""
+    try:
+        command(watch.main, words)
+    except SystemExit as error:
+        return error.code
+    return 0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("suffix", "frames"), [(".gif", 3), (".mp4", 3), (".PNG", 1)])
-def test_a_file_holds_the_frames_asked_for_and_nothing_else_is_left(run, tmp_path, suffix, frames):
+def test_a_file_holds_the_frames_asked_for_and_nothing_else_is_left(tmp_path, suffix, frames):
     out = tmp_path / f"turn{suffix}"
     assert run("SigmaCorvette-v0", "--out", str(out), "--every", "5", "--estimator", "kf") == 0
     assert [p.name for p in tmp_path.iterdir()] == [out.name]
@@ -76,7 +69,7 @@ def test_a_file_holds_the_frames_asked_for_and_nothing_else_is_left(run, tmp_pat
         assert images.std() > 1.0
 
 
-def test_the_picture_is_of_the_end_of_the_episode(run, tmp_path, monkeypatch):
+def test_the_picture_is_of_the_end_of_the_episode(tmp_path):
     out = tmp_path / "end.png"
     assert run("--out", str(out), "--seed", "3") == 0
     env = gym.make("SigmaCorvette-v0", render_mode="rgb_array")
@@ -89,7 +82,7 @@ def test_the_picture_is_of_the_end_of_the_episode(run, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("suffix", [".gif", ".mp4", ".png"])
-def test_a_film_that_fails_half_way_leaves_the_old_one_alone(run, tmp_path, monkeypatch, suffix):
+def test_a_film_that_fails_half_way_leaves_the_old_one_alone(tmp_path, monkeypatch, suffix):
     class Broken(Helmsman):
         def act(self, observations):
             if self.acted == 4:
@@ -112,7 +105,7 @@ def test_a_film_that_fails_half_way_leaves_the_old_one_alone(run, tmp_path, monk
     ],
 )
 def test_a_folder_without_permission_or_a_full_disk_is_one_sentence(
-    run, tmp_path, monkeypatch, capsys, method, error
+    tmp_path, monkeypatch, capsys, method, error
 ):
     def refuse(*arguments):
         raise error
@@ -125,7 +118,7 @@ def test_a_folder_without_permission_or_a_full_disk_is_one_sentence(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("quit_after", [2, STEPS])
-def test_the_window_stays_until_it_is_closed(run, monkeypatch, quit_after):
+def test_the_window_stays_until_it_is_closed(monkeypatch, quit_after):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
     monkeypatch.setattr(agents, "load_agent", lambda name, env, trust: Helmsman(quit_after))
     assert run() == 0
@@ -136,7 +129,7 @@ def test_the_window_stays_until_it_is_closed(run, monkeypatch, quit_after):
     ("words", "which"),
     [([], "the most typical of 40 episodes (seed 7)"), (["--seed", "7"], "seed 7")],
 )
-def test_a_page_says_which_episode_it_shows(run, tmp_path, monkeypatch, capsys, words, which):
+def test_a_page_says_which_episode_it_shows(tmp_path, monkeypatch, capsys, words, which):
     page = SimpleNamespace(
         page={"conditions": ["rough sea", "seed 7"]}, scores={"kf": 0.5}, save=lambda out: None
     )

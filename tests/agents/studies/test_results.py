@@ -17,7 +17,6 @@ from agents.studies.records import RAW
 from agents.studies.results import FLIGHT, Results
 from agents.studies.worlds import system_of
 
-NOMINAL = (CORVETTE, "nominal", "autopilot")
 PPO = "PPO trained on default"
 
 

@@ -231,12 +231,10 @@ trained_on = ["enkf"]
     ("text", "words"),
     [
         ("", "needs environments"),
-        ("a = \n", "line 1: not TOML"),
         ("[environments]\nSegorogeniAUV = {}\n", "did you mean 'SegorogeniAUV-v0'"),
         ('[environments]\n"CartPole-v1" = {}\n', "no estimator in the loop"),
         ('[environments]\n"nowhere:Env-v0" = {}\n', "cannot import 'nowhere'"),
         ('[environments]\n"vessel_gym.envs:VesselVectorEnv" = {}\n', "unknown environment"),
-        ("environments = 3\n", "must be a table"),
         ("[environments]\nPunaUAV-v0 = {}\n[agents.x]\nkind = 'ppo'\nsteps = { PunaUAV-v0 = 2 }\n", "at least 256"),
         ("episodes = true\n[environments]\nPunaUAV-v0 = {}\n", "whole number"),
         ("episodes = 2000000\n[environments]\nPunaUAV-v0 = {}\n", "there are 1000000 evaluation seeds"),
@@ -308,11 +306,3 @@ PPO = { kind = "ppo", trained_on = ["ekf"] }
         mistakes(tmp_path, text.replace('["ekf"]', steps)),
         {7: "unknown environment of PPO 'SigmaCorvette-v0': choose from SegorogeniAUV-v0"},
     )
-
-
-def test_what_is_no_text_file_is_refused_in_a_sentence(tmp_path):
-    (tmp_path / "study.toml").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(StudyError, match="UTF-8"):
-        read_study(tmp_path / "study.toml")
-    with pytest.raises(OSError, match=r"missing\.toml"):
-        read_study(tmp_path / "missing.toml")
