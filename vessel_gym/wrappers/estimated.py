@@ -32,9 +32,10 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
     ::
 
         env = EstimatedObservation(
-            gym.make("Pendulum-v1"), model, prior=Gaussian([0, 0], np.diag([3.3, 0.33])),
+            gym.make("Pendulum-v1"), model, estimator="ukf",
+            prior=Gaussian([0, 0], np.diag([3.3, 0.33])),
             state=lambda env, obs: env.unwrapped.state,
-            observation=lambda x: [np.cos(x[..., 0]), np.sin(x[..., 0]), x[..., 1]], estimator="ukf",
+            observation=lambda x: [np.cos(x[..., 0]), np.sin(x[..., 0]), x[..., 1]],
         )
 
     ``info`` has the environment's keys and ``truth`` and ``estimate`` ``(n,)``, ``covariance``
