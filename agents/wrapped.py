@@ -46,7 +46,7 @@ class Wrapped:
 
     def __init__(self, env: Any) -> None:
         watch = watch_of(env)
-        self.name, self.system = env.spec.id, self
+        self.name, self.env, self.system = env.spec.id, env, self
         self.task = Episodes(env.spec.max_episode_steps)
         self.vehicle = SimpleNamespace(dt=time_step(env))
         self.estimator = "" if watch is None else watch.estimator

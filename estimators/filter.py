@@ -452,7 +452,8 @@ def known_input(u: Any, batch: tuple[int, ...]) -> np.ndarray | None:
     if u is None:
         return None
     u = frozen(as_array("u", u))  # the belief keeps it
-    return broadcast("u", u, batch + (u.shape[-1:] or (1,)))
+    u = u if u.ndim else u[None]
+    return broadcast("u", u, batch + u.shape[-1:])
 
 
 def broadcast(name: str, value: np.ndarray, shape: tuple[int, ...], core: int = 1) -> np.ndarray:

@@ -124,10 +124,8 @@ def run(
     T, batch = len(y), y.shape[1:-2] if isinstance(filter, Delayed) else y.shape[1:-1]
     continued = not isinstance(prior, Gaussian)
     keyed = getattr(filter, "random", False) and not isinstance(rng, np.random.Generator)
-    if continued and keyed and first == 0:
-        raise ValueError(
-            "first must be how many measurements came before: their random numbers are used up"
-        )
+    if continued:
+        _check_continued(prior.mean.shape[:-1], batch, keyed and first == 0)
     if isinstance(prior, Gaussian):
         mean = broadcast("the prior's mean", prior.mean, batch + prior.mean.shape[-1:])
         prior = prior.about(mean)
@@ -147,6 +145,15 @@ def run(
     if isinstance(filter, Delayed):
         predicted, updated = ([each.now for each in found] for found in (predicted, updated))
     return Series(filter, over_time(predicted), over_time(updated), belief)
+
+
+def _check_continued(rows: tuple[int, ...], batch: tuple[int, ...], again: bool) -> None:
+    if again:
+        raise ValueError(
+            "first must be how many measurements came before: their random numbers are used up"
+        )
+    if rows != batch:
+        raise ValueError(f"the belief has rows {rows}, y has {batch}")
 
 
 def _check_sampled(model: Any, t: np.ndarray | None) -> None:

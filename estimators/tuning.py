@@ -180,7 +180,10 @@ class _Search:
         """The negative log-likelihood; infinite where there is none."""
         try:
             value = self.evaluate(*self.built(theta))
-        except ValueError:  # of numbers that are far from the start, which no filter takes
+        except (
+            ValueError,
+            ArithmeticError,
+        ):  # of numbers that are far from the start, which no filter takes
             return np.inf
         return np.inf if np.isnan(value) else value
 

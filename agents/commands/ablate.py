@@ -71,7 +71,8 @@ def main(
         outcome = run(jobs, out, processes, scheduler, progress)
     pages = {e: outcome.values[job.key] for e, job in episodes.items() if job.key in outcome.values}
     _report(Results.of(planned, outcome), pages, out)
-    print(*dict.fromkeys(outcome.failures.values()), sep="\n", end="")
+    failures = {text.splitlines()[-1]: text for text in outcome.failures.values()}
+    print(*failures.values(), sep="\n", end="")
     return int(bool(outcome.failures))
 
 

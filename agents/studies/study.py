@@ -159,7 +159,7 @@ class _Reader:
             faults = tuple(f for f in condition.faults if self.accepts("faults", _fault, f))
             each = [self.accepts("sensors", _sensor_names, world, condition) for world in worlds]
             sensors = condition.sensors if all(each) else "nominal"
-            names = {name for found in each for name in found or ()}
+            names = dict.fromkeys(name for found in each for name in found or ())
             for key, named in (
                 ("sensors", sensors if isinstance(sensors, dict) else {}),
                 ("latency", condition.latency),

@@ -104,7 +104,7 @@ def read_settings(path: Path, env_id: str) -> tuple[str, dict[str, Any]]:
     name = env_id
     if env_id not in tables:
         of = {_task(each): each for each in tables if each in gym.registry}
-        name = next((of[base] for base in _task(env_id).__mro__ if base in of), "default")
+        name = next((of[base] for base in _task(env_id).__mro__[:-1] if base in of), "default")
     if not isinstance(found := tables.get(name), dict):
         raise ValueError(f"{path} has neither a table [{env_id!r}] nor [default]")
     return name, found
@@ -112,7 +112,8 @@ def read_settings(path: Path, env_id: str) -> tuple[str, dict[str, Any]]:
 
 def _task(env_id: str) -> type:
     """Class of the task of an environment; ``object`` where it has none."""
-    return type(vector_class(env_id).system.task)  # type: ignore[attr-defined]
+    system: Any = getattr(vector_class(env_id), "system", None)
+    return type(system.task) if system else object
 
 
 def _merged(settings: Mapping[str, Any], changed: Mapping[str, Any]) -> dict[str, Any]:

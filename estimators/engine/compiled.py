@@ -120,8 +120,8 @@ class Compiled:
         if key not in self._traced:
             self._traced[key] = trace(partial(self.function, **static), rows, self._matrices)
         function = self._traced[key]
+        results = function.compute(*held)
         self._last = static, function
-        results = function.call(*held) or function.compute(*held)
         return results if function.several else results[0]
 
     def __reduce__(self) -> Any:

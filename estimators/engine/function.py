@@ -77,7 +77,7 @@ class Function:
         self._places, self._literals, self._constants = _placed(program)
         self._address = self._constants.__array_interface__["data"][0]
         self._codes: dict[int, int] = {}
-        self.call: Callable[..., tuple[np.ndarray, ...] | None] = self.compute
+        self.call: Callable[..., Any] | None = None  # for arrays like the last ones
 
     def compute(self, *arrays: Any) -> tuple[np.ndarray, ...]:
         """Results of arrays that have one batch, or none where all rows share them."""
@@ -111,8 +111,10 @@ class Function:
         for each in self.results:
             shape = batch + each.shape
             table += id(KINDS[each.kind]), len(shape), *shape
-        self.call = partial(invoker(), np.array(table, np.int64))
-        return self.call(*given)  # type: ignore[return-value]
+        call = partial(invoker(), np.array(table, np.int64))
+        results: Any = call(*given)
+        self.call = call
+        return results
 
     def _code(self, width: int) -> int:
         """Machine code for ``width`` rows side by side; programs with other numbers share it."""

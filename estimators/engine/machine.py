@@ -6,7 +6,7 @@ import stat
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from hashlib import sha256
 from pathlib import Path
 from time import time
@@ -133,7 +133,7 @@ def _keep(path: str, code: bytes) -> None:
     """Write an object, after its digest, where others find it whole or not at all."""
     own = f"{path}.{os.urandom(8).hex()}"
     with suppress(OSError):
-        with open(own, "xb") as file:
+        with open(own, "xb", opener=partial(os.open, mode=0o600)) as file:
             file.write(sha256(code).digest() + code)
         os.replace(own, path)
 

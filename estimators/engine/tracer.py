@@ -172,6 +172,8 @@ def operation(opcode: str, *operands: Any) -> Any:
     if opcode in _COMPOSED:
         return _COMPOSED[opcode](*traced)
     kinds = {*map(attrgetter("kind"), traced)}
+    if opcode == "multiply" and kinds == {"b"}:
+        opcode = "bitwise_and"
     if kinds != {"f"} or opcode in _BITWISE | _SHIFTS:
         traced = _converted(opcode, traced, kinds)
     kind = "b" if opcode in _GIVE_MASKS else traced[0].kind

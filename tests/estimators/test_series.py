@@ -352,3 +352,10 @@ def test_what_does_not_fit_gets_one_sentence(changes: dict, sentence: str):
     given = {"filter": make("kf", _MODEL), "prior": _PRIOR, "y": np.zeros((5, 1))} | changes
     with pytest.raises(ValueError, match=sentence):
         run(**given)
+
+
+def test_a_belief_of_other_rows_is_refused():
+    kf = make("kf", LinearModel([[1.0]], [[1.0]], [[1.0]], [[1.0]]))
+    belief = kf.init(Gaussian([[0.0], [1.0]], [[1.0]]))
+    with pytest.raises(ValueError, match=r"the belief has rows \(2,\), y has \(\)"):
+        run(kf, belief, np.zeros((3, 1)))

@@ -240,3 +240,16 @@ def test_methods_and_functions_are_compiled_for_their_object_copied_and_pickled(
 def test_what_cannot_be_traced_raises_a_sentence(function: Any, sentence: str):
     with pytest.raises(TypeError, match=sentence):
         compiled(function)(np.ones(2))
+
+
+def test_a_call_that_is_refused_leaves_nothing_that_the_next_one_would_use():
+    function = compiled(lambda x, u: 2.0 * x + u[..., :1], axes=(1, 1))
+    with pytest.raises(ValueError, match="broadcast"):
+        function(np.ones((2, 3)), np.ones((4, 1)))
+    np.testing.assert_array_equal(function(np.ones((2, 2)), np.ones((2, 1))), np.full((2, 2), 3.0))
+
+
+def test_a_product_of_masks_is_true_where_both_are():
+    x = np.array([[1.0, 1.0], [1.0, -1.0]])
+    both = compiled(lambda x: 1.0 * ((x[..., :1] > 0.0) * (x[..., 1:] > 0.0)))
+    np.testing.assert_array_equal(both(x), [[1.0], [0.0]])
