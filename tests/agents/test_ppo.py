@@ -20,6 +20,7 @@ from agents.training.algorithms import (
     batch,
     describe,
     hyperparameters,
+    read_settings,
     train,
     tuned_settings,
 )
@@ -177,7 +178,8 @@ def test_hyperparameters_have_the_names_of_rl_zoo3_and_changed_ones_their_kind()
         assert hyperparameters(ENV, "none", {name: value}, "sac")[name] == value
 
 
-def test_a_task_of_ones_own_has_the_settings_of_the_nearest_task_that_it_derives_from():
+def test_a_task_of_ones_own_has_the_settings_of_the_nearest_task_that_it_derives_from(tmp_path):
+    file = tmp_path / "settings.toml"
     dive = SegorogeniAUVEnv.system
     corvette, channel = SigmaCorvetteEnv.system, SigmaChannelEnv.system
     for name, system in {"corvette": corvette, "dive": dive, "channel": channel}.items():
@@ -194,6 +196,8 @@ def test_a_task_of_ones_own_has_the_settings_of_the_nearest_task_that_it_derives
         # of a channel, and of an algorithm that is tuned for none, there are the defaults alone
         assert tuned_settings("ppo", "Gentler-channel-v0")[0] == "default"
         assert tuned_settings("sac", "Gentler-corvette-v0")[0] == "default"
+        file.write_text('["CartPole-v1"]\nn_steps = 8\n[default]\nn_steps = 4\n')
+        assert read_settings(file, "Gentler-dive-v0") == ("default", {"n_steps": 4})
     finally:
         for name in ("corvette", "dive", "channel"):
             del gym.registry[f"Gentler-{name}-v0"]
