@@ -268,10 +268,12 @@ def unmeasured(batch: tuple[int, ...], p: int, healthy: np.ndarray) -> dict[str,
 def over_time(beliefs: Sequence[Record]) -> Record:
     """Beliefs of one filter at successive times as one whose leading axis is time."""
     stacked = {
-        name: None if arrays[0] is None else frozen(np.stack(arrays))
+        name: None if arrays[0] is None else np.stack(arrays)
         for name, arrays in _with_inputs(beliefs).items()
     }
-    return beliefs[0].of(stacked)
+    if stacked["u"] is not None:
+        stacked["u"].setflags(write=False)
+    return beliefs[0].of(stacked).read_only()
 
 
 def _with_inputs(beliefs: Sequence[Belief]) -> dict[str, list[Any]]:

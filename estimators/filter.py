@@ -28,7 +28,7 @@ from estimators.linalg import (
 from estimators.model_checks import as_covariance
 from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import RandomKeys
-from estimators.recovery import DIGITS, is_healthy, recovered, rows_of
+from estimators.recovery import is_healthy, recovered, rows_of
 from estimators.stepping import StepProgram
 from estimators.varying import StateNoise, resolve
 
@@ -369,8 +369,8 @@ class Filter(ABC, Generic[Record]):
         changed = self._predict(belief, u, *answers, *drawn)
         if step == "step":
             return changed | self._changed("update", belief.replaced(changed), data)
-        shrinks = self.input_delay is not None  # by an input of the step that has ended
-        return changed | {"healthy": is_healthy(belief, changed, shrinks)}
+        # An input of the step that has ended may take variance away.
+        return changed | {"healthy": is_healthy(belief, changed, self.input_delay is not None)}
 
     def _corrected(
         self, belief: Record, data: Data, expected: Any, C: Any, R: Any, H: Any = None
@@ -388,8 +388,7 @@ class Filter(ABC, Generic[Record]):
         updated |= self._update(belief, u, e, C, R, available, *rest, *drawn)
         if updated["innovation_cov"] is None:
             updated["innovation_cov"] = congruence(C, belief.cov) + R
-        digits = 1e20 if self.random else DIGITS
-        return updated | {"healthy": is_healthy(belief, updated, not self.random, R, digits)}
+        return updated | {"healthy": is_healthy(belief, updated, not self.random, R)}
 
     def _in_numpy(self, step: str, belief: Record, data: Data) -> Changes:
         """Arrays that a step changes, in NumPy; the mean is NaN in rows with a singular matrix."""

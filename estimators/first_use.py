@@ -67,8 +67,8 @@ class FirstUse:
             )
         sizes = list[float]()
         for each in (alone, *filter(_given, rows)):
-            largest = np.maximum.reduce(np.abs(each), None, where=np.isfinite(each), initial=0.0)
-            sizes.append(largest)
+            numbers = np.abs(each[np.isfinite(each)])
+            sizes.append(np.maximum.reduce(numbers, initial=0.0))
         tolerance = max(1e-9, 64.0 * rounding(alone)) * sizes[0] + 1e-13 * max(sizes)
         if together.shape == alone.shape[2:] and len(self.shape) == 2:  # one for all rows
             together = together + np.zeros(alone.shape)

@@ -23,7 +23,7 @@ from estimators.randomness import RandomKeys
 
 _CROSS = {"cov": "", "input_cov": "state_input_cov", "feedthrough_cov": "state_feedthrough_cov"}
 """Covariances of a belief, and that of each with the state."""
-DIGITS = 1e4
+_DIGITS = 1e4
 """An update that shrinks a variance by more than this may leave only rounding, of either sign."""
 _SHRUNK = 1e-4
 """A step that shrinks all variances by more than this may leave only rounding, of either sign."""
@@ -33,17 +33,14 @@ _NEGATIVE = 1e-12
 """An eigenvalue of a covariance that is less negative, as a share of its trace, is rounding."""
 
 
-def is_healthy(
-    belief: Any, changed: dict[str, Any], shrinks: bool, R: Any = None, digits: float = DIGITS
-) -> Any:
+def is_healthy(belief: Any, changed: dict[str, Any], shrinks: bool, R: Any = None) -> Any:
     """Mask ``(...)``: is a step finite, and no variance perhaps nothing but rounding?
 
     Args:
         belief: Before the step.
         changed: Arrays that the step changes.
-        shrinks: May the step take variance away? Then little of it may be left, or less than none.
+        shrinks: Is variance subtracted? Then little of it may be left, or less than none.
         R: Covariance of the measurements of an update.
-        digits: Factor by which a measurement may be more precise than expected.
     """
     after = belief.replaced(changed)
     total = after.mean.sum(-1) + after.cov.sum((-2, -1))
@@ -53,6 +50,7 @@ def is_healthy(
         total = total + after.feedthrough_cov.sum((-2, -1))
     healthy = total - total == 0.0
     if R is not None:
+        digits = _DIGITS if shrinks else 1e20
         precise = after.innovation_cov.diagonal(0, -2, -1) > digits * R.diagonal(0, -2, -1)
         healthy = healthy & ~(np.where(precise, 1.0, 0.0).sum(-1) > 0.0)
     if shrinks:
@@ -146,7 +144,6 @@ def _finite(belief: Any) -> np.ndarray:
 
 def _attempt(filter: Any, step: str, belief: Any, data: Any) -> Any:
     """A prediction or an update in rescue; rows that are not finite keep what they had."""
-    data = belief.u, *data[1:]
     with rescue():
         after = filter._repaired(step, belief, data)
         after = after.replaced(filter._in_numpy(step, after, data))

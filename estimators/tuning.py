@@ -41,7 +41,7 @@ _SMOOTH, _ROUGH = 0.1, 0.5
 """Steps of the Hessian's differences in standard errors; the second where members are drawn."""
 _AWAY = np.arange(4.0, 40.0, 4.0)
 """How far along a direction without information is looked whether there is some farther on."""
-_SCALES = 0.0, 8.0, -8.0, 16.0, -16.0, 24.0, -24.0, 32.0, -32.0
+_SCALES = sorted(np.arange(-32.0, 33.0, 8.0), key=abs)
 """Logarithms of common factors of all positive parameters with which a search may begin."""
 
 

@@ -71,7 +71,8 @@ def main(
         outcome = run(jobs, out, processes, scheduler, progress)
     pages = {e: outcome.values[job.key] for e, job in episodes.items() if job.key in outcome.values}
     _report(Results.of(planned, outcome), pages, out)
-    failures = {text.splitlines()[-1]: text for text in outcome.failures.values()}
+    # Jobs that fail alike say it once: what differs is the name before the traceback.
+    failures = {text.partition("Traceback")[2] or text: text for text in outcome.failures.values()}
     print(*failures.values(), sep="\n", end="")
     return int(bool(outcome.failures))
 

@@ -155,9 +155,9 @@ def progress(title: str, counted: bool = False, slow: int = 0) -> Iterator[Calla
         if not counted and soon and before < done < total:
             left = (now - start) * (total - done) / (done - before)
             words.append(f"{timedelta(seconds=round(left))} left")
-        before_that, last = last, ", ".join(filter(None, words))
-        if last != before_that:
-            print(f"\r{last:79}" if live else last, end="\n"[live:], file=sys.stderr, flush=True)
+        if (line := ", ".join(filter(None, words))) != last:
+            last = line
+            print(f"\r{line:79}" if live else line, end="\n"[live:], file=sys.stderr, flush=True)
 
     try:
         yield show

@@ -245,13 +245,17 @@ def entrywise(function: Any, *values: Any) -> Any:
     if name not in SCALAR_FUNCTIONS:
         raise NotTraceable(f"a traced formula cannot have np.{name} in it")
     operands = [*map(partial(matrix, program), values)]
-    kinds, views, places = "", [], []
+    kinds, views, places, axes = "", [], [], set()
     for each in operands:
         whole = isinstance(each, MatrixTracer)
         kinds += "b" if each.kind == "b" or (name == "where" and not kinds) else "f"
         views.append(each.view if whole else each.value)
         places.append(each.places if whole else 0)
+        if each.value not in program.tables and each.value not in program.constants:
+            axes.add(each.ndim)
     kind, shape = _result_kind(name, kinds), np.broadcast(*places).shape
+    if axes - {len(shape)}:  # NumPy would take the rows of a batch for those of a matrix
+        raise ValueError(f"{shapes(operands)} differ in axes: add some by a[..., None]")
     rows, columns = (1,) * (2 - len(shape)) + shape
     value = program.add("each", tuple(views), "f", rows * columns, (name, kinds, rows, columns))
     return MatrixTracer(program, value, shape, kind)

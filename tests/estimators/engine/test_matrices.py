@@ -152,3 +152,10 @@ def test_what_numpy_refuses_is_refused_while_it_is_traced(formula: Formula):
 def test_a_word_of_other_meaning_is_refused_with_what_to_do(formula: Formula, sentence: str):
     with pytest.raises(NotTraceable, match=sentence):
         trace(formula, SHAPES, matrices=True)
+
+
+def test_a_vector_and_a_matrix_are_not_added():
+    """NumPy would add the rows of a batch to those of a matrix."""
+    rows = [Argument((3,)), Argument((3, 3))]
+    with pytest.raises(ValueError, match="differ in axes"):
+        trace(lambda v, M: M + v, rows, True)
