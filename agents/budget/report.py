@@ -8,30 +8,22 @@ import pandas as pd
 import vessel_gym
 from agents.budget.result import Budget
 from agents.files import replacing
-from agents.page import bullets, listed, many, table, text, words, write_page
+from agents.page import bullets, listed, table, text, words, write_page
 from agents.studies.answer import markdown_frame
 
 LIMITS = (
     "The fresh seeds were not used in the search, so it may have compared any number of suites. On"
     " them suites are tried in an order fixed before, the safest first, up to the first that is not"
     " confirmed. An answer that keeps less than was asked for has a probability of at most 2.5 %.",
-    "A suite that is no better in any sensor than one that keeps less was not flown. That it keeps"
-    " less, too, is an assumption: the claim that nothing cheaper will do needs it, and the"
-    " answer's share does not.",
     "A disaster rarer than one episode in a few hundred may occur in no flight, and is then in no"
     " interval.",
-)
-
-
-_NOT_RUN = (
-    "not run (no better in any sensor than one that keeps less, or dearer than one that keeps it)"
 )
 
 
 def conclusion(budget: Budget) -> list[str]:
     """The answer, the conclusion first."""
     share = f"{100 * budget.keep:g} % of the score on the truth"
-    suite, number, noun = budget.suites[budget.nearest], len(budget.suites), "suite"
+    suite, others, noun = budget.suites[budget.nearest], budget.suites, "All suites"
     if budget.answer is None:
         kept = words(budget.shares.get(budget.nearest), 3)
         found = [
@@ -39,16 +31,16 @@ def conclusion(budget: Budget) -> list[str]:
             f"The nearest, {suite}, keeps {kept} of it in the search.",
         ]
     else:
-        number, noun = sum(other.cost < suite.cost for other in budget.suites), "cheaper suite"
+        others, noun = [o for o in others if o.cost < suite.cost], "Cheaper suites"
         kept = words(budget.confirmed[budget.answer], 3)
         found = [
             f"The cheapest suite that is confirmed to keep {share}: {suite}.",
             f"Its price is {suite.cost[0]:g}, and on {budget.episodes} fresh seeds it keeps {kept}"
             " of the score on the truth.",
         ]
-    verdicts = Counter(budget.verdicts.get(i, _NOT_RUN) for i in range(number))
-    counts = listed([f"{count} {verdict}" for verdict, count in verdicts.items()] or [""])
-    return [*found, f"Of {many(number, noun)}: {counts}." if counts else "No suite is cheaper."]
+    verdicts = Counter(budget.verdicts[i] for i in range(len(others)))
+    counts = [f"{verdict} ({count})" for verdict, count in verdicts.items()]
+    return [*found, f"{noun}: {listed(counts)}." if counts else "No suite is cheaper."]
 
 
 def legend(budget: Budget) -> str:

@@ -6,12 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 import agents.jobs
 from agents.agent import load_agent
-from agents.budget.search import TRUTH, Request, Search
+from agents.budget.search import TRUTH, Search
 from agents.budget.suites import Suite
 from agents.controllers import PPO
 from agents.policies.checkpoint import packaged, policy_path
@@ -59,6 +58,7 @@ class Budget(Search):
         keep: Share of the truth's score that is asked for.
         folder: Keeps the results.
         processes: Processes on this machine.
+        progress: Context that shows progress, for a title and processes; see `agents.jobs.run`.
 
     Attributes:
         tables: Results of what was flown, see `agents.studies.results.long_table`.
@@ -67,15 +67,21 @@ class Budget(Search):
     """
 
     def __init__(
-        self, study: Study, suites: Sequence[Suite], keep: float, folder: Path, processes: int = 1
+        self,
+        study: Study,
+        suites: Sequence[Suite],
+        keep: float,
+        folder: Path,
+        processes: int,
+        progress: Callable[[str, int], Any],
     ) -> None:
-        costs, ranks = ([getattr(s, name) for s in suites] for name in ("cost", "ranks"))
-        super().__init__(costs, np.array(ranks), keep, self.flights, study.episodes)
+        super().__init__([suite.cost for suite in suites], keep, self.flights, study.episodes)
         self.study, self.suites, self.folder, self.processes = study, suites, folder, processes
+        self.progress = progress
         self.tables: list[pd.DataFrame] = []
         self.refusals: set[str] = set()
 
-    def run(self, progress: Callable[[int, int], None]) -> None:
+    def run(self) -> None:
         """Search the cheapest suite that keeps the share, and confirm it on fresh seeds.
 
         Raises:
@@ -83,7 +89,7 @@ class Budget(Search):
             Refusal: if a flight failed.
             OSError: if the results cannot be written.
         """
-        super().run(progress)
+        self.search()
         self.answer = self.confirm(FRESH)
 
     @property
@@ -92,21 +98,24 @@ class Budget(Search):
         best = max(self.shares, key=lambda i: self.shares[i].low, default=len(self.suites) - 1)
         return best if self.answer is None else self.answer
 
-    def flights(self, requests: Sequence[Request]) -> list[Any]:
-        """Scores of each request, see `agents.budget.search.Fly`; a flight has no other metrics."""
-        study, plans = self.study, []
-        for suite, first, episodes in requests:
-            part = replace(
-                study,
-                estimators=(study.estimators[suite == TRUTH],),
-                conditions=(study.conditions[suite + 1],),
-                episodes=episodes,
-                first_seed=study.first_seed + first,
+    def flights(self, suites: Sequence[int], first: int, episodes: int) -> list[Any]:
+        """Scores of suites, see `agents.budget.search.Fly`; a flight has no other metrics."""
+        part = replace(self.study, episodes=episodes, first_seed=self.study.first_seed + first)
+        plans = [
+            plan(
+                replace(
+                    part,
+                    estimators=(part.estimators[suite == TRUTH],),
+                    conditions=(part.conditions[suite + 1],),
+                ),
+                metrics=False,
             )
-            plans.append(plan(part, metrics=False))
-            self.refusals |= {skipped.reason for skipped in plans[-1].skipped}
-        jobs = (job for each in plans for job in each.jobs)
-        outcome = agents.jobs.run(jobs, self.folder, self.processes)
+            for suite in suites
+        ]
+        self.refusals |= {skipped.reason for each in plans for skipped in each.skipped}
+        jobs = [job for each in plans for job in each.jobs]
+        with self.progress(f"flights of {episodes} episodes", self.processes) as show:
+            outcome = agents.jobs.run(jobs, self.folder, self.processes, progress=show)
         for failure in outcome.failures.values():
             raise Refusal(f"a flight failed:\n{failure}")
         tables = [Results.of(each, outcome).table for each in plans]

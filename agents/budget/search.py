@@ -3,8 +3,9 @@
 The two parts fly different seeds. The search may therefore look as often as it likes: no error of
 the confirmation depends on what the search compared.
 
-- Search: each suite is looked at after 32, 64, 128 ... episodes. Its interval holds for all suites
-  and all looks at once (Bonferroni), so the order in which suites are flown needs no correction.
+- Search: suites are looked at after 32, 64, 128 ... episodes, until they are decided or cost as
+  much as one that keeps the share. Intervals hold for all suites and all looks at once
+  (Bonferroni).
 - Confirmation: suites in an order that the search has fixed, the safest first, each cheaper than
   the one before. The first that is not confirmed ends it, and the answer is the last one confirmed.
   Such a fixed sequence needs no correction: a wrong suite can only be the answer if the first wrong
@@ -14,7 +15,7 @@ the confirmation depends on what the search compared.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,24 +25,17 @@ TRUTH = -1
 """Stands for the truth among the numbers of suites."""
 FIRST_LOOK = 32
 """Episodes after which a suite is looked at first; their number doubles from look to look."""
-ROUND = 16
-"""Suites that are flown before the next choice, whatever the number of processes."""
 DOES, FAILS, OPEN, REFUSED = "keeps it", "keeps less", "not decided", "refused"
 """Verdicts of the search. Refused: the environment cannot fly the estimator on these sensors."""
 CONFIRMED, NOT_CONFIRMED = "confirmed", "not confirmed"
 """Verdicts of the confirmation."""
 
 
-class Request(NamedTuple):
-    """Episodes of a suite, or of the `TRUTH`, on the seeds from number ``first`` on."""
+Fly = Callable[[Sequence[int], int, int], list[Any]]
+"""Scores of suites, or of the `TRUTH`, from a number of a seed on: ``fly(suites, first, episodes)``.
 
-    suite: int
-    first: int
-    episodes: int
-
-
-Fly = Callable[[Sequence[Request]], list[Any]]
-"""Scores ``(episodes,)`` of each request; None for a suite that the environment refuses."""
+They are ``(episodes,)`` each; None for a suite that the environment refuses.
+"""
 
 
 def share_kept(scores: np.ndarray, truth: np.ndarray, comparisons: int = 1) -> Interval:
@@ -71,7 +65,6 @@ class Search:
 
     Attributes:
         costs: Of the suites, ascending: prices, or whatever else has an order.
-        ranks: ``(K, s)`` of their sensors, 0 for the best.
         keep: Share of the truth's score that is asked for.
         fly: Flies what is asked for.
         episodes: The most of a suite.
@@ -82,7 +75,6 @@ class Search:
     """
 
     costs: Sequence[Any]
-    ranks: np.ndarray
     keep: float
     fly: Fly
     episodes: int
@@ -91,79 +83,29 @@ class Search:
     verdicts: dict[int, str] = field(default_factory=dict)
     confirmed: dict[int, Interval] = field(default_factory=dict)
 
-    def run(self, progress: Callable[[int, int], None]) -> None:
-        """Fly until no further look may change the answer.
+    def search(self) -> None:
+        """Fly until every suite cheaper than the cheapest that keeps the share is decided."""
+        first = 0
+        for end in looks(self.episodes):
+            does = [i for i, found in self.verdicts.items() if found == DOES]
+            cheaper = range(min(does, default=len(self.costs)))
+            if left := [i for i in cheaper if self.verdicts.get(i, OPEN) == OPEN]:
+                self._look(left, first, end)
+            first = end
 
-        Every suite cheaper than the cheapest one that keeps the share is then decided, is no better
-        than one that fails, or has all episodes.
-
-        Args:
-            progress: Called with the number of suites that are decided or need no flight, and with
-                the number of all.
-        """
-        count = len(self.ranks)
-        while len(undecided := self.undecided()):
-            progress(count - len(undecided), count)
-            self.look(self.worthwhile(undecided)[:ROUND].tolist())
-        progress(count, count)
-
-    def undecided(self) -> np.ndarray:
-        """Suites of which a further look may change the answer.
-
-        A suite that is no better in any sensor than one that fails is not flown. That it fails,
-        too, is an assumption: no test relies on it, but a cheaper suite may be missed where it does
-        not hold.
-        """
-        failed = self.ranks[self.where(FAILS)]
-        return np.array([
-            i for i in range(min(self.where(DOES), default=len(self.ranks)))
-            if self.verdicts.get(i, OPEN) == OPEN and self.flown(i) < self.episodes
-            and (self.flown(i) or not (self.ranks[i] >= failed).all(-1).any())
-        ], int)  # fmt: skip
-
-    def where(self, verdict: str) -> list[int]:
-        """Suites with a verdict."""
-        return [i for i, found in self.verdicts.items() if found == verdict]
-
-    def flown(self, suite: int) -> int:
-        """Episodes of a suite so far."""
-        return len(self.scores.get(suite, ()))
-
-    def next_look(self, suite: int) -> int:
-        """Episodes of a suite at its next look."""
-        return min(max(FIRST_LOOK, 2 * self.flown(suite)), self.episodes)
-
-    def worthwhile(self, undecided: np.ndarray) -> np.ndarray:
-        """Undecided suites by what their next look settles an episode, the most first.
-
-        A suite that fails settles those that are no better in any sensor; one that keeps the share,
-        those that cost more. Of the two, the smaller number counts.
-        """
-        ranks = self.ranks[undecided]
-        if_fails = (ranks >= ranks[:, None]).all(-1).sum(1)
-        if_does = np.arange(len(undecided), 0, -1)
-        price = [self.next_look(i) - self.flown(i) for i in undecided]
-        return undecided[np.argsort(-np.minimum(if_fails, if_does) / price, kind="stable")]
-
-    def look(self, suites: Sequence[int]) -> None:
-        """Fly suites up to their next look, the truth as far, and decide on them.
-
-        A suite's interval holds together with those of all suites at all looks, flown or not.
-        """
-        ends = {TRUTH: 0} | {i: self.next_look(i) for i in suites}
-        ends[TRUTH] = max(ends.values())
-        requests = [Request(i, n, end - n) for i, end in ends.items() if end > (n := self.flown(i))]
-        for (i, *_), scores in zip(requests, self.fly(requests), strict=True):
+    def _look(self, suites: Sequence[int], first: int, end: int) -> None:
+        """Fly suites and the truth from one number of episodes to another, and decide on them."""
+        truth, *each = self.fly([TRUTH, *suites], first, end - first)
+        self.scores[TRUTH] = np.append(self.scores.get(TRUTH, ()), truth)
+        comparisons = len(self.costs) * len(looks(self.episodes))
+        for i, scores in zip(suites, each, strict=True):
             if scores is None:
                 self.verdicts[i] = REFUSED
                 continue
             self.scores[i] = np.append(self.scores.get(i, ()), scores)
-            if i != TRUTH:
-                truth = self.scores[TRUTH][: self.flown(i)]
-                comparisons = len(self.ranks) * len(looks(self.episodes))
-                share = self.shares[i] = share_kept(self.scores[i], truth, comparisons)
-                no = FAILS if share.high < self.keep else OPEN
-                self.verdicts[i] = DOES if share.low >= self.keep else no
+            share = share_kept(self.scores[i], self.scores[TRUTH], comparisons)
+            no = FAILS if share.high < self.keep else OPEN
+            self.shares[i], self.verdicts[i] = share, DOES if share.low >= self.keep else no
 
     @property
     def sequence(self) -> list[int]:
@@ -196,7 +138,7 @@ class Search:
         """
         answer = None
         for suite in self.sequence:
-            fresh = self.fly([Request(i, first, self.episodes) for i in (suite, TRUTH)])
+            fresh = self.fly((suite, TRUTH), first, self.episodes)
             share = self.confirmed[suite] = share_kept(*fresh)
             if share.low < self.keep:
                 self.verdicts[suite] = NOT_CONFIRMED

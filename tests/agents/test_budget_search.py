@@ -10,12 +10,10 @@ from scipy.stats import binom
 
 from agents.budget.search import (
     DOES,
-    FAILS,
     OPEN,
     REFUSED,
     TRUTH,
     Fly,
-    Request,
     Search,
     looks,
     share_kept,
@@ -34,9 +32,9 @@ COSTS = 6 - RANKS.sum(1)
 def flights(shares: np.ndarray, seed: int, sd: float = 0.04, disaster: float = 0.0) -> Fly:
     """Flights of suites that keep shares of the truth's score; some are lost by chance."""
 
-    def fly(requests: Sequence[Request]) -> list[Any]:
+    def fly(suites: Sequence[int], first: int, episodes: int) -> list[Any]:
         found: list[Any] = []
-        for suite, first, episodes in requests:
+        for suite in suites:
             truth = np.random.default_rng([seed, first]).beta(30.0, 5.0, episodes)
             own = np.random.default_rng([seed, first, suite + 2])
             noise = sd * own.normal(size=episodes)
@@ -49,8 +47,8 @@ def flights(shares: np.ndarray, seed: int, sd: float = 0.04, disaster: float = 0
 
 def procedure(fly: Fly) -> tuple[Any, Search]:
     """Answer and search with some flights."""
-    search = Search(COSTS, RANKS, KEEP, fly, 1024)
-    search.run(lambda done, total: None)
+    search = Search(COSTS, KEEP, fly, 1024)
+    search.search()
     return search.confirm(FRESH), search
 
 
@@ -58,7 +56,7 @@ def confirmed(shares: np.ndarray, fly: Fly, episodes: int) -> tuple[list[int], i
     """Suites that are tried on fresh seeds, each cheaper and less safe than the last, and answer."""
     count = len(shares)
     found = {i: Interval(1.0, 1.0 - 0.01 * i, 1.0) for i in range(count)}
-    search = Search(range(count, 0, -1), RANKS, KEEP, fly, episodes, shares=found)
+    search = Search(range(count, 0, -1), KEEP, fly, episodes, shares=found)
     search.verdicts = dict.fromkeys(found, OPEN)
     answer = search.confirm(FRESH)
     return list(search.confirmed), answer
@@ -125,32 +123,35 @@ def test_without_noise_the_answer_is_that_of_flying_everything():
         steps = np.random.default_rng(seed).uniform(0.001, 0.1, (2, 3, 3)) * [0, 1, 1]
         losses, prices = steps.cumsum(-1)[:, range(3), RANKS].sum(-1)
         order = np.argsort(-prices)
-        search = Search(-prices[order], RANKS[order], KEEP, flights(1 - losses[order], 0, 0.0), 64)
-        search.run(lambda done, total: None)
+        search = Search(-prices[order], KEEP, flights(1 - losses[order], 0, 0.0), 64)
+        search.search()
         assert search.confirm(FRESH) == np.flatnonzero(1 - losses[order] >= KEEP)[0]
 
 
 def test_nothing_is_flown_that_cannot_change_the_answer():
     plain = flights(1.005 - 0.03 * RANKS.sum(1), 0)
 
-    def watched(requests: Sequence[Request]) -> list[Any]:
-        for suite, first, _ in requests:
-            if suite != TRUTH:
-                assert search.verdicts.get(suite, OPEN) == OPEN
-                assert suite < min(search.where(DOES), default=len(RANKS))
-                failed = RANKS[search.where(FAILS)]
-                assert first or not (RANKS[suite] >= failed).all(-1).any()
-        return plain(requests)
+    def watched(suites: Sequence[int], first: int, episodes: int) -> list[Any]:
+        cheapest = min((i for i, found in search.verdicts.items() if found == DOES), default=99)
+        for suite in set(suites) - {TRUTH}:
+            assert search.verdicts.get(suite, OPEN) == OPEN
+            assert suite < cheapest
+            assert first == len(search.scores.get(suite, ()))
+        return plain(suites, first, episodes)
 
-    search = Search(COSTS, RANKS, KEEP, watched, 1024)
-    search.run(lambda done, total: None)
-    assert sum(map(search.flown, range(len(RANKS)))) < 0.3 * 1024 * len(RANKS)
+    search = Search(COSTS, KEEP, watched, 1024)
+    search.search()
+    assert sum(map(len, search.scores.values())) < 0.3 * 1024 * len(RANKS)
     assert looks(100) == [32, 64, 100]
 
 
 def test_a_suite_that_the_environment_refuses_is_left_out():
     plain = flights(np.ones(len(RANKS)), 0)
-    _, search = procedure(lambda rs: [None if r.suite == 0 else plain([r])[0] for r in rs])
+
+    def fly(suites: Sequence[int], *seeds: int) -> list[Any]:
+        return [None if i == 0 else plain([i], *seeds)[0] for i in suites]
+
+    _, search = procedure(fly)
     assert search.verdicts[0] == REFUSED
     assert COSTS[search.sequence[-1]] == 1
 
