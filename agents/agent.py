@@ -43,7 +43,7 @@ class RandomAgent:
         return self._rng.uniform(-1.0, 1.0, (len(observations), self._size)).astype(np.float32)
 
 
-def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
+def load_agent(name: str | Path, env: Any) -> Agent:
     """An agent by name, or a trained one from its file.
 
     Args:
@@ -54,16 +54,11 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
             ``"module:object"``, a controller of your own, made by calling the object with the
             environment's `System`: the module is imported, which runs its code.
         env: The environment (either face, wrapped or not) that it will fly.
-        trust: Load other models of stable-baselines3, too, of any algorithm. They hold
-            pickles: loading one runs whatever code its maker has put in. They leave out the
-            statistics of a ``VecNormalize``: an agent that was trained under one is saved by
-            `agents.save_agent`.
 
     Raises:
-        ValueError: if the name is none of these, or the checkpoint is damaged, not trusted, or for
-            another observation or vehicle.
+        ValueError: if the name is none of these, or the policy is damaged, or for another
+            observation or vehicle.
         TypeError: for what is neither a name nor a path, or if ``"module:object"`` makes no agent.
-        ModuleNotFoundError: for a model of stable-baselines3, without it.
     """
     if not isinstance(name, str | os.PathLike):
         raise TypeError(
@@ -87,7 +82,7 @@ def load_agent(name: str | Path, env: Any, trust: bool = False) -> Agent:
         return make_controller(str(name), env.system)
     path = policy_path(name)
     if os.path.isfile(path):  # which takes any name; pathlib raises for one that is too long
-        return TrainedAgent(path, given, trust)
+        return TrainedAgent(path, given)
     if isinstance(name, str) and ":" in name:
         return make_controller(name, core_of(given).system)
     if Path(name).suffix in (".zip", ".npz") or len(Path(name).parts) > 1:

@@ -84,7 +84,6 @@ def rollout(
     env_options: dict[str, Any] | None = None,
     reset_options: dict[str, Any] | None = None,
     record: bool = True,
-    trust: bool = False,
     ensembles: bool = False,
 ) -> Rollout:
     """Fly one episode for each seed, all in one batch.
@@ -96,7 +95,6 @@ def rollout(
         env_options: Passed to `gymnasium.make_vec`.
         reset_options: Passed to ``reset``.
         record: Keep the history of every numeric array in ``info``.
-        trust: See `agents.load_agent`.
         ensembles: Keep in the history the members of an estimator that has an ensemble, too; NaN at
             an episode's end.
 
@@ -113,7 +111,7 @@ def rollout(
             f"an agent is a name, the path of a checkpoint, or has reset and act, got {agent!r}"
         )
     with closing(batch(env_id, len(seeds), env_options)) as env:
-        flyer = load_agent(agent, env, trust) if isinstance(agent, str | Path) else agent
+        flyer = load_agent(agent, env) if isinstance(agent, str | Path) else agent
         flyer.reset(len(seeds))
         start = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
         core: Any = getattr(env.unwrapped, "core", None)

@@ -22,7 +22,6 @@ def main(
     estimator: tuple[str, ...] = (DEFAULT,),
     episodes: int = 100,
     first_seed: int = 0,
-    trust: bool = False,
     **options: Any,
 ) -> None:
     """Fly an agent on one or several estimators, over the same seeds, and print its metrics."""
@@ -40,19 +39,17 @@ def main(
             world = environment_options(env_id, chosen)
             worlds[default if name == DEFAULT else name] = world
             with closing(batch(env_id, 1, world)) as env:
-                load_agent(agent, env, trust)
+                load_agent(agent, env)
     title = f"{env_id}, {agent}: " + (
         "one episode" if episodes == 1 else f"mean and 95 % interval over {episodes} episodes"
     )
     if hasattr(env.unwrapped, "core"):
         title += f", {options.get('disturbance', 'moderate')} disturbance"
         title += f", {options.get('sensors', 'nominal')} sensors"
-    _fly(title, agent, env_id, seeds, worlds, trust)
+    _fly(title, agent, env_id, seeds, worlds)
 
 
-def _fly(
-    title: str, agent: str, env_id: str, seeds: list[int], worlds: dict[str, Any], trust: bool
-) -> None:
+def _fly(title: str, agent: str, env_id: str, seeds: list[int], worlds: dict[str, Any]) -> None:
     """Fly the seeds with each estimator's options, and print a table of the metrics."""
     import numpy as np
 
@@ -62,7 +59,7 @@ def _fly(
     columns = {}
     with progress_bar("estimators", len(worlds)) as advance:
         for name, options in worlds.items():
-            flown = rollout(agent, env_id, seeds, options, trust=trust)
+            flown = rollout(agent, env_id, seeds, options)
             columns[name] = scores(flown)
             advance()
     sections: tuple[list[list[str]], list[list[str]]] = ([], [])

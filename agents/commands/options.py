@@ -53,7 +53,6 @@ SHARED = {
     " the path of a checkpoint, or your own as module:object, whose code is run",
     "first_seed": "number of the first evaluation seed, counted from 0",
     "processes": "processes on this machine",
-    "trust": "load a checkpoint that vessel-gym did not write, although it can run any code",
 }
 """Help on parameters of several commands; each command has its own in ``OPTIONS``."""
 _METAVARS: dict[Any, str] = {

@@ -34,7 +34,6 @@ def main(
     agent: str = "autopilot",
     out: Path | None = None,
     every: int = 6,
-    trust: bool = False,
     **options: Any,
 ) -> None:
     """Watch one episode in a window or, with --out, write it to a file."""
@@ -49,12 +48,12 @@ def main(
         options = environment_options(env_id := registered_id(env_id), options)
         check_display() if out is None else check_file(out)
     if out is not None and out.suffix.lower() == PAGE:
-        _write_page(env_id, agent, seed, options, trust, out)
+        _write_page(env_id, agent, seed, options, out)
         return
     with asked():
         drawn = environment_options(env_id, {"render_mode": "rgb_array" if out else "human"})
         env: Any = gym.make(env_id, **options, **drawn)
-        flyer = load_agent(agent, env, trust)
+        flyer = load_agent(agent, env)
     with closing(env):
         flyer.reset(1)
         with asked():  # the first picture needs pygame
@@ -66,7 +65,7 @@ def main(
 
 
 def _write_page(
-    env_id: str, agent: str, seed: int | None, options: dict[str, Any], trust: bool, out: Path
+    env_id: str, agent: str, seed: int | None, options: dict[str, Any], out: Path
 ) -> None:
     """Write an episode as a page, and print which it is and its scores."""
     from agents import episode
@@ -75,7 +74,7 @@ def _write_page(
     from agents.wrapped import Wrapped
 
     with asked():
-        page = episode(env_id, None, agent, seed, options, trust)
+        page = episode(env_id, None, agent, seed, options)
     page.save(out)
     scores = ", ".join(f"{score:.3f} on {name}" for name, score in page.scores.items())
     which = page.page["conditions"][-1]  # seed 7

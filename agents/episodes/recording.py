@@ -33,7 +33,6 @@ def episode(
     agent: Any = "autopilot",
     seed: int | None = 0,
     env_options: dict[str, Any] | None = None,
-    trust: bool = False,
 ) -> Episode:
     """Fly one episode on several estimators, which meet equal starts, waves, losses and noise.
 
@@ -45,7 +44,6 @@ def episode(
         seed: Of the episode; None: that of the most typical of `TYPICAL` evaluation episodes, see
             `typical_seed`. An environment of others, whose episodes run one by one, takes 0.
         env_options: Passed to the environment.
-        trust: See `agents.load_agent`.
 
     Raises:
         ValueError: if there is no such environment or estimator, or the agent cannot fly it.
@@ -78,7 +76,7 @@ def episode(
     if seed is None and not ours:
         seed = 0
     seeds = evaluation_seeds(TYPICAL) if seed is None else [seed]
-    return Episode(typical_page(agent, env_id, worlds, seeds, trust))
+    return Episode(typical_page(agent, env_id, worlds, seeds))
 
 
 def _can_be_made(env_id: str, options: dict[str, Any]) -> bool:
@@ -107,7 +105,6 @@ def typical_page(
     env_id: str,
     worlds: Mapping[str, dict[str, Any]],
     seeds: Sequence[int],
-    trust: bool = False,
 ) -> dict[str, Any]:
     """Data of the page of the `typical_seed`.
 
@@ -116,12 +113,11 @@ def typical_page(
         env_id: A registered environment.
         worlds: Options of the environment by name of the estimator.
         seeds: Of which the typical one is shown.
-        trust: See `agents.load_agent`.
     """
 
     def fly(seeds: Sequence[int], record: bool) -> list[Rollout]:
         return [
-            rollout(agent, env_id, seeds, each, None, record, trust, ensembles=record)
+            rollout(agent, env_id, seeds, each, None, record, ensembles=record)
             for each in worlds.values()
         ]
 

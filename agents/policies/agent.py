@@ -14,20 +14,18 @@ class TrainedAgent:
     Args:
         path: A checkpoint.
         env: The environment that it will fly, to check the observation.
-        trust: See `agents.load_agent`.
 
     Raises:
-        ValueError: if the file is no checkpoint that may be loaded, or was trained on another
+        ValueError: if the file is no policy of `agents.save_agent`, or was trained on another
             observation, other actions or another vehicle.
-        ModuleNotFoundError: for a model of stable-baselines3, without it.
     """
 
-    def __init__(self, path: Path, env: Any, trust: bool = False) -> None:
+    def __init__(self, path: Path, env: Any) -> None:
         observations, actions = (
             getattr(env, f"single_{name}", getattr(env, name))
             for name in ("observation_space", "action_space")
         )
-        policy, self._network = load(path, actions, trust)
+        policy, self._network = load(path, actions)
         core, size = getattr(env.unwrapped, "core", None), int(np.prod(observations.shape))
         observe = None if core is None else core.observe_mode
         here = "is none of vessel_gym" if core is None else f"gives {observe!r}"

@@ -34,7 +34,7 @@ class Policy:
     Attributes:
         observations: Shape of the network's observations.
         actions: Shape of the actions.
-        layers: See `Network`; empty for a policy that torch computes.
+        layers: See `Network`.
         squash: See `Network`.
         frames: Number of observations side by side.
         observe: Kind of the observation; None if the environment has only one.
@@ -47,8 +47,8 @@ class Policy:
 
     observations: list[int]
     actions: list[int]
-    layers: list[str] = field(default_factory=list)
-    squash: bool = False
+    layers: list[str]
+    squash: bool
     frames: int = 1
     observe: str | None = None
     environment: str = ""
@@ -188,17 +188,15 @@ def packaged(env_id: str) -> Path:
     return folder / f"{env_id}.npz"
 
 
-def load(path: Path, space: Any, trust: bool) -> tuple[Policy, Any]:
-    """A policy, and its function from (observations, state) to (actions, state).
+def load(path: Path, space: Any) -> tuple[Policy, Network]:
+    """A policy of `save_agent`, and its network.
 
     Args:
-        path: A file of `save_agent`, or a model of stable-baselines3.
+        path: Its file.
         space: The environment's actions.
-        trust: Load a model of stable-baselines3, which may run any code.
 
     Raises:
-        ValueError: if it is none, or not trusted.
-        ModuleNotFoundError: for a model of stable-baselines3, without it.
+        ValueError: if it is none.
     """
     with _one_sentence(path), path.open("rb") as stream, np.load(stream) as file:
         if "description" in file:
@@ -208,15 +206,10 @@ def load(path: Path, space: Any, trust: bool) -> tuple[Policy, Any]:
             if not np.isfinite(network(np.zeros((1, *policy.observations), np.float32))[0]).all():
                 raise ValueError("its actions are not finite")
             return policy, network
-    if not trust:
-        raise ValueError(
-            f"{path} was not saved by agents.save_agent or vessel-gym train of this version, and to"
-            " load it is to run whatever code it holds: if you trust whoever made it, say"
-            " trust=True (--trust on a command line)"
-        )
-    require("torch", "stable_baselines3", "sb3_contrib")
-    with _one_sentence(path):
-        return _foreign(path)
+    raise ValueError(
+        f"{path} was not saved by agents.save_agent or vessel-gym train of this version: load it by"
+        " stable-baselines3, and save the model by agents.save_agent(model, path)"
+    )
 
 
 @contextmanager
@@ -229,32 +222,3 @@ def _one_sentence(path: Path) -> Iterator[None]:
         raise ValueError(
             f"{path} is not a checkpoint of an agent, or is damaged ({reason})"
         ) from None
-
-
-def _foreign(path: Path) -> tuple[Policy, Any]:
-    """Unpickle a model of stable-baselines3, of any algorithm, and return its policy."""
-    from sb3_contrib.ars.policies import ARSPolicy
-    from stable_baselines3.common.save_util import load_from_zip_file
-
-    data, weights, _ = load_from_zip_file(path, device="cpu")
-    assert data is not None
-    # Only VecNormalize has original observations to keep, but algorithms with a replay buffer keep
-    # them always.
-    if data.get("_last_original_obs") is not None and "replay_buffer_class" not in data:
-        raise ValueError(
-            "it was trained under VecNormalize, whose statistics stable-baselines3 leaves out: load"
-            " it there with its VecNormalize, model.set_env(...), and save it by"
-            " agents.save_agent(model, path)"
-        )
-    kind, spaces = data["policy_class"], (data["observation_space"], data["action_space"])
-    rate = () if issubclass(kind, ARSPolicy) else (lambda _: 0.0,)
-    options = {key: value for key, value in data["policy_kwargs"].items() if key != "device"}
-    if data.get("use_sde"):
-        options["use_sde"] = True
-    policy = kind(*spaces, *rate, **options)
-    policy.load_state_dict(weights["policy"])
-
-    def act(observations: np.ndarray, state: Any) -> Any:
-        return policy.predict(observations, state, deterministic=True)
-
-    return Policy(list(spaces[0].shape), list(spaces[1].shape)), act

@@ -81,8 +81,8 @@ def exported(policy: Any) -> Network:
         same = False
     if not same:
         raise ValueError(
-            f"cannot store a {type(policy).__name__} of such layers or spaces in arrays: use"
-            " model.save, and load_agent with trust=True"
+            f"cannot store a {type(policy).__name__} of such layers or spaces in arrays: it"
+            " flies as an agent of your own, with reset and act"
         )
     return network
 

@@ -225,7 +225,7 @@ LINES = [
     ),
     ("evaluate --episodes ten", "--episodes: invalid int value: 'ten'"),
     ("evaluate --estimatr kf", "did you mean '--estimator'?"),
-    ("evaluate --trust=maybe", "maybe"),
+    ("train --resume=maybe", "maybe"),
     ("evaluate --observe all", "unknown observe mode 'all': choose from mean"),
     (
         "evaluate --estimator-options members",

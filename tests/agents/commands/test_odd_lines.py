@@ -14,7 +14,7 @@ ROOT = Path(__file__).parents[3]
 
 
 @pytest.mark.parametrize(
-    "line", ["evaluate --trust=maybe", "wacth", "--help", "--version", "watch --help"]
+    "line", ["evaluate --episodes=maybe", "wacth", "--help", "--version", "watch --help"]
 )
 def test_a_closed_output_changes_nothing_but_what_is_seen(
     monkeypatch: pytest.MonkeyPatch, line: str

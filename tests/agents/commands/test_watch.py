@@ -40,7 +40,7 @@ def short_episodes(monkeypatch):
     monkeypatch.setattr(
         gym, "make", lambda *args, **kwargs: make(*args, max_episode_steps=STEPS, **kwargs)
     )
-    monkeypatch.setattr(agents, "load_agent", lambda name, env, trust: Helmsman())
+    monkeypatch.setattr(agents, "load_agent", lambda name, env: Helmsman())
 
 
 def run(*words):
@@ -89,7 +89,7 @@ def test_a_film_that_fails_half_way_leaves_the_old_one_alone(tmp_path, monkeypat
                 raise KeyboardInterrupt
             return super().act(observations)
 
-    monkeypatch.setattr(agents, "load_agent", lambda name, env, trust: Broken())
+    monkeypatch.setattr(agents, "load_agent", lambda name, env: Broken())
     out = tmp_path / f"turn{suffix}"
     out.write_bytes(b"old")
     assert run("--out", str(out)) == 130
@@ -120,7 +120,7 @@ def test_a_folder_without_permission_or_a_full_disk_is_one_sentence(
 @pytest.mark.parametrize("quit_after", [2, STEPS])
 def test_the_window_stays_until_it_is_closed(monkeypatch, quit_after):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    monkeypatch.setattr(agents, "load_agent", lambda name, env, trust: Helmsman(quit_after))
+    monkeypatch.setattr(agents, "load_agent", lambda name, env: Helmsman(quit_after))
     assert run() == 0
     assert not pygame.display.get_init()
 
