@@ -1,14 +1,11 @@
 """Controllers that need no training, registered by the kind of task that they fly.
 
 Each acts on the observation alone, in modes ``"mean"`` and ``"mean+std"``: what it regulates is
-what the estimator believes. Every task of the package has three:
+what the estimator believes. Every task of the package has an ``"autopilot"``, by which studies
+measure others: linear-quadratic, with what the task needs beside it. Ships have two more:
 
-- ``"autopilot"``: the one that studies measure others by, linear-quadratic with what the task needs
-  beside it;
-- ``"pid"``: decoupled loops of proportional, integral and derivative action
-  (`agents.controllers.loops`);
-- ``"lqg"``: the linear-quadratic regulator of the whole deviation, on the estimate, and nothing
-  else.
+- ``"pid"``: proportional, integral and derivative action (`agents.controllers.loops`);
+- ``"lqg"``: the autopilot's regulator without its integral.
 
 They may import vehicles, tasks and `estimators`; agents and studies import them.
 """

@@ -2,7 +2,6 @@
 
 from collections import defaultdict
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
 
@@ -10,47 +9,28 @@ import numpy as np
 from scipy.optimize import root
 
 from agents.controllers import AUTOPILOT, register_controller
-from agents.controllers.loops import (
-    Controller,
-    Loop,
-    bryson,
-    first_order,
-    jacobian,
-    regulator_gains,
-)
+from agents.controllers.loops import Controller, bryson, jacobian, regulator_gains
 from estimators import wrap
 from vessel_gym.tasks.dive import Dive
 from vessel_gym.vehicles.auv import AUV
 
-
-@dataclass(frozen=True)
-class DiveTolerances:
-    """Deviations that count alike in the quadratic costs (Bryson's rule).
-
-    Each weight is 1 / tolerance^2.
-    """
-
-    direction: float = 0.06  # rad, of course and flight path
-    rate: float = 0.4  # rad/s, of yaw and pitch
-    fin: float = 0.3  # rad
-    speed: float = 2.0  # s, time constant in which an error of speed is to vanish
-    look_ahead: float = 1.0  # vehicle lengths
-    offset: float = np.inf  # m off the path; infinite: left to the guidance
+# Deviations that count alike in the quadratic costs (Bryson's rule): each weight is 1 / tolerance^2.
+DIRECTION = 0.06  # rad, of course and flight path
+RATE = 0.4  # rad/s, of yaw and pitch
+FIN = 0.3  # rad
+SPEED = 2.0  # s, time constant in which an error of speed is to vanish
+AHEAD = 1.0  # vehicle lengths to the point that the guidance aims at
 
 
 class Regulator(NamedTuple):
     """A regulator about steady motions, which are tabulated over rising commands ``(m,)``.
 
     Attributes:
-        gains: ``(k,)`` of the fin on the plane's states, of which the last is the direction, and on
-            the distance from the path where that is regulated, too.
+        gains: ``(k,)`` of the fin on the plane's states, of which the last is the direction.
         command: flight-path angle [rad] or yaw rate [rad/s].
         drift: velocity through the water across the body [m/s].
         fin: rad.
         thrust: N.
-        response: Angular acceleration [rad/s2] by the fin [rad], of the plane reduced to first
-            order.
-        damping: Of the angular velocity there [1/s].
     """
 
     gains: np.ndarray
@@ -58,20 +38,18 @@ class Regulator(NamedTuple):
     drift: np.ndarray
     fin: np.ndarray
     thrust: np.ndarray
-    response: float
-    damping: float
 
     def steady(self, command: np.ndarray) -> list[np.ndarray]:
         """Drift, fin and thrust of the steady motions with commands ``(B,)``."""
-        return [np.interp(command, self.command, each) for each in self[2:5]]
+        return [np.interp(command, self.command, each) for each in self[2:]]
 
     def feedback(self, *deviation: np.ndarray) -> np.ndarray:
-        """Fin [rad] against deviations of the states and of the distance, ``(B,)`` each."""
-        return np.stack(deviation[: len(self.gains)], -1) @ self.gains
+        """Fin [rad] against deviations of the states, ``(B,)`` each."""
+        return np.stack(deviation, -1) @ self.gains
 
 
 @cache
-def regulator(vehicle: AUV, tolerances: DiveTolerances, lateral: bool) -> Regulator:
+def regulator(vehicle: AUV, lateral: bool) -> Regulator:
     """The regulator of a plane of motion.
 
     The stern plane acts on heave, pitch rate and flight path, about steady dives and climbs of up
@@ -108,10 +86,8 @@ def regulator(vehicle: AUV, tolerances: DiveTolerances, lateral: bool) -> Regula
         return _after(vehicle, state, actuators)[index]
 
     AB = jacobian(step, np.append(state[index], actuators[fin]))
-    A, B = AB[:, :-1], AB[:, -1:]
-    plant = first_order(A[:-1, :-1], B[:-1, 0], rate, vehicle.dt)  # at a given angle
-    gains = _gains(A, B, side / speed, rate, speed * vehicle.dt, tolerances)
-    return Regulator(gains, command, table[:, 0], table[:, 2], table[:, 3], *plant)
+    gains = _gains(AB[:, :-1], AB[:, -1:], side / speed, rate)
+    return Regulator(gains, command, table[:, 0], table[:, 2], table[:, 3])
 
 
 def _after(vehicle: AUV, state: np.ndarray, actuators: np.ndarray) -> np.ndarray:
@@ -135,27 +111,17 @@ def _steady_motions(
     return table
 
 
-def _gains(
-    A: np.ndarray, B: np.ndarray, drift: float, rate: int, way: float, tolerances: DiveTolerances
-) -> np.ndarray:
-    """Gains ``(k,)`` of a plane's regulator, ``(k + 1,)`` with the distance from the path.
+def _gains(A: np.ndarray, B: np.ndarray, drift: float, rate: int) -> np.ndarray:
+    """Gains ``(k,)`` of a plane's regulator.
 
     Its states move by ``A (k, k)`` and ``B (k, 1)``: the first moves the direction by ``drift``
-    [rad per m/s], number ``rate`` is the angular velocity, the last the angle; ``way`` [m] is that
-    of a step along the path.
+    [rad per m/s], number ``rate`` is the angular velocity, the last the angle.
     """
-    n, t = len(A), tolerances
-    direction, whole = np.zeros(n + 1), np.eye(n + 1)
-    direction[[0, n - 1]] = drift, 1.0
-    whole[:n, :n] = A
-    whole[n] += way * direction
-    Q = np.outer(direction, direction) / t.direction**2
-    Q[rate, rate] += t.rate**-2
-    Q[n, n] = t.offset**-2
-    kept = slice(n + np.isfinite(t.offset))
-    return regulator_gains(
-        whole[kept, kept], np.pad(B, ((0, 1), (0, 0)))[kept], Q[kept, kept], bryson(t.fin)
-    )[0]
+    direction = np.zeros(len(A))
+    direction[[0, -1]] = drift, 1.0
+    Q = np.outer(direction, direction) / DIRECTION**2
+    Q[rate, rate] += RATE**-2
+    return regulator_gains(A, B, Q, bryson(FIN))[0]
 
 
 @register_controller(Dive, AUTOPILOT)
@@ -169,15 +135,12 @@ class DiveAutopilot(Controller):
     """
 
     kind, vehicle = Dive, AUV
-    tolerances = DiveTolerances()  # of the design
 
     def _design(self) -> None:
-        t, vehicle = self.tolerances, self._vehicle
-        self._body = vehicle.body
-        self._ahead = t.look_ahead * vehicle.body.length
-        self._vertical = regulator(vehicle, t, lateral=False)
-        turns = "rudder" in vehicle.action_names
-        self._lateral = regulator(vehicle, t, lateral=True) if turns else None
+        self._body, turns = self._vehicle.body, "rudder" in self._vehicle.action_names
+        self._ahead = AHEAD * self._body.length
+        self._vertical = regulator(self._vehicle, lateral=False)
+        self._lateral = regulator(self._vehicle, lateral=True) if turns else None
 
     def _actions(self, observations: np.ndarray) -> np.ndarray:
         """Actions ``(B, a)``: fins and thrust."""
@@ -185,23 +148,24 @@ class DiveAutopilot(Controller):
         heave, stern, thrust = self._vertical.steady(o["wanted climb"])
         drift = o["heave"] - heave
         climb = o["climb"] - o["wanted climb"] + drift / body.cruise_speed
-        fins = [stern - self._vertical.feedback(drift, o["pitch rate"], climb, o["above"])]
+        fins = [stern - self._vertical.feedback(drift, o["pitch rate"], climb)]
         if self._lateral is not None:
             sway, rudder, turning = self._lateral.steady(o["turning"])
             drift = o["sway"] - sway
             rates = o["roll rate"], o["yaw rate"] - o["turning"]
             course = -o["course error"] - drift / body.cruise_speed
-            feedback = self._lateral.feedback(drift, *rates, o["roll"], course, o["aside"])
+            feedback = self._lateral.feedback(drift, *rates, o["roll"], course)
             fins.insert(0, rudder - feedback)
             thrust = thrust + turning - body.cruise_thrust
-        return self._shares(fins, thrust - body.mass / self.tolerances.speed * o["surge error"])
+        thrust = thrust - body.mass / SPEED * o["surge error"]
+        shares = [fin / body.fin_limit for fin in fins]
+        return np.stack([*shares, 2.0 * thrust / body.thrust_limit - 1.0], -1)
 
     def _observed(self, observations: np.ndarray) -> dict[str, np.ndarray]:
         """Observed quantities in SI, ``(B,)`` each, and what the guidance makes of them.
 
         Beside the names of the task: ``climb``, the flight-path angle over ground, and the wanted
-        one; ``course error``; ``turning`` [rad/s] of the path; ``above`` and ``aside`` [m], the
-        distances below the path and to starboard of it, as the path lies.
+        one; ``course error``; ``turning`` [rad/s] of the path.
         """
         zero, speed = np.zeros(len(observations)), self._body.cruise_speed
         o = defaultdict(lambda: zero, self._task.named(observations))
@@ -213,18 +177,13 @@ class DiveAutopilot(Controller):
             *attitude,
         )
         path = _levelled(o["path ahead"], o["path to starboard"], o["path below"], *attitude)
-        o["above"], o["aside"] = path[2], path[0] * np.sin(turn) - path[1] * np.cos(turn)
+        aside_of_path = path[0] * np.sin(turn) - path[1] * np.cos(turn)
         o["climb"] = np.arctan2(-below, np.hypot(ahead, aside))
         o["turning"] = o["curvature"] * speed
-        o["wanted climb"] = o["pitch error"] + o["pitch"] - np.arctan(o["above"] / self._ahead)
-        sight = np.arctan(o["aside"] / self._ahead)
+        o["wanted climb"] = o["pitch error"] + o["pitch"] - np.arctan(path[2] / self._ahead)
+        sight = np.arctan(aside_of_path / self._ahead)
         o["course error"] = wrap(turn - sight - np.arctan2(aside, ahead))
         return o
-
-    def _shares(self, fins: list[np.ndarray], thrust: np.ndarray) -> np.ndarray:
-        """Actions ``(B, a)`` that ask for fins [rad] and thrust [N]."""
-        shares = [fin / self._body.fin_limit for fin in fins]
-        return np.stack([*shares, 2.0 * thrust / self._body.thrust_limit - 1.0], -1)
 
 
 def _levelled(
@@ -234,44 +193,3 @@ def _levelled(
     aside, below = y * np.cos(roll) - z * np.sin(roll), y * np.sin(roll) + z * np.cos(roll)
     ahead = x * np.cos(pitch) + below * np.sin(pitch)
     return ahead, aside, below * np.cos(pitch) - x * np.sin(pitch)
-
-
-@register_controller(Dive, "lqg")
-class DiveRegulator(DiveAutopilot):
-    """The linear-quadratic regulator of both planes, with the distance from the path as a state.
-
-    About the steady motions of the autopilot, whose line-of-sight guidance this one does without.
-    """
-
-    tolerances = replace(DiveTolerances(), look_ahead=np.inf, offset=Dive.TRACK_TOLERANCE)
-
-
-@register_controller(Dive, "pid")
-class DivePID(DiveAutopilot):
-    """Line-of-sight guidance; a PID loop each for course and flight path, a PI loop for the speed.
-
-    The loops know nothing of each other and of the steady motion that the path takes, but for the
-    thrust at cruising speed: their integrals have to find it. Their plants are the planes of the
-    linearised vehicle, reduced to first order.
-    """
-
-    def _design(self) -> None:
-        super()._design()
-        t, mass, dt = self.tolerances, self._body.mass, self._vehicle.dt
-
-        def loop(plane: Regulator, sign: float) -> Loop:
-            return Loop(sign * plane.response, plane.damping, t.direction, t.fin, dt)
-
-        self._loops = [Loop(1.0 / mass, None, t.speed, mass, dt), loop(self._vertical, -1.0)]
-        if self._lateral is not None:
-            self._loops.append(loop(self._lateral, 1.0))
-
-    def _actions(self, observations: np.ndarray) -> np.ndarray:
-        """Actions ``(B, a)``: fins and thrust."""
-        o, body, (speed, climb, *course) = self._observed(observations), self._body, self._loops
-        limits = -body.fin_limit, body.fin_limit
-        fins = [-climb.act(o["wanted climb"] - o["climb"], -o["pitch rate"], *limits)]
-        for loop in course:
-            fins.insert(0, loop.act(o["course error"], o["turning"] - o["yaw rate"], *limits))
-        thrust = speed.act(-o["surge error"], 0.0, 0.0, body.thrust_limit, body.cruise_thrust)
-        return self._shares(fins, thrust)

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from agents.controllers import AUTOPILOT, register_controller
-from agents.controllers.loops import Controller, Loop, bryson, jacobian, regulator_gains
+from agents.controllers.loops import Controller, bryson, jacobian, regulator_gains
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.puna import Puna, trim
 
@@ -99,7 +99,8 @@ class FlightAutopilot(Controller):
         o, body = self._task.named(observations), self._body
         speed = np.maximum(o["ground speed"], 0.5 * body.cruise_speed)
         needed = o["bank of the path"]
-        astray = self._field(o["cross-track"]) - np.arctan2(o["course sine"], o["course cosine"])
+        field = APPROACH * np.arctan(self._slope * o["cross-track"])  # to the left of the path
+        astray = field - np.arctan2(o["course sine"], o["course cosine"])
         # The faster over ground, the less a bank turns the course.
         faster = speed / body.cruise_speed
         bank = needed - faster * self._lateral[1] * astray - self._lateral[2] * (o["bank"] - needed)
@@ -118,46 +119,3 @@ class FlightAutopilot(Controller):
         ], -1)  # fmt: skip
         commands = np.stack([thrust, alpha], -1) - deviation @ self._longitudinal.T
         return body.actions(np.append(commands, bank[:, None], -1))
-
-    def _field(self, cross: np.ndarray) -> np.ndarray:
-        """Commanded course [rad] to the left of the path at a distance to the right of it [m]."""
-        return APPROACH * np.arctan(self._slope * cross)
-
-
-@register_controller(Flight, "lqg")
-class FlightRegulator(FlightAutopilot):
-    """The linear-quadratic regulators alone, without the vector field's bound."""
-
-    def _field(self, cross: np.ndarray) -> np.ndarray:
-        return APPROACH * self._slope * cross
-
-
-@register_controller(Flight, "pid")
-class FlightPID(FlightAutopilot):
-    """Three PID loops: of bank, angle of attack and thrust.
-
-    They act on the errors of cross-track, altitude and airspeed. The loops know nothing of each
-    other; the bank that the path takes is added. Plants are a point mass in level flight: weight
-    times bank across, the slope of the lift upwards, thrust ahead.
-    """
-
-    def _design(self) -> None:
-        super()._design()
-        body, dt = self._body, self._vehicle.dt
-        lift = 0.5 * body.density[2] * body.cruise_speed**2 * body.area * body.lift[0]  # N/rad
-        self._loops = (
-            Loop(body.gravity, 0.0, CROSS_TRACK, BANK, dt),
-            Loop(lift / body.mass, 0.0, ALTITUDE, ALPHA, dt),
-            Loop(1.0 / body.mass, None, AIRSPEED, THRUST, dt),
-        )
-
-    def _actions(self, observations: np.ndarray) -> np.ndarray:
-        """Actions ``(B, 3)``: thrust, angle of attack, bank."""
-        o, body, (across, up, along) = self._task.named(observations), self._body, self._loops
-        thrust, alpha, _ = body.cruise
-        away, limit = o["ground speed"] * o["course sine"], body.bank_limit
-        bank = across.act(-o["cross-track"], away, -limit, limit, o["bank of the path"])
-        alpha = up.act(-o["altitude error"], -o["climb"], body.alpha_low, body.alpha_high, alpha)
-        slow = body.cruise_speed - o["airspeed"]
-        thrust = along.act(slow, 0.0, 0.0, body.thrust_limit, thrust)
-        return body.actions(np.stack([thrust, alpha, bank], -1))

@@ -1,6 +1,6 @@
 """Regulators: loops of proportional, integral and derivative action, and linear-quadratic gains."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,7 +10,7 @@ from vessel_gym.system import System
 
 
 class Controller:
-    """A controller of a kind of task: it has a design, and loops whose integrals a reset clears.
+    """A controller of a kind of task, which it is designed for.
 
     Args:
         system: The environment's system.
@@ -21,7 +21,6 @@ class Controller:
 
     kind: type
     vehicle: type = object
-    _loops: Sequence["Loop"] = ()
 
     def __init__(self, system: System) -> None:
         if not isinstance(system.task, self.kind) or not isinstance(system.vehicle, self.vehicle):
@@ -38,9 +37,7 @@ class Controller:
         """Compute gains and tables."""
 
     def reset(self, num_envs: int) -> None:
-        """Clear the integrals."""
-        for loop in self._loops:
-            loop.reset(num_envs)
+        """Clear what it remembers."""
 
     def act(self, observations: np.ndarray) -> np.ndarray:
         """Actions ``(B, a)`` in [-1, 1] for observations ``(B, k)``."""
@@ -57,11 +54,10 @@ class Loop:
     No gain is chosen by hand. The proportional one asks for the tolerated actuation at the
     tolerated error (Bryson's ratio); with it the plant has the natural frequency w, and the
     derivative one damps it critically; the integral one is w / 10 of the proportional one (Fossen
-    2011, sec. 12.2, pole placement). A plant of first order, for which ``damping`` is None, ``x' =
-    response u``, needs no derivative.
+    2011, sec. 12.2, pole placement).
 
     Args:
-        response: Of the second (or first) derivative to the actuation.
+        response: Of the second derivative to the actuation.
         damping: Of the plant [1/s].
         error: What is tolerated of the error.
         actuation: And of the actuator.
@@ -69,14 +65,11 @@ class Loop:
     """
 
     def __init__(
-        self, response: float, damping: float | None, error: float, actuation: float, dt: float
+        self, response: float, damping: float, error: float, actuation: float, dt: float
     ) -> None:
         self.proportional = actuation / error
-        if damping is None:
-            self.frequency, self.derivative = response * self.proportional, 0.0
-        else:
-            self.frequency = np.sqrt(response * self.proportional)
-            self.derivative = max(2.0 * self.frequency - damping, 0.0) / response
+        self.frequency = np.sqrt(response * self.proportional)
+        self.derivative = max(2.0 * self.frequency - damping, 0.0) / response
         self.integral = 0.1 * self.frequency * self.proportional
         self._dt = dt
 

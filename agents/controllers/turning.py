@@ -158,8 +158,11 @@ class TurningPID(_Helm):
         dt, (A, B) = self._vehicle.dt, (m[0] for m in secant_models(self._ship, self._vehicle.dt))
         # one for one, as usual on ships: at an error of the heading the rudder is put as far over
         self._loop = Loop(*first_order(A[:2, :2], B[:2, 0], 1, dt), 1.0, 1.0, dt)
-        self._loops = [self._loop]
         self._gear = max(0.1 / self._loop.frequency, dt) * self._ship.rudder_rate
+
+    def reset(self, num_envs: int) -> None:
+        """Clear the integral."""
+        self._loop.reset(num_envs)
 
     def _rate(self, observations: np.ndarray) -> np.ndarray:
         task, ship, limit = self._task, self._ship, self._ship.rudder_limit
