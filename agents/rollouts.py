@@ -15,7 +15,6 @@ from agents.agent import Agent, load_agent
 from agents.named import vector_class
 from agents.refusal import Refusal
 from agents.wrapped import core_of
-from estimators import nis
 from estimators.checks import short_repr
 from vessel_gym import checks
 from vessel_gym.checks import is_integer
@@ -39,8 +38,7 @@ class Rollout:
         end: ``(N,)`` why, in the environment's words; empty for the time limit and where it has
             none.
         history: what ``info`` held after reset and each step, ``(T + 1, N, ...)`` by key; rows
-            after an episode's end repeat its last values. Beside that ``nis``: the normalised
-            innovation squared, NaN where an estimator has none, and at an episode's end.
+            after an episode's end repeat its last values.
         env: The (closed) vector environment, for its system and spaces.
         scenario: ``(N, k)`` array of the parameters of the episode that the task has drawn; None where
             the environment is not ours.
@@ -71,10 +69,6 @@ class Rollout:
     def alive(self) -> np.ndarray:
         """Mask ``(T + 1, N)`` of the times that an episode lived through, its end included."""
         return np.arange(self.length.max() + 1)[:, None] <= self.length
-
-
-_OF_BELIEF = ("nis", "ensemble")
-"""Keys of a history that are no part of ``info``."""
 
 
 def rollout(
@@ -163,13 +157,13 @@ def _flown(
 def _history(frames: list[Arrays], last: Arrays, length: np.ndarray) -> Arrays:
     """History of episodes of these lengths, from the last values of each on.
 
-    A belief is by then that of another episode, so there is none.
+    An ensemble is by then that of another episode, so there is none.
     """
     over = np.arange(len(frames))[:, None] >= length
     history = {}
     for key, ends in last.items():
         values = history[key] = np.stack([each[key] for each in frames])
-        values[over] = np.nan if key in _OF_BELIEF else np.broadcast_to(ends, values.shape)[over]
+        values[over] = np.nan if key == "ensemble" else np.broadcast_to(ends, values.shape)[over]
     return history
 
 
@@ -190,20 +184,14 @@ def acted(agent: Agent, observations: np.ndarray, shape: tuple[int, ...] | None)
 
 
 def _frame(info: dict[str, Any], core: Any, ensembles: bool) -> Arrays:
-    """Copies of the numeric arrays of an ``info``, and `_OF_BELIEF`; NIS is NaN if there is none."""
+    """Copies of the numeric arrays of an ``info``, and the members of an ensemble if asked for."""
     frame = {
         key: value.copy()
         for key, value in info.items()
         if isinstance(value, np.ndarray) and value.dtype != object and not key.startswith("_")
     }
-    if core is None:
-        return frame
-    belief, frame["nis"] = core.belief, np.full(core.num_envs, np.nan)
-    if belief.innovation is not None and belief.innovation_cov is not None:
-        size = np.abs(belief.mean).max(-1, keepdims=True)
-        frame["nis"] = nis(belief.innovation, belief.innovation_cov, size)
-    if ensembles and belief.ensemble is not None:
-        frame["ensemble"] = belief.ensemble.copy()
+    if ensembles and core and core.belief.ensemble is not None:
+        frame["ensemble"] = core.belief.ensemble.copy()
     return frame
 
 

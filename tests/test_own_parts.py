@@ -13,7 +13,6 @@ from pages import OWN, PAGES, code, my_sensor, my_vehicle
 
 from agents import rollout
 from agents.metrics import scores
-from agents.studies import flying
 from agents.studies.plan import plan
 from agents.studies.study import read_study
 from estimators import EnsembleKalmanFilter, compiled
@@ -146,7 +145,6 @@ def test_a_study_runs_over_parts_of_ones_own(
 ) -> None:
     from agents.jobs import run
 
-    monkeypatch.setattr(flying, "step_times", lambda *_: [])  # half of the time
     path = tmp_path / "own.toml"
     path.write_text(STUDY, encoding="utf-8")
     jobs = {flight.job.key: flight.job for flight in plan(read_study(path)).flights}

@@ -53,8 +53,12 @@ def legend(budget: Budget) -> str:
     )
 
 
-def suites_table(budget: Budget) -> pd.DataFrame:
-    """Suites that were flown, the cheapest first: price, shares with their intervals, verdict."""
+def suites_table(budget: Budget, most: int | None = None) -> pd.DataFrame:
+    """Price, shares with their intervals and verdict of suites that were flown, the cheapest first.
+
+    They are all, or so many whose places are nearest to that of the answer.
+    """
+    nearest = sorted(budget.verdicts, key=lambda i: abs(i - budget.nearest))[:most]
     rows = {
         str(budget.suites[i]): {
             "price": f"{budget.suites[i].cost[0]:g}",
@@ -62,24 +66,9 @@ def suites_table(budget: Budget) -> pd.DataFrame:
             "fresh seeds": text(budget.confirmed.get(i), 3),
             "verdict": budget.verdicts[i],
         }
-        for i in sorted(budget.verdicts)
+        for i in sorted(nearest)
     }
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("suite")
-
-
-def differences(budget: Budget, most: int) -> list[list[str]]:
-    """Suites whose prices are nearest to that of the answer, by the sensors that differ from it.
-
-    A row has these sensors, price, share, that of fresh seeds where there is one, and verdict.
-    """
-    nearest = budget.suites[budget.nearest]
-    rows = []
-    for i in sorted(sorted(budget.verdicts, key=lambda i: abs(i - budget.nearest))[:most]):
-        suite, share = budget.suites[i], budget.confirmed.get(i, budget.shares.get(i))
-        own = [f"{s} {grade}" for s, grade in suite.grades.items() if grade != nearest.grades[s]]
-        cells = f"{suite.cost[0]:g}", text(share, 3), budget.verdicts[i]
-        rows.append([", ".join(own) or "this suite", *cells])
-    return rows
 
 
 def write_report(budget: Budget, notes: list[str]) -> Path:

@@ -84,7 +84,7 @@ def _check_numbers(keep: float, episodes: int, first_seed: int) -> None:
 
 def _search(budget: Any, priced: bool) -> int:
     """Search and confirm, write the report, and print the answer; the exit status."""
-    from agents.budget.report import conclusion, differences, legend, write_report
+    from agents.budget.report import conclusion, legend, suites_table, write_report
 
     budget.run()
     notes = [] if priced else [
@@ -93,7 +93,7 @@ def _search(budget: Any, priced: bool) -> int:
     ]  # fmt: skip
     report = write_report(budget, notes)
     print_answer(conclusion(budget))
-    header = "differs in", "price", "share", "verdict"
-    print_table("Suites round this one", header, [differences(budget, ROWS)])
+    table = suites_table(budget, ROWS).reset_index()
+    print_table("Suites round this one", table.columns, [table.itertuples(index=False)])
     print(legend(budget), *notes, f"Report: {report}", sep="\n")
     return int(budget.answer is None)

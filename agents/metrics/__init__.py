@@ -27,7 +27,6 @@ from agents.metrics.metric import (
     consistency,
     ended,
     nees_of,
-    nis_consistency,
     rmse,
 )
 from agents.rollouts import Rollout
@@ -49,7 +48,6 @@ __all__ = [
     "mean",
     "metrics",
     "nees_of",
-    "nis_consistency",
     "register_metrics",
     "rmse",
     "scores",

@@ -194,42 +194,10 @@ def consistency(rollout: Rollout, *names: str) -> float | None:
         rollout: with its history.
         names: of components of the filter's state; none: all that the truth has, too.
     """
-    values, alive = nees_of(rollout, *names), rollout.alive
-    if values is None:
-        return None
-    size = np.full(values.shape, len(_known(rollout, names)))
-    return _share_in_band(values, size, alive)
-
-
-def nis_consistency(rollout: Rollout) -> float | None:
-    """Share of times at which the NIS of all runs lies in its 95 % chi-square band.
-
-    The degrees of freedom are the delivered measurements. None without innovations, and for delayed
-    sensors: not every measurement has an innovation when it is delivered.
-    """
-    values = rollout.history.get("nis")
-    if values is None or rollout.core.sensors.horizon:
-        return None
-    degrees = rollout.history["available"].sum(-1)
-    return _share_in_band(values, degrees, np.isfinite(values))
-
-
-def _share_in_band(values: np.ndarray, degrees: np.ndarray, mask: np.ndarray) -> float | None:
-    """Share of times at which a sum over runs lies in its 95 % chi-square band.
-
-    Args:
-        values: ``(T, N)`` NEES or NIS.
-        degrees: ``(T, N)`` of freedom.
-        mask: ``(T, N)`` of what counts.
-
-    Returns:
-        The share of the times with anything that counts; None if there are none.
-    """
     from scipy.special import chdtr
 
-    total, freedom = values.sum(1, where=mask), degrees.sum(1, where=mask)
-    counts = freedom > 0
-    if not counts.any():
+    values, size = nees_of(rollout, *names), len(_known(rollout, names))
+    if values is None or not size:
         return None
-    below = chdtr(freedom[counts], total[counts])
-    return float(np.mean(np.abs(below - 0.5) <= 0.475))
+    total, freedom = values.sum(1, where=rollout.alive), size * rollout.alive.sum(1)
+    return float(np.mean(np.abs(chdtr(freedom, total) - 0.5) <= 0.475))

@@ -55,7 +55,7 @@ def answer(results: Results) -> list[str]:
 
 
 def _advice(ranking: Ranking) -> str:
-    """The estimator to use: the cheapest of the best, with its share and the others' verdicts."""
+    """The estimator to use: the best, with its share and the others' verdicts."""
     best, where, who = ranking.best, _where(ranking.environments), ranking.results.who
     if enough := ranking.episodes_to_tell():
         more = f"; by their scatter it takes at least {enough:.0f} to tell" if enough > 0 else ""
@@ -63,12 +63,10 @@ def _advice(ranking: Ranking) -> str:
             f"{ranking.results.plan.study.episodes} episodes cannot tell which estimator to use in"
             f" {where}: so far {best} keeps most{more}."
         )
-    pick = ranking.cheapest
-    share, lost = amount(ranking.kept(pick)), amount(ranking.price(pick))
-    cheaper = f", equivalent to {best}, which keeps most, and cheaper" if pick != best else ""
+    share, lost = amount(ranking.kept(best)), amount(ranking.price(best))
     return (
-        f"Use {pick} in {where}{cheaper}: on it {who} keeps {share} {_WORTH}, and loses {lost} of"
-        f" score against the truth{_standing(ranking)}.{_elsewhere(ranking)}"
+        f"Use {best} in {where}: on it {who} keeps {share} {_WORTH}, and loses {lost} of score"
+        f" against the truth{_standing(ranking)}.{_elsewhere(ranking)}"
     )
 
 
@@ -79,27 +77,22 @@ def _where(environments: Sequence[str]) -> str:
 
 def _standing(ranking: Ranking) -> str:
     """Verdicts on the other estimators against the best."""
-    found, best = ranking.verdicts, ranking.best
+    found = ranking.verdicts
     margin = f"{ranking.results.plan.study.margin:g}"
-    if not found:
-        return "; no other estimator was compared"
-    if set(found.values()) == {WORSE}:
-        other = next(iter(found))
-        gap = amount(ranking.gap(best, other))
-        return f"; every other keeps less by more than {margin}, the next, {other}, by {gap}"
     phrases = {EQUIVALENT: f"within ±{margin}", UNDECIDED: UNDECIDED, LOWER: "less"}
     each = [
         f"{phrase} on {listed(names)}"
         for word, phrase in phrases.items()
         if (names := [name for name in found if found[name] == word])
     ]
-    rest = [f"less by more than {margin} on the others"] if WORSE in found.values() else []
-    return f". Against {best}: {'; '.join(each + rest)}"
+    rest = [f"less by more than {margin} on all others"] if WORSE in found.values() else []
+    against = f". Against {ranking.best}: {'; '.join(each + rest)}"
+    return against if found else "; no other estimator was compared"
 
 
 def _elsewhere(ranking: Ranking) -> str:
     """Environments in which their best is shown to keep more than the pick for all of them."""
-    better, pick = [], ranking.cheapest
+    better, pick = [], ranking.best
     for environment in ranking.environments:
         own = Ranking(ranking.results, [environment])
         if own.verdicts.get(pick) in (LOWER, WORSE):
@@ -194,22 +187,13 @@ def _last(names: Sequence[str], changes: Sequence[Interval | None], more: str) -
 def _learned(results: Results, environment: str) -> str:
     """A sentence on the learned policies that have results in an environment."""
     each = [
-        f"{policy} {_more(gap)} than {results.who if other == results.classical else other}"
+        f"{policy} − {other} {amount(gap, signed=True)}"
+        + ("" if isinstance(gap, Interval) else " (one run, no interval)")
         for (policy, other), gap in learned_differences(results, environment).items()
         if gap is not None
     ]
-    start = f"In {environment}, each on the estimator of its training: "
+    start = f"In {environment}, each on the estimator of its training, in the share kept: "
     return f"{start}{'; '.join(each)}." if each else ""
-
-
-def _more(gap: Interval | float) -> str:
-    """A difference in words: how much more is kept, or less."""
-    mean = gap.mean if isinstance(gap, Interval) else gap
-    word = "less" if mean < 0.0 else "more"
-    if not isinstance(gap, Interval):
-        return f"keeps {text(abs(gap), 3)} {word} (one run, no interval)"
-    size = amount(gap.times(-1.0) if mean < 0.0 else gap)
-    return f"keeps {size} {word}" + ("" if gap.excludes_zero else " (not significant)")
 
 
 def _missing(results: Results) -> list[str]:
@@ -274,7 +258,7 @@ def to_copy(results: Results) -> pd.DataFrame:
     rows, worst = [], []
     for environment, ranking in rankings(results).items():
         if environment != ALL:
-            pick, (*before, least) = ranking.cheapest, ranking.shares
+            pick, (*before, least) = ranking.best, ranking.shares
             line = _line(results, environment, pick)
             rows.append((environment, pick, text(ranking.kept(pick), 3), line))
             gap = ranking.gap(before[-1], least) if before else None

@@ -8,7 +8,7 @@ from typing import Any
 
 from agents.controllers import is_controller, unknown_controller
 from agents.jobs import Job
-from agents.studies.records import DEFAULT, ORACLE, RAW, Agent, Condition, Estimator, Study
+from agents.studies.records import DEFAULT, RAW, Agent, Condition, Estimator, Study
 from agents.studies.worlds import digests, environment_id, refusal, system_of
 from agents.training.algorithms import describe
 
@@ -62,7 +62,7 @@ def plan(study: Study, metrics: bool = True) -> Plan:
 
     Args:
         study: What is asked; the kind of an agent may be the path of a policy, too.
-        metrics: Compute all metrics and CPU times; else scores alone.
+        metrics: Compute all metrics; else scores alone.
     """
     places = [_EnvironmentPlan(study, name, metrics) for name in study.environments]
     flights = tuple(flight for place in places for flight in place.flights())
@@ -172,8 +172,6 @@ class _EnvironmentPlan:
             "episodes": self.study.episodes,
             "metrics": self.metrics,
         }
-        if self.metrics and not training and condition == self.study.conditions[0]:
-            arguments["timed_beside"] = ORACLE
         name = agent.name if training else controller
         label = f"{name} on {estimator.name} in {self.environment}, {condition.name}"
         return Job("agents.studies.flying:fly", arguments, label, (training,) if training else ())

@@ -116,7 +116,7 @@ def _differences(results: Results) -> pd.DataFrame:
 
 
 def _environments(results: Results) -> list[Block]:
-    """The tables of each environment: conditions, costs, consistency and CPU time."""
+    """The tables of each environment: conditions, costs and consistency."""
     blocks = []
     for environment in results.environments:
         first = results.conditions(environment)[0]
@@ -135,13 +135,11 @@ def _environments(results: Results) -> list[Block]:
             )
         blocks.append(
             table(
-                f"{environment}: consistency and CPU time, {first}",
+                f"{environment}: consistency, {first}",
                 consistency(results, environment),
-                f"{NEES.label}: {NEES.meaning} In band: share of times at which NEES and NIS lie in"
-                " their 95 % chi-square bands. Diverged: share of episodes in which the truth was"
-                " beyond the filter's bounds for half of the time."
-                f" {UNHEALTHY.label}: {UNHEALTHY.meaning} CPU time of a step, vehicle and agent"
-                " included: in a batch, and one vehicle alone.",
+                f"{NEES.label}: {NEES.meaning} In band: share of times at which the mean NEES over"
+                " the episodes lies in its 95 % chi-square band."
+                f" {UNHEALTHY.label}: {UNHEALTHY.meaning}",
             )
         )
     return blocks
@@ -168,17 +166,12 @@ def _head(metric: Metric) -> str:
 
 
 def consistency(results: Results, environment: str) -> pd.DataFrame:
-    """Claimed uncertainty of the classical agent's estimators in the first condition, and times."""
+    """Claimed uncertainty of the classical agent's estimators in the first condition."""
     table, first = results.table, results.conditions(environment)[0]
     here = (table.environment == environment) & (table.condition == first)
     own = table[here & (table.policy == results.classical)].groupby("estimator", sort=False)
-    columns = {NEES.key: NEES.label, "nees_in_band": "NEES in band", "nis_in_band": "NIS in band"}
-    columns |= {"diverged": "Diverged", UNHEALTHY.key: UNHEALTHY.label}
+    columns = {NEES.key: NEES.label, "nees_in_band": "in band", UNHEALTHY.key: UNHEALTHY.label}
     found = own[[key for key in columns if key in table]].mean().rename(columns=columns)
-    for name, timing in results.timings.items():
-        if name[0] == environment:
-            times = [1e6 * own for _, own, _ in timing]
-            found.loc[name[1], ["batch [µs]", "alone [µs]"]] = times
     return found.map(lambda value: text(value, 2))
 
 

@@ -50,12 +50,6 @@ class Results:
         """The results of a run."""
         return cls(plan, long_table(plan, outcome), outcome)
 
-    @cached_property
-    def timings(self) -> dict[tuple[str, str], list[tuple[int, float, float]]]:
-        """Result of `agents.studies.flying.step_times`, by environment and estimator."""
-        values = [(f, self.outcome.values.get(f.job.key, {})) for f in self.plan.flights]
-        return {(f.environment, f.estimator): v["timing"] for f, v in values if "timing" in v}
-
     @property
     def missing(self) -> list[Flight]:
         """Flights that have no result."""

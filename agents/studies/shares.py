@@ -12,7 +12,6 @@ import numpy as np
 import pandas as pd
 
 from agents.statistics import (
-    EQUIVALENT,
     Interval,
     crossed_interval,
     mean_interval,
@@ -150,23 +149,6 @@ class Ranking:
         span = float((1.0 / self.scales.mean(axis=1)).mean())
         among = self.results.plan.study.margin, span, comb(len(self.shares), 2)
         return {n: verdict(self.shares[n] - self.shares[best], *among) for n in others}
-
-    @cached_property
-    def cheapest(self) -> str:
-        """The best estimator, or one equivalent to it whose step takes least CPU time.
-
-        That is less by a tenth, beyond the noise. A time counts as a multiple of that on the truth,
-        measured in turns with it: jobs may run on several machines.
-        """
-        times, timings = {}, self.results.timings
-        alike = [name for name, word in self.verdicts.items() if word == EQUIVALENT]
-        for name in (self.best, *alike):
-            each = [timings[e, name][0] for e in self.environments if (e, name) in timings]
-            if len(each) < len(self.environments):
-                return self.best
-            times[name] = sum(own / truth for _, own, truth in each)
-        least = min(times, key=lambda name: times[name])
-        return least if times[least] < 0.9 * times[self.best] else self.best
 
     def episodes_to_tell(self) -> float:
         """Number of seeds that would tell what the best estimator keeps; 0 if those there are do.

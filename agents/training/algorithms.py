@@ -294,9 +294,7 @@ def _new(described: dict[str, Any], env: Any) -> Any:
     arguments = {name: value for name, value in settings.items() if name not in _OF_TRAINING}
     arguments["policy_kwargs"] = dict(settings["policy_kwargs"])  # A2C adds its optimiser
     if described["memory"] == "lstm":
-        from agents.policies.lstm import LstmPolicy
-
-        arguments["policy"] = LstmPolicy
+        arguments["policy"] = "MlpLstmPolicy"
     for name in _SCHEDULES:
         if isinstance(text := settings.get(name), str):
             first, last, *_ = *map(float, text.split("_")[1:]), 0.0

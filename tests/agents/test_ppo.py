@@ -8,12 +8,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
-from sb3_contrib.common.recurrent.policies import RecurrentActorCriticPolicy
 from short_training import STEPS, TINY
 
 from agents import load_agent
 from agents.policies.checkpoint import description
-from agents.policies.lstm import LstmPolicy
 from agents.seeds import evaluation_seeds, training_seed, tuning_seeds
 from agents.training.algorithms import (
     MEMORIES,
@@ -125,27 +123,6 @@ def test_training_on_raw_measurements_runs_no_filter_and_sees_the_same(env_id: s
         actions = rng.uniform(-1.0, 1.0, (3, *size)).astype(np.float32)
         for one, other in zip(ours.step(actions)[:3], theirs.step(actions)[:3], strict=True):
             np.testing.assert_array_equal(one, other)
-
-
-@tiny
-def test_the_recurrent_policy_is_that_of_sb3_contrib_in_all_that_a_training_asks_of_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    """Episodes of five steps begin inside rollouts of sixteen: sequences have unequal length."""
-    ours, theirs = LstmPolicy._process_sequence, RecurrentActorCriticPolicy._process_sequence
-    beginnings = []
-
-    def both(features: Any, states: Any, starts: Any, lstm: Any) -> Any:
-        output, last = ours(features, states, starts, lstm)
-        expected, expected_last = theirs(features, states, starts, lstm)
-        for one, other in zip((output, *last), (expected, *expected_last), strict=True):
-            torch.testing.assert_close(one, other, rtol=0, atol=1e-6)
-        beginnings.append((starts.numel() > states[0].shape[1], bool(starts.any())))
-        return output, last
-
-    monkeypatch.setattr(LstmPolicy, "_process_sequence", staticmethod(both))
-    train(ENV, tmp_path / "agent", {**RAW, "max_episode_steps": 5}, steps=STEPS, memory="lstm")
-    assert (True, True) in beginnings
 
 
 @tiny

@@ -14,7 +14,6 @@ from agents.metrics import (
     components,
     consistency,
     metrics,
-    nis_consistency,
     rmse,
     scores,
 )
@@ -137,11 +136,6 @@ def test_nees_is_the_squared_error_in_units_of_the_covariance_and_honest_filters
     share = consistency(changed(kept, covariance=covariance, estimate=truth + noise))
     assert share is not None
     assert 0.92 < share < 0.98
-    nis = np.random.default_rng(0).chisquare(kept.history["available"].sum(-1))
-    share = nis_consistency(changed(kept, nis=nis))
-    assert share is not None
-    assert 0.92 < share < 0.98
-    assert nis_consistency(changed(kept, nis=10.0 * nis)) < 0.1
 
 
 def test_only_steps_that_an_episode_lived_through_count():

@@ -59,7 +59,7 @@ def test_what_is_installed_does_not_count_and_is_not_imported_to_see_that():
     code = (
         "import sys; from agents import source; found ="
         " source._closure('agents.training.algorithms', 'agents', {}); assert"
-        " 'agents.policies.lstm' in found and all(name.split('.')[0] == 'agents' for name in"
+        " 'agents.policies.network' in found and all(name.split('.')[0] == 'agents' for name in"
         " found), found; assert 'torch' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import agents.jobs
-from agents.budget.report import conclusion, differences
+from agents.budget.report import conclusion, suites_table
 from agents.budget.result import Budget, budget_study
 from agents.budget.suites import choices_of, price_list, suites_of
 from agents.commands import budget
@@ -147,21 +147,16 @@ def test_what_cannot_be_meant_is_one_sentence(tmp_path, arguments, sentence):
     assert not (tmp_path / "out").exists()
 
 
-def test_suites_round_the_answer_are_named_by_what_differs_from_it(made: Budget):
-    made.answer = answer = next(
-        i for i, s in enumerate(made.suites) if s.grades["receiver"] == "four metres"
-    )
-    for i in range(len(made.suites)):
+def test_suites_round_the_answer_are_those_of_the_nearest_places(made: Budget):
+    made.answer, count = 2, len(made.suites)
+    for i in range(count):
         made.verdicts[i], made.shares[i] = "keeps it", Interval(0.9, 0.8, 1.0)
-    made.confirmed[answer] = Interval(0.85, 0.8, 0.9)
-    rows = differences(made, 3)
-    assert len(rows) == 3
-    (own,) = (row for row in rows if row[0] == "this suite")
-    assert own[1:] == [f"{made.suites[answer].cost[0]:g}", "0.850 ± 0.050", "keeps it"]
-    for i, (words, *_) in enumerate(differences(made, 100)):
-        other = [f"{s} {grade}" for s, grade in made.suites[i].grades.items()
-                 if grade != made.suites[answer].grades[s]]  # fmt: skip
-        assert words == (", ".join(other) or "this suite")
+    made.confirmed[2] = Interval(0.85, 0.8, 0.9)
+    assert len(suites_table(made)) == count
+    near = suites_table(made, 3)
+    assert near.index.tolist() == [str(made.suites[i]) for i in (1, 2, 3)]
+    own = [f"{made.suites[2].cost[0]:g}", "0.900 ± 0.100", "0.850 ± 0.050", "keeps it"]
+    assert near.iloc[1].tolist() == own
 
 
 def test_the_conclusion_says_of_what_a_share_is_and_what_became_of_cheaper_suites(made: Budget):

@@ -70,14 +70,10 @@ def results(planned: Plan | Study, quality=QUALITY, noise=0.01, **changed) -> Re
         score = 0.1 + 0.8 * level + weather + run - crossed + rng.normal(0.0, noise, n)
         claims = 1.0 if f.estimator not in WITHOUT_COVARIANCE else np.nan
         figures = {m.key: rng.lognormal(0.0, 0.2, n) for m in metrics(system_of(f.environment))}
-        figures |= {"nees": figures["nees"] * claims, "diverged": np.zeros(n) * claims}
-        figures |= {"nees_in_band": 0.9 * claims, "nis_in_band": 0.95 * claims}
+        figures |= {"nees": figures["nees"] * claims, "nees_in_band": 0.9 * claims}
         figures |= {"score": score, "end": [""] * n, "completed": True}
         outcome.values[f.job.key] = {"episodes": figures}
         outcome.seconds[f.job.key] = 1e-5 * (1.0 + len(f.estimator)) * 100 * n
-        if f.job.arguments.get("timed_beside"):  # longer, the longer the name
-            times = [(n, 1e-5 * (1.0 + len(f.estimator)), 1e-5), (1, 2e-4, 1e-4)]
-            outcome.values[f.job.key]["timing"] = times
     return Results.of(planned, outcome)
 
 

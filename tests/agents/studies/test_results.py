@@ -1,7 +1,6 @@
 """The long table of a study, and the shares that are computed of it."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -11,7 +10,7 @@ from invented import CONDITIONS, CORVETTE, QUALITY, SEGOROGENI, learned, results
 from agents.jobs import run
 from agents.metrics.dive import METRICS
 from agents.statistics import crossed_interval, mean_interval
-from agents.studies import flying, shares
+from agents.studies import shares
 from agents.studies.plan import plan
 from agents.studies.records import RAW
 from agents.studies.results import FLIGHT, Results
@@ -151,53 +150,3 @@ def test_the_episodes_of_a_run_are_those_of_its_jobs(tmp_path):
     assert rows.score.tolist() == figures["score"]
     success = system_of(SEGOROGENI).task.success
     assert rows.completed.tolist() == [end == success for end in figures["end"]]
-    (batch, alone) = found.timings[SEGOROGENI, "ekf"]
-    assert (batch[0], alone[0]) == (2, 1)
-    assert min(batch[1:] + alone[1:]) > 0.0
-
-
-def test_an_episode_has_diverged_if_the_truth_is_outside_the_belief_for_half_of_it(monkeypatch):
-    nees = np.array([[1.0, 99.0, np.nan], [1.0, 99.0, 99.0], [1.0, 99.0, 99.0], [99.0, 1.0, 1.0]])
-    alive = np.array([[True, True, True]] * 3 + [[False, True, True]])
-    flown = SimpleNamespace(alive=alive, seeds=[0, 1, 2], history={"estimate": np.zeros((4, 3, 2))})
-    monkeypatch.setattr(flying, "nees_of", lambda flown: nees)
-    assert flying._diverged(flown).tolist() == [False, True, True]
-    monkeypatch.setattr(flying, "nees_of", lambda flown: None)
-    assert np.isnan(flying._diverged(flown)).all()
-
-
-def test_the_estimator_and_the_truth_are_timed_in_turns_and_only_steps_are_timed(monkeypatch):
-    clock, flown = [0.0], []
-    monkeypatch.setattr(
-        flying,
-        "make_controller",
-        lambda *_: SimpleNamespace(reset=lambda rows: None, act=lambda y: y),
-    )
-    monkeypatch.setattr(flying, "process_time", lambda: clock[0])
-
-    class Env:
-        def __init__(self, estimator, rows):
-            self.estimator, self.rows = estimator, rows
-
-        def reset(self, seed):
-            clock[0] += 1000.0
-            return np.zeros(len(seed)), {}
-
-        def step(self, action):
-            flown.append(self.estimator)
-            first = flown.count(self.estimator) <= flying.STEPS
-            clock[0] += {"kf": 3e-3, "truth": 1e-3}[self.estimator] * (
-                100.0 if first and self.rows > 1 else 1.0
-            )
-            return action, 0.0
-
-        def close(self):
-            pass
-
-    monkeypatch.setattr(flying, "batch", lambda env_id, rows, made: Env(made["estimator"], rows))
-    options = {"estimator": "kf", "estimator_options": {"input_cov": 1.0}}
-    [batch, alone] = flying.step_times(CORVETTE, options, "autopilot", 4, "truth")
-    assert batch == (4, pytest.approx(3e-3 / 4), pytest.approx(1e-3 / 4))
-    assert alone == (1, pytest.approx(3e-3), pytest.approx(1e-3))
-    turns = [name for i, name in enumerate(flown[: 12 * flying.STEPS]) if i % flying.STEPS == 0]
-    assert turns == ["kf", "truth"] * 6
