@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from agents.agent import Agent, RandomAgent, load_agent
     from agents.controllers import register_controller
-    from agents.controllers.turning import TurningAutopilot
     from agents.episodes import Episode, episode
     from agents.metrics import Metric, register_metrics
     from agents.policies.checkpoint import save_agent
@@ -23,7 +22,6 @@ __all__ = [
     "Metric",
     "RandomAgent",
     "Rollout",
-    "TurningAutopilot",
     "episode",
     "load_agent",
     "register_controller",
@@ -39,7 +37,6 @@ _MODULES = (
     "metrics",
     "policies.checkpoint",
     "episodes",
-    "controllers.turning",
 )
 """Modules of these names, in which they are looked for."""
 

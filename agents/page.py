@@ -46,11 +46,6 @@ def listed(items: Sequence[str]) -> str:
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
 
 
-def many(count: int, noun: str) -> str:
-    """A number of things."""
-    return f"{count} {noun}{'s' if count != 1 else ''}"
-
-
 def markdown_table(heading: Sequence[str], rows: Iterable[Sequence[str]], words: int) -> str:
     """A table in Markdown whose first columns hold words and stand left; the others stand right."""
     rule = ["---"] * words + ["---:"] * (len(heading) - words)

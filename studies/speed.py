@@ -10,7 +10,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from agents.commands.console import asked, command, progress_bar
+from agents.commands.console import asked, command, progress
 from agents.page import markdown_table
 from agents.refusal import Refusal
 from estimators import names
@@ -91,11 +91,11 @@ def part_shares(env_id: str, rows: int) -> Callable[[], np.ndarray]:
 def measure(blocks: Mapping[Any, Callable[[], Any]], rounds: int) -> dict[Any, np.ndarray]:
     """Results of blocks by round: all in turn, every other round in the reverse order."""
     found: dict[Any, list[Any]] = {key: [] for key in blocks}
-    with progress_bar("measuring", rounds + 1) as advance:
+    with progress("measuring") as show:
         for number in range(rounds + 1):
             for key in [*blocks][:: -1 if number % 2 else 1]:
                 found[key].append(blocks[key]())
-            advance()
+            show(number + 1, rounds + 1)
     return {key: np.array(each[1:]) for key, each in found.items()}  # the first warms up
 
 

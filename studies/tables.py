@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from agents.commands.console import command, progress_bar
+from agents.commands.console import command, progress
 from agents.page import markdown_table
 from agents.refusal import Refusal
 from studies.markdown import ROOT, put
@@ -74,11 +74,11 @@ def main(names: tuple[str, ...] = (), /) -> None:
     for name in names:
         if name not in BLOCKS:
             raise Refusal(f"there is no table {name!r}: known are {', '.join(BLOCKS)}")
-    with progress_bar("tables", len(names)) as advance:
-        for name in names:
+    with progress("tables") as show:
+        for done, name in enumerate(names, 1):
             page, mark, made = BLOCKS[name]
             put(page, mark, made())
-            advance()
+            show(done, len(names))
 
 
 if __name__ == "__main__":

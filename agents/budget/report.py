@@ -9,7 +9,6 @@ import vessel_gym
 from agents.budget.result import Budget
 from agents.files import replacing
 from agents.page import bullets, listed, table, text, words, write_page
-from agents.studies.answer import markdown_frame
 
 LIMITS = (
     "The fresh seeds were not used in the search, so it may have compared any number of suites. On"
@@ -72,7 +71,7 @@ def suites_table(budget: Budget, most: int | None = None) -> pd.DataFrame:
 
 
 def write_report(budget: Budget, notes: list[str]) -> Path:
-    """Write ``budget.html``, ``budget.md`` and ``results.parquet``, each whole or not at all.
+    """Write ``budget.html`` and ``results.parquet``, each whole or not at all.
 
     Args:
         budget: After its run.
@@ -85,19 +84,16 @@ def write_report(budget: Budget, notes: list[str]) -> Path:
         OSError: if a file cannot be written.
         ModuleNotFoundError: without Jinja or PyArrow.
     """
-    folder, study, suites = budget.folder, budget.study, suites_table(budget)
+    folder, study = budget.folder, budget.study
     with replacing(folder / "results.parquet") as path:
         flown = pd.concat(budget.tables, ignore_index=True).drop_duplicates()
         flown[["condition", "estimator", "seed", "end", "score"]].to_parquet(path, index=False)
-    with replacing(folder / "budget.md") as path:
-        blocks = f"# {study.title}", *conclusion(budget), markdown_frame(suites), legend(budget)
-        path.write_text("\n\n".join(blocks) + "\n", encoding="utf-8")
     arms = (*study.environments, study.estimators[0].name, study.agents[0].name)
     subtitle = f"vessel-gym {vessel_gym.__version__}: {', '.join(arms)}"
     return write_page(folder / "budget.html", study.title, subtitle, conclusion(budget), [
         table(
             "Suites that were flown, the cheapest first",
-            suites,
+            suites_table(budget),
             f"{legend(budget)} Intervals of the search are for all suites and looks at once, those"
             " on fresh seeds for one suite.",
         ),

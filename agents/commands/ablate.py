@@ -111,10 +111,8 @@ def _file(study: Path) -> Path:
 
 
 def _introduce(question: Any, study: Path, out: Path) -> None:
-    """Print the title and write the study, as read and as resolved, into its folder."""
-    import json
+    """Print the title, and write the study into its folder."""
     import shutil
-    from dataclasses import asdict
 
     from agents.files import replacing
     from agents.studies.records import FEW_SEEDS
@@ -125,8 +123,6 @@ def _introduce(question: Any, study: Path, out: Path) -> None:
             f"warning: {question.training_seeds} training seeds say little about learning; use"
             f" {FEW_SEEDS} or more"
         )
-    with replacing(out / "study.json") as path:
-        path.write_text(json.dumps(asdict(question), indent=1), encoding="utf-8")
     if study.resolve() != (out / "study.toml").resolve():
         with replacing(out / "study.toml") as path:
             shutil.copyfile(study, path)

@@ -13,7 +13,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import timedelta
-from itertools import count
 
 from agents.commands.options import parsed
 from agents.refusal import Refusal
@@ -164,14 +163,6 @@ def progress(title: str, slow: int = 0) -> Iterator[Callable[..., None]]:
     finally:
         if live:
             print(file=sys.stderr)
-
-
-@contextmanager
-def progress_bar(title: str, total: int) -> Iterator[Callable[[], None]]:
-    """Progress over ``total`` equal pieces of work; call what it yields after each."""
-    done = count(1)
-    with progress(title) as show:
-        yield lambda: show(next(done), total)
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 from contextlib import closing
 from typing import Any
 
-from agents.commands.console import asked, print_table, progress_bar
+from agents.commands.console import asked, print_table, progress
 
 DEFAULT = "default"
 """Stands for the environment's own estimator."""
@@ -57,11 +57,11 @@ def _fly(title: str, agent: str, env_id: str, seeds: list[int], worlds: dict[str
     from agents.metrics import SCORE, metrics, scores
 
     columns = {}
-    with progress_bar("estimators", len(worlds)) as advance:
+    with progress("estimators") as show:
         for name, options in worlds.items():
             flown = rollout(agent, env_id, seeds, options)
             columns[name] = scores(flown)
-            advance()
+            show(len(columns), len(worlds))
     sections: tuple[list[list[str]], list[list[str]]] = ([], [])
     for metric in metrics(flown.core.system):
         values = [column[metric.key] for column in columns.values()]
@@ -98,6 +98,5 @@ def _row(metric: Any, columns: list[Any]) -> list[str]:
             return f"{values[0]:.{metric.decimals}f}"
         return words(mean(metric, values[None]), metric.decimals)
 
-    name = f"{metric.label} error, RMS" if metric.key.endswith("_rmse") else metric.label
-    name += f" [{metric.unit}]" if metric.unit else ""
-    return [name, *map(cell, columns)]
+    of = f"{metric.label} error, RMS" if metric.key.endswith("_rmse") else metric.label
+    return [metric.title.replace(metric.label, of), *map(cell, columns)]

@@ -13,9 +13,6 @@ OPTIONS = {
 
 def main(what: str = "environments", env_id: str = "", /) -> None:
     """List the environments and studies, or the estimators and sensors of an environment."""
-    import gymnasium as gym
-
-    from agents.studies.worlds import registered_id
     from vessel_gym.checks import one_of
 
     of = env_id or "SigmaCorvette-v0"
@@ -26,11 +23,6 @@ def main(what: str = "environments", env_id: str = "", /) -> None:
         "studies": (("study", "question"), _studies),
     }
     with asked():
-        if ":" in what or what in gym.registry:
-            raise ValueError(
-                f"{registered_id(what)} has two lists: vessel-gym list estimators {what}, and"
-                f" vessel-gym list sensors {what}"
-            )
         header, rows = lists[one_of("list", what, lists)]
         whole = what in ("environments", "studies")
         if whole and env_id:

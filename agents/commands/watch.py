@@ -1,11 +1,11 @@
 """Watch an agent steer: ``vessel-gym watch SigmaCorvette-v0 --out turn.gif``."""
 
 from collections.abc import Iterator
-from contextlib import closing, suppress
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-from agents.commands.console import asked, progress_bar
+from agents.commands.console import asked, progress
 
 FPS = 12
 """Frames a second of a GIF or MP4."""
@@ -22,7 +22,7 @@ OPTIONS = {
     "seed": "seed of the episode; if not given, an .html shows the most typical of 40 episodes, all"
     " else seed 0",
     "out": ".html, an interactive page on several estimators; .gif, .mp4, or .png of the last"
-    " frame; a window if not given",
+    " frame",
     "every": "keep one frame in this many steps (.gif and .mp4)",
 }
 
@@ -32,11 +32,11 @@ def main(
     /,
     seed: int | None = None,
     agent: str = "autopilot",
-    out: Path | None = None,
+    out: Path = Path("results/episode.html"),
     every: int = 6,
     **options: Any,
 ) -> None:
-    """Watch one episode in a window or, with --out, write it to a file."""
+    """Write one episode to a file, to watch it."""
     import gymnasium as gym
 
     from agents import load_agent
@@ -46,12 +46,12 @@ def main(
     with asked():
         check_kind(out)
         options = environment_options(env_id := registered_id(env_id), options)
-        check_display() if out is None else check_file(out)
-    if out is not None and out.suffix.lower() == PAGE:
+        check_file(out)
+    if out.suffix.lower() == PAGE:
         _write_page(env_id, agent, seed, options, out)
         return
     with asked():
-        drawn = environment_options(env_id, {"render_mode": "rgb_array" if out else "human"})
+        drawn = environment_options(env_id, {"render_mode": "rgb_array"})
         env: Any = gym.make(env_id, **options, **drawn)
         flyer = load_agent(agent, env)
     with closing(env):
@@ -59,9 +59,8 @@ def main(
         with asked():  # the first picture needs pygame
             observation, _ = env.reset(seed=seed or 0)
             check_picture(env, env_id)
-        flown = fly(env, flyer, observation)
-        score = record(env, flown, out, every) if out else show(env, flown)
-    print(f"wrote {out}, score {score:.3f}" if out else f"score {score:.3f}")
+        score = record(env, fly(env, flyer, observation), out, every)
+    print(f"wrote {out}, score {score:.3f}")
 
 
 def _write_page(
@@ -83,7 +82,7 @@ def _write_page(
     print(f"wrote {out}, {which}, score {scores}")
 
 
-def check_kind(out: Path | None) -> None:
+def check_kind(out: Path) -> None:
     """Refuse a file that is neither a page nor a picture, or for whose kind an extra is missing.
 
     Raises:
@@ -92,10 +91,10 @@ def check_kind(out: Path | None) -> None:
     """
     from vessel_gym.extras import require
 
-    kind = out and out.suffix.lower()
+    kind = out.suffix.lower()
     if kind in WRITERS:
         require("imageio", "imageio_ffmpeg", "PIL")
-    elif kind not in (None, PAGE):
+    elif kind != PAGE:
         kinds = ", ".join((PAGE, *WRITERS))
         raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {kinds}")
 
@@ -110,27 +109,6 @@ def check_picture(env: Any, env_id: str) -> None:
         env.render()
     except Exception as error:  # of whatever library it draws by
         raise ValueError(f"{env_id} cannot be drawn here ({error})") from error
-
-
-def check_display() -> None:
-    """Refuse to open a window where nobody could see it.
-
-    Raises:
-        ValueError: if there is no display.
-        ModuleNotFoundError: without pygame.
-    """
-    from vessel_gym.extras import require
-
-    require("pygame")
-    import pygame
-
-    with suppress(pygame.error):
-        pygame.display.init()
-        seen = pygame.display.get_driver() != "offscreen"  # what SDL falls back to
-        pygame.display.quit()
-        if seen:
-            return
-    raise ValueError("there is no display for a window: write a file with --out")
 
 
 def fly(env: Any, agent: Any, observation: Any) -> Iterator[tuple[bool, float]]:
@@ -150,19 +128,6 @@ def fly(env: Any, agent: Any, observation: Any) -> Iterator[tuple[bool, float]]:
         yield done, info.get("score", total)
 
 
-def show(env: Any, episode: Iterator[tuple[bool, float]]) -> float:
-    """Show an episode in a window, which stays until the user closes it; returns the score."""
-    import pygame
-
-    score, ours = 0.0, env.has_wrapper_attr("core")  # others have windows of their own
-    for _, score in episode:
-        if ours and not pygame.display.get_init():
-            return score
-    while pygame.display.get_init():
-        env.render()
-    return score
-
-
 def record(env: Any, episode: Iterator[tuple[bool, float]], out: Path, every: int) -> float:
     """Write an episode to a file; returns the score."""
     import imageio.v2 as imageio
@@ -175,10 +140,10 @@ def record(env: Any, episode: Iterator[tuple[bool, float]], out: Path, every: in
         replacing(out) as path,
         # imageio's own exit closes nothing on errors
         closing(imageio.get_writer(path, **WRITERS[kind])) as writer,
-        progress_bar(f"writing {out.name}", steps) as advance,
+        progress(f"writing {out.name}") as show,
     ):
         for step, (done, score) in enumerate(episode):  # noqa: B007  (returned)
             if done or (kind != ".png" and step % every == 0):
                 writer.append_data(env.render())
-            advance()
+            show(step + 1, steps)
     return score

@@ -45,6 +45,11 @@ class Metric:
     of: PerEpisode = field(kw_only=True)
     cost: bool = False
 
+    @property
+    def title(self) -> str:
+        """Its label and unit, as the head of a column."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
 
 @cache
 def _catalogue() -> list[list[str]]:

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
 
 import pandas as pd
@@ -66,7 +65,7 @@ def _advice(ranking: Ranking) -> str:
     share, lost = amount(ranking.kept(best)), amount(ranking.price(best))
     return (
         f"Use {best} in {where}: on it {who} keeps {share} {_WORTH}, and loses {lost} of score"
-        f" against the truth{_standing(ranking)}.{_elsewhere(ranking)}"
+        f" against the truth{_standing(ranking)}."
     )
 
 
@@ -90,35 +89,17 @@ def _standing(ranking: Ranking) -> str:
     return against if found else "; no other estimator was compared"
 
 
-def _elsewhere(ranking: Ranking) -> str:
-    """Environments in which their best is shown to keep more than the pick for all of them."""
-    better, pick = [], ranking.best
-    for environment in ranking.environments:
-        own = Ranking(ranking.results, [environment])
-        if own.verdicts.get(pick) in (LOWER, WORSE):
-            more = amount(own.gap(own.best, pick))
-            better.append(f"in {environment} {own.best} keeps {more} more")
-    return f" But {listed(better)}." if better else ""
-
-
 # --- conditions that are numbers ------------------------------------------------------------------
 
 
 def ordered(conditions: Sequence[Condition]) -> bool:
-    """True for conditions that are numbers which only rise or only fall.
+    """True for conditions whose names are numbers that only rise or only fall: 10 Hz, 5 Hz, 1 Hz.
 
-    Their names are, perhaps but for the first, such as 10 Hz, 5 Hz, 1 Hz; or they differ in the
-    mismatch or the latency alone.
+    The first may have another name.
     """
     names = [c.name for c in conditions]
-    series = [_numbers(names) or _numbers(names[1:])]
-    plain = [replace(c, name="", environments=()) for c in conditions]
-    if all(replace(c, mismatch=0.0) == replace(plain[0], mismatch=0.0) for c in plain):
-        series.append([c.mismatch for c in conditions])
-    if all(replace(c, latency={}) == replace(plain[0], latency={}) for c in plain):
-        series.append([max(c.latency.values(), default=0.0) for c in conditions])
-    steps = [[b - a for a, b in pairwise(numbers)] for numbers in series]
-    return any(each and (min(each) > 0.0 or max(each) < 0.0) for each in steps)
+    steps = [b - a for a, b in pairwise(_numbers(names) or _numbers(names[1:]))]
+    return bool(steps) and (min(steps) > 0.0 or max(steps) < 0.0)
 
 
 def _numbers(names: Sequence[str]) -> list[float]:

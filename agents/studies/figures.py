@@ -50,8 +50,8 @@ def shares_figure(results: Results) -> "Figure":
         for panel, (head, ranking) in zip(axes, columns.items(), strict=True):
             for name in (*ranking.shares, *ENDS):
                 if share := ranking.kept(name):
-                    panel.plot(share.mean, height[name], **look[name])
-                    panel.hlines(height[name], share.low, share.high, look[name]["color"])
+                    ends = [[share.mean - share.low], [share.high - share.mean]]
+                    panel.errorbar(share.mean, height[name], xerr=ends, **look[name])
             panel.set_title(head, loc="left", fontsize=9)
             panel.grid(axis="x")
             panel.tick_params(labelbottom=True)
@@ -106,9 +106,8 @@ def _curves(
         for i, condition in enumerate(results.conditions(environment)):
             row = own[own.index == (environment, condition)].to_numpy()
             if len(row) and (value := crossed_interval(row)):
-                found.append((i + 0.3 * (k / len(look) - 0.5), value.mean, value.low, value.high))
+                found.append((i + 0.3 * (k / len(look) - 0.5), value.mean, value.half))
         if name in look and found:
-            places, means, lows, highs = zip(*found, strict=True)
-            (handles[name],) = panel.plot(places, means, **look[name])
-            panel.vlines(places, lows, highs, look[name]["color"], linewidth=0.5)
+            places, means, halves = zip(*found, strict=True)
+            handles[name] = panel.errorbar(places, means, halves, elinewidth=0.5, **look[name])
     return handles

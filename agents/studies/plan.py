@@ -147,8 +147,7 @@ class _EnvironmentPlan:
         """
         chosen = options(self.study, condition, estimator, self.environment)
         if agent.learned:
-            guidance = {} if agent.guidance is None else {"guidance": agent.guidance}
-            chosen |= {"observe": agent.observe} | guidance
+            chosen |= {"observe": agent.observe}
         names = estimator.estimator, condition.sensors, condition.disturbance
         texts = [name for name in names if isinstance(name, str)]
         own = digests(self.environment, controller, *texts)

@@ -67,7 +67,6 @@ class Agent(_Somewhere):
         steps: Environment steps of a training run, by environment; where there is none: the tuned
             budget.
         environments: Where it flies; empty: everywhere.
-        guidance: Of a PPO: the option of that name of an environment; None: its default.
         settings: Of a PPO: hyperparameters over the tuned ones, see
             `agents.training.algorithms.hyperparameters`.
     """
@@ -80,7 +79,6 @@ class Agent(_Somewhere):
     flown_on: tuple[str, ...] = ()
     steps: dict[str, int] = field(default_factory=dict)
     environments: tuple[str, ...] = ()
-    guidance: bool | None = None
     settings: dict[str, Any] = field(default_factory=dict)
 
     @property

@@ -10,7 +10,7 @@ from agents.episodes import Episode
 from agents.files import replacing
 from agents.jobs import versions
 from agents.metrics import NEES, SCORE, UNHEALTHY, Metric, mean, metrics
-from agents.page import Block, bullets, frame, listed, many, picture, table, text, write_page
+from agents.page import Block, bullets, frame, listed, picture, table, text, write_page
 from agents.plotting import data_uri
 from agents.statistics import mean_interval
 from agents.studies.answer import (
@@ -24,7 +24,7 @@ from agents.studies.answer import (
     to_copy,
 )
 from agents.studies.figures import robustness_figure, shares_figure
-from agents.studies.records import FEW_SEEDS, ORACLE
+from agents.studies.records import ORACLE
 from agents.studies.results import Results
 from agents.studies.shares import ALL, kept, rankings
 from agents.studies.worlds import system_of
@@ -52,18 +52,10 @@ def write_report(results: Results, out: Path, pages: Mapping[str, dict[str, obje
     with replacing(out / "ranking.md") as path:
         path.write_text(markdown(results), encoding="utf-8")
     study = results.plan.study
-    counts = {
-        "environment": len(study.environments),
-        "estimator": len(study.estimators),
-        "agent": len(study.agents),
-        "condition": len(study.conditions),
-        "evaluation seed": study.episodes,
-    }
-    runs = f", {many(study.training_seeds, 'training run')} each" if study.learned else ""
-    subtitle = listed([many(count, noun) for noun, count in counts.items()]) + runs
+    subtitle = f"{listed(study.environments)}, {study.episodes} evaluation seeds"
     blocks = [*_ranked(results), *_environments(results), *_learned(results)]
     blocks += [_episode(results, name, page) for name, page in pages.items()]
-    blocks += [*_left_out(results), _limits(results), _run(results, out)]
+    blocks += [*_left_out(results), _limits(), _run(results, out)]
     return write_page(out / "report.html", study.title, subtitle, answer(results), blocks)
 
 
@@ -155,14 +147,10 @@ def costs(results: Results, environment: str, chosen: Sequence[Metric]) -> pd.Da
             if place in (rows := results.rows(results.wide(m.key), name)).index
         }
         truth = each.pop(ORACLE)
-        column = columns[_head(m)] = {ORACLE: text(mean(m, truth[None]), m.decimals)}
+        column = columns[m.title] = {ORACLE: text(mean(m, truth[None]), m.decimals)}
         for name, ours in each.items():
             column[name] = text(mean_interval(ours - truth), m.decimals, True)
     return pd.DataFrame(columns).rename_axis("estimator")
-
-
-def _head(metric: Metric) -> str:
-    return f"{metric.label} [{metric.unit}]" if metric.unit else metric.label
 
 
 def consistency(results: Results, environment: str) -> pd.DataFrame:
@@ -188,11 +176,15 @@ def _learned(results: Results) -> list[Block]:
     if found.empty:
         return []
     runs = results.plan.study.training_seeds
-    few = " Fewer than five runs say little of what another training would give."
-    note = f"Means over {many(runs, 'training run')}, conditions and evaluation seeds, with 95 %"
-    note += " intervals for other runs on other seeds. Policies learn in the first condition."
     found = found.map(lambda share: text(share, 3)).rename_axis(["policy", "estimator"])
-    return [table("Share kept by learned agents", found, note + few * (runs < FEW_SEEDS))]
+    return [
+        table(
+            "Share kept by learned agents",
+            found,
+            f"Means over training runs ({runs}), conditions and evaluation seeds, with 95 %"
+            " intervals for other runs on other seeds. Policies learn in the first condition.",
+        )
+    ]
 
 
 def _episode(results: Results, environment: str, page: dict[str, object]) -> Block:
@@ -204,19 +196,15 @@ def _episode(results: Results, environment: str, page: dict[str, object]) -> Blo
 
 def _left_out(results: Results) -> list[Block]:
     """Estimators and agents that an environment refuses, and jobs that failed."""
-    refused: dict[str, list[str]] = {}
-    for each in results.plan.skipped:
-        refused.setdefault(each.reason, []).append(f"{each.what} in {each.environment}")
-    found = [f"{listed(names)}: {reason}." for reason, names in refused.items()]
+    found = [f"{each.what} in {each.environment}: {each.reason}." for each in results.plan.skipped]
     for why in results.outcome.failures.values():
         label, _, reason = why.strip().partition(": ")
         found.append(f"{label} failed: {reason.splitlines()[-1]}")
     return [bullets("Left out and failed", found)] if found else []
 
 
-def _limits(results: Results) -> Block:
+def _limits() -> Block:
     """Assumptions behind the numbers."""
-    first = results.plan.study.conditions[0].name
     return bullets("Assumptions and limits", [
         "Intervals are for other evaluation seeds and other training runs; seeds are the same for"
         " everybody, so that differences are paired. Environments and conditions count alike.",
@@ -224,8 +212,6 @@ def _limits(results: Results) -> Block:
         " not for agents.",
         "Estimators are tuned by their environments' authors, who know the disturbance's"
         " statistics: what is compared is an estimator with its tuning.",
-        *([f"Agents learn in the first condition, {first}, and meet the others as they are."]
-          if results.plan.study.learned else []),
         "Everything is simulated. Nothing here was measured in the world.",
     ])  # fmt: skip
 
@@ -239,8 +225,8 @@ def _run(results: Results, out: Path) -> Block:
     return bullets("To run it again", [
         f"vessel-gym ablate {out}/study.toml --out {out}",
         f"Evaluation seeds {study.seeds[0]} to {study.seeds[-1]}, termination {study.termination},"
-        f" margin of equivalence {study.margin:g}; every setting is in study.json, and the source"
-        " that each result depends on in jobs.",
+        f" margin of equivalence {study.margin:g}; every setting, and the source that a"
+        " result depends on, is in jobs.",
         f"{platform.system()} {platform.machine()}, Python {platform.python_version()}, "
         + ", ".join(f"{name} {version}" for name, version in found.items()),
         f"{minutes:.1f} CPU minutes for {len(results.outcome.seconds)} jobs",

@@ -55,7 +55,7 @@ def read_study(path: Path | str) -> Study:
 
 _SECTIONS = ("environments", "estimators", "agents", "conditions")
 _OBSERVED = ("mean", "mean+std", "measurement")
-_LEARNED = {"observe", "memory", "trained_on", "flown_on", "steps", "guidance", "settings"}
+_LEARNED = {"observe", "memory", "trained_on", "flown_on", "steps", "settings"}
 """Keys of agents that learn."""
 _MOST = 2**31 - 1
 
@@ -90,7 +90,6 @@ _KEYS: dict[str, tuple[Any, ...]] = {
         f"a table of whole numbers from 1 to {_MOST} by environment",
         lambda value: all(type(n) is int and 1 <= n <= _MOST for n in value.values()),
     ),
-    "guidance": (bool, "true or false"),
     "settings": (dict, "a table"),
 }
 """Type in TOML of each key, its description, and perhaps a test; other keys take a name."""

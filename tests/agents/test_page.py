@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from agents import page
-from agents.page import Block, bullets, listed, many, number, text, words, write_page
+from agents.page import Block, bullets, listed, number, text, words, write_page
 from agents.plotting import data_uri, styled
 from agents.statistics import Interval
 
@@ -69,4 +69,3 @@ def test_an_interval_has_its_half_width_or_its_ends_where_it_is_uneven():
 
 def test_lists_and_counts_read_as_in_sentences():
     assert [listed("a"), listed("ab"), listed("abc")] == ["a", "a and b", "a, b and c"]
-    assert [many(1, "run"), many(2, "run")] == ["1 run", "2 runs"]

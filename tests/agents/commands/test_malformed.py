@@ -21,6 +21,7 @@ from agents import commands, rollout
 from agents.commands import ablate, budget, evaluate, train, watch
 from agents.commands.console import command
 from agents.commands.options import ENVIRONMENT
+from agents.episodes import recording
 from agents.metrics import scores
 from agents.studies.study import StudyError, read_study
 from scripts import reproduce
@@ -77,9 +78,13 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         patch.chdir(folder)
         patch.setenv("SDL_VIDEODRIVER", "offscreen")  # no display
         for place, name in (
-            (agents, "rollout"), (agents.training.algorithms, "_learn"), (agents.jobs, "run"), (watch, "fly"),
+            (agents, "rollout"),
+            (recording, "typical_page"),
+            (agents.training.algorithms, "_learn"),
+            (agents.jobs, "run"),
+            (watch, "fly"),
             (speed, "report"),
-        ):  # fmt: skip
+        ):
             patch.setattr(place, name, begin)
         yield folder
 
@@ -253,7 +258,6 @@ LINES = [
         "'CartPole-v1' has no estimator in the loop",
     ),
     ("watch --out turn.avi", "must be one of .html, .gif, .mp4, .png"),
-    ("watch", "there is no display"),
     ("speed --rows", "--rows: expected at least one argument"),
     ("speed --page nowhere.md", "No such file or directory"),
     (

@@ -65,13 +65,6 @@ def test_a_run_says_that_it_goes_on_and_what_an_interruption_left(clock, capsys)
     assert lines[-1] == f"interrupted: {kept}"
 
 
-def test_flights_say_it_too(clock, capsys):
-    with console.progress_bar("flying", 2) as advance:
-        advance()
-        advance()
-    assert printed(capsys) == ["flying: 1/2", "flying: 2/2"]
-
-
 def test_even_work_says_how_long_it_still_takes_and_resumed_work_counts_from_where_it_goes_on(
     clock, capsys
 ):

@@ -125,6 +125,6 @@ def test_no_text_of_a_figure_is_cut_or_covers_another():
 def test_learned_policies_have_a_table_with_a_row_for_each_estimator(tmp_path):
     html = written(invented.learned(), tmp_path)
     assert "Share kept by learned agents" in html
-    assert "5 training runs" in html
+    assert "training runs (5)" in html
     assert html.count("that of its training") == 4
     assert "Share kept by learned agents" not in written(results(study((CORVETTE,))), tmp_path)

@@ -104,8 +104,8 @@ termination = "beleif"
 [environments]
 SegorogeniAUV-v0 = {}
 [agents]
-mine = { kind = "autopilot", guidance = true }
-PPO = { kind = "ppo", guidance = 1, settings = { gama = 0.9 } }
+mine = { kind = "autopilot", memory = "lstm" }
+PPO = { kind = "ppo", observe = 1, settings = { gama = 0.9 } }
 other = { kind = "ppo", settings = { policy_kwargs = { net_arch = 3 } } }
 flat = { kind = "ppo", settings = { net_arch = [32] } }
 endless = { kind = "ppo", settings = { gamma = inf } }
@@ -116,7 +116,7 @@ half = { kind = "ppo", settings = { n_steps = 0.5 } }
         2: "margin must be a share between 0 and 1",
         3: "termination must be belief or task",
         7: "is of kind autopilot: only agents that learn",
-        8: "guidance must be true or false",
+        8: "observe must be one of",
         9: "the setting policy_kwargs must be such as {",
         10: "unknown setting 'net_arch'",
         11: "the setting gamma must be such as 1.0, got inf",
