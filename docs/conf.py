@@ -25,6 +25,10 @@ from agents import episode
 
 episode("SigmaCorvette-v0", seed=None, env_options={"disturbance": "rough"}).save(sys.argv[1])
 """
+UNBROKEN = re.compile(r" ± |(?<=\d) (?=%|(?:s|m|km|kn|Hz)\b)")  # a space that is no end of a line
+SPACED = re.compile(
+    r"(?<=[\w)\]}])\s*(?=\\(?:sin|cos|tan)\b)|(?<=\\(?:sin|cos|tan))\s*(?=[A-Za-z]|\\[a-z]*(?:eta|pha|phi|psi|mma)\b)"
+)
 NUMBER = re.compile(r"(?=.*\d)(?!.*[^\W\d_]{3}).{1,32}")  # a cell with a digit and without a word
 sys.path.insert(0, str(HERE.parent))
 
@@ -164,7 +168,8 @@ def _docstring(path: str) -> str:
     """All but its first line; ``::`` before an indented block is a fenced one."""
     module, _, name = path.rpartition(".")
     text = inspect.getdoc(getattr(import_module(module), name)) or ""
-    return text.partition("\n")[2].replace("::\n", ":\n")
+    text = text.partition("\n")[2].replace("::\n", ":\n")
+    return re.sub(r"`?\bdocs/([\w/-]+\.md)`?", r"[](/\1)", text)
 
 
 def setup(app: Sphinx) -> None:
@@ -198,18 +203,19 @@ def _fly_the_episode(app: Sphinx) -> None:
 def _write_mathml(writer: HTML5Translator, node: nodes.math | nodes.math_block) -> None:
     """Write a formula as MathML, which browsers render without scripts, fonts or a network."""
     block = isinstance(node, nodes.math_block)
-    formula = tex2mathml(node.astext(), as_block=block)
+    text = SPACED.sub(r"\\,", node.astext())  # TeX sets functions apart
+    formula = tex2mathml(text, as_block=block)
     writer.body.append(f'<div class="math">{formula}</div>' if block else formula)
     raise nodes.SkipNode
 
 
 def _keep_numbers_on_one_line(app: Sphinx, doctree: nodes.document) -> None:
-    """Mark wide tables, cells of numbers and of long text, and bind ± to its operands in text and in output."""
+    """Mark wide tables, cells of numbers and of long text, and bind numbers to ± and units."""
     for group in doctree.findall(nodes.tgroup):
         if group["cols"] > 5:
             group.parent["classes"].append("wide")
     for cell in doctree.findall(nodes.entry):
-        if ";" not in cell.astext() and NUMBER.fullmatch(cell.astext().strip()):
+        if NUMBER.fullmatch(cell.astext().strip()):
             cell["classes"].append("number")
         elif len(cell.astext()) > 14:
             cell["classes"].append("text")
@@ -219,8 +225,9 @@ def _keep_numbers_on_one_line(app: Sphinx, doctree: nodes.document) -> None:
             isinstance(parent, nodes.literal | nodes.literal_block)
             and "output" not in parent["classes"]
         )
-        if " ± " in text and not code:
-            parent.replace(text, nodes.Text(text.replace(" ± ", "\u00a0±\u00a0")))
+        bound = UNBROKEN.sub(lambda found: found[0].replace(" ", "\u00a0"), text)
+        if bound != text and not code:
+            parent.replace(text, nodes.Text(bound))
             parent.rawsource = (
                 parent.astext()
             )  # of a literal block that differs nothing is highlighted
@@ -257,3 +264,4 @@ def _docstrings_as_they_are_written(
         lines.insert(0, "")
     first = next((i for i, line in enumerate(lines) if line.startswith("## ")), len(lines))
     del lines[first:]
+    lines[:] = [re.sub(r"`*\bdocs/([\w/-]+)\.md`*", r":doc:`/\1`", line) for line in lines]
