@@ -56,9 +56,8 @@ class Rollout:
     scenario: Any
 
     def __repr__(self) -> str:
-        episodes = f"{len(self.seeds)} episode{'s' * (len(self.seeds) != 1)}"
         flown = f"mean score {self.score.mean():.3f}, {self.length.sum()} steps"
-        return f"<Rollout {self.env_id}: {episodes}, {flown}>"
+        return f"<Rollout {self.env_id}: {len(self.seeds)} episodes, {flown}>"
 
     @cached_property
     def core(self) -> Any:
@@ -175,10 +174,9 @@ def acted(agent: Agent, observations: np.ndarray, shape: tuple[int, ...] | None)
     """
     actions = agent.act(observations)
     if shape is not None and np.shape(actions) != shape:
-        kind = "nothing" if actions is None else f"an array of shape {np.shape(actions)}"
         raise Refusal(
-            f"act of {type(agent).__name__} returns {kind}, and must return {shape}: a row an"
-            " environment"
+            f"act of {type(agent).__name__} returns shape {np.shape(actions)}, and must return"
+            f" {shape}: a row an environment"
         )
     return actions
 

@@ -14,6 +14,9 @@ LIMITS = (
     "The fresh seeds were not used in the search, so it may have compared any number of suites. On"
     " them suites are tried in an order fixed before, the safest first, up to the first that is not"
     " confirmed. An answer that keeps less than was asked for has a probability of at most 2.5 %.",
+    "A suite that is no better in any sensor than one that keeps less was not flown. That it keeps"
+    " less, too, is an assumption: the claim that nothing cheaper will do needs it, and the"
+    " answer's share does not.",
     "A disaster rarer than one episode in a few hundred may occur in no flight, and is then in no"
     " interval.",
 )
@@ -37,7 +40,7 @@ def conclusion(budget: Budget) -> list[str]:
             f"Its price is {suite.cost[0]:g}, and on {budget.episodes} fresh seeds it keeps {kept}"
             " of the score on the truth.",
         ]
-    verdicts = Counter(budget.verdicts[i] for i in range(len(others)))
+    verdicts = Counter(budget.verdicts.get(i, "not run") for i in range(len(others)))
     counts = [f"{verdict} ({count})" for verdict, count in verdicts.items()]
     return [*found, f"{noun}: {listed(counts)}." if counts else "No suite is cheaper."]
 

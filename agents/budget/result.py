@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 import agents.jobs
@@ -75,7 +76,8 @@ class Budget(Search):
         processes: int,
         progress: Callable[[str, int], Any],
     ) -> None:
-        super().__init__([suite.cost for suite in suites], keep, self.flights, study.episodes)
+        costs, ranks = ([getattr(s, name) for s in suites] for name in ("cost", "ranks"))
+        super().__init__(costs, np.array(ranks), keep, self.flights, study.episodes)
         self.study, self.suites, self.folder, self.processes = study, suites, folder, processes
         self.progress = progress
         self.tables: list[pd.DataFrame] = []

@@ -3,9 +3,9 @@
 The two parts fly different seeds. The search may therefore look as often as it likes: no error of
 the confirmation depends on what the search compared.
 
-- Search: suites are looked at after 32, 64, 128 ... episodes, until they are decided or cost as
-  much as one that keeps the share. Intervals hold for all suites and all looks at once
-  (Bonferroni).
+- Search: suites are looked at after 32, 64, 128 ... episodes, until a further look cannot change
+  the answer. Intervals hold for all suites and all looks at once (Bonferroni), so the order in
+  which suites are flown needs no correction.
 - Confirmation: suites in an order that the search has fixed, the safest first, each cheaper than
   the one before. The first that is not confirmed ends it, and the answer is the last one confirmed.
   Such a fixed sequence needs no correction: a wrong suite can only be the answer if the first wrong
@@ -25,6 +25,8 @@ TRUTH = -1
 """Stands for the truth among the numbers of suites."""
 FIRST_LOOK = 32
 """Episodes after which a suite is looked at first; their number doubles from look to look."""
+ROUND = 16
+"""Suites that are flown before the next choice."""
 DOES, FAILS, OPEN, REFUSED = "keeps it", "keeps less", "not decided", "refused"
 """Verdicts of the search. Refused: the environment cannot fly the estimator on these sensors."""
 CONFIRMED, NOT_CONFIRMED = "confirmed", "not confirmed"
@@ -65,6 +67,7 @@ class Search:
 
     Attributes:
         costs: Of the suites, ascending: prices, or whatever else has an order.
+        ranks: ``(K, s)`` of their sensors, 0 for the best.
         keep: Share of the truth's score that is asked for.
         fly: Flies what is asked for.
         episodes: The most of a suite.
@@ -75,6 +78,7 @@ class Search:
     """
 
     costs: Sequence[Any]
+    ranks: np.ndarray
     keep: float
     fly: Fly
     episodes: int
@@ -84,28 +88,47 @@ class Search:
     confirmed: dict[int, Interval] = field(default_factory=dict)
 
     def search(self) -> None:
-        """Fly until every suite cheaper than the cheapest that keeps the share is decided."""
+        """Fly until no further look may change the answer.
+
+        Suites of each round are spread over the prices: one that keeps the share settles dearer
+        ones, one that keeps less those that are no better in any sensor.
+        """
         first = 0
         for end in looks(self.episodes):
-            does = [i for i, found in self.verdicts.items() if found == DOES]
-            cheaper = range(min(does, default=len(self.costs)))
-            if left := [i for i in cheaper if self.verdicts.get(i, OPEN) == OPEN]:
-                self._look(left, first, end)
+            while left := self.undecided(end):
+                self._look([TRUTH, *left[:: -(-len(left) // ROUND)]], first, end)
             first = end
 
+    def undecided(self, end: int) -> list[int]:
+        """Suites with fewer episodes of which a look may change the answer.
+
+        A suite that is no better in any sensor than one that keeps less is not flown. That it keeps
+        less, too, is an assumption: no test relies on it, but a cheaper suite may be missed where
+        it does not hold.
+        """
+        does, fails = (
+            [i for i, found in self.verdicts.items() if found == word] for word in (DOES, FAILS)
+        )
+        return [
+            i
+            for i in range(min(does, default=len(self.costs)))
+            if self.verdicts.get(i, OPEN) == OPEN
+            and len(self.scores.get(i, ())) < end
+            and not (self.ranks[i] >= self.ranks[fails]).all(-1).any()
+        ]
+
     def _look(self, suites: Sequence[int], first: int, end: int) -> None:
-        """Fly suites and the truth from one number of episodes to another, and decide on them."""
-        truth, *each = self.fly([TRUTH, *suites], first, end - first)
-        self.scores[TRUTH] = np.append(self.scores.get(TRUTH, ()), truth)
+        """Fly suites from one number of episodes to another, and decide on them."""
         comparisons = len(self.costs) * len(looks(self.episodes))
-        for i, scores in zip(suites, each, strict=True):
+        for i, scores in zip(suites, self.fly(suites, first, end - first), strict=True):
             if scores is None:
                 self.verdicts[i] = REFUSED
                 continue
-            self.scores[i] = np.append(self.scores.get(i, ()), scores)
-            share = share_kept(self.scores[i], self.scores[TRUTH], comparisons)
-            no = FAILS if share.high < self.keep else OPEN
-            self.shares[i], self.verdicts[i] = share, DOES if share.low >= self.keep else no
+            self.scores[i] = np.append(self.scores.get(i, ())[:first], scores)
+            if i != TRUTH:
+                share = share_kept(self.scores[i], self.scores[TRUTH], comparisons)
+                no = FAILS if share.high < self.keep else OPEN
+                self.shares[i], self.verdicts[i] = share, DOES if share.low >= self.keep else no
 
     @property
     def sequence(self) -> list[int]:

@@ -44,10 +44,12 @@ class Suite(NamedTuple):
 
     Attributes:
         cost: Sum of the prices of the choices; of suites of one price, higher rates count more.
+        ranks: Ranks of grade and rate of each sensor, 0 for the best.
         grades: Words of the choice by sensor.
     """
 
     cost: tuple[float, int]
+    ranks: tuple[int, ...]
     grades: dict[str, str]
 
     def __str__(self) -> str:
@@ -103,7 +105,8 @@ def suites_of(choices: Choices, prices: Prices) -> list[Suite]:
     for chosen in product(*(reversed(listed) for listed in choices.values())):
         grades = dict(zip(choices, (choice.words for choice in chosen), strict=True))
         price = fsum(prices[sensor][words] for sensor, words in grades.items())
-        found.append(Suite((price, -sum(choice.ranks[1] for choice in chosen)), grades))
+        ranks = sum((choice.ranks for choice in chosen), ())
+        found.append(Suite((price, -sum(ranks[1::2])), ranks, grades))
     return sorted(found, key=lambda suite: suite.cost)
 
 

@@ -27,15 +27,10 @@ def main() -> int | None:
             from estimators.factory import unknown
 
             raise Refusal(unknown("command", name, COMMANDS))
-        print(_version() if name == "--version" else _listing())
+        from vessel_gym import __version__
+
+        print(f"vessel-gym {__version__}" if name == "--version" else _listing())
     return 0
-
-
-def _version() -> str:
-    """Name and version of this package."""
-    from vessel_gym import __version__
-
-    return f"vessel-gym {__version__}"
 
 
 def _listing() -> str:

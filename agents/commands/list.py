@@ -24,10 +24,7 @@ def main(what: str = "environments", env_id: str = "", /) -> None:
     }
     with asked():
         header, rows = lists[one_of("list", what, lists)]
-        whole = what in ("environments", "studies")
-        if whole and env_id:
-            raise ValueError(f"list {what} lists all: it takes no {env_id!r}")
-        print_table(what if whole else of, header, [rows()])
+        print_table(of if what in ("estimators", "sensors") else what, header, [rows()])
 
 
 def _environments() -> list[list[str]]:

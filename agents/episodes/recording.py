@@ -8,7 +8,7 @@ import numpy as np
 
 from agents.episodes.page import FRAMES, Episode, curves, drawn, packed, root
 from agents.metrics import metrics, scores
-from agents.page import number
+from agents.page import listed, number
 from agents.rollouts import Rollout, batch, rollout
 from agents.seeds import evaluation_seeds
 from agents.wrapped import core_of
@@ -142,7 +142,7 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     every = 1 + int(max(each.length[0] for each in flown)) // FRAMES
     histories = [_first_row(each) for each in flown]
     page: dict[str, Any] = {
-        "title": f"{name}: one episode on {len(flown)} estimator{'s' * (len(flown) > 1)}",
+        "title": f"{name}: one episode on {listed(names)}",
         "name": name,
         "environment": flown[0].env_id,
         "conditions": [f"seed {flown[0].seeds[0]}"],

@@ -158,7 +158,7 @@ def _last(names: Sequence[str], changes: Sequence[Interval | None], more: str) -
             if i == 0:
                 return f"Already {names[1]} is shown to keep less."
             return f"The last condition not shown to keep less than {names[0]}: {names[i]}."
-    more = "" if any(change and change.excludes_zero for change in changes) else more
+    more = "" if any(change and change.low > 0.0 for change in changes) else more
     return f"None is shown to keep less than {names[0]}{more}."
 
 

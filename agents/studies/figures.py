@@ -15,18 +15,16 @@ if TYPE_CHECKING:
 
 _WIDTH = 7.2
 _MARKS = "os^vDP<>Xp*h"
-_LINES = ("-", "--", "-.", ":")
 
 
 def looks(results: Results) -> dict[str, dict[str, Any]]:
-    """Colour, mark and line of every estimator of the classical agent, in the study's order."""
+    """Colour and mark of every estimator of the classical agent, in the study's order."""
     found: dict[str, dict[str, Any]] = {
         name: {"color": color, "marker": "|", "markersize": 8}
         for name, color in ((ORACLE, INK), (FLOOR, "#8a8f96"))
     }
     for i, name in enumerate(name for name in results.estimators() if name not in ENDS):
-        line = _LINES[i // len(PALETTE) % len(_LINES)]
-        found[name] = {"color": PALETTE[i % len(PALETTE)], "linestyle": line, "linewidth": 0.9}
+        found[name] = {"color": PALETTE[i % len(PALETTE)], "linewidth": 0.9}
         found[name] |= {"marker": _MARKS[i % len(_MARKS)], "markersize": 3.5}
     return found
 

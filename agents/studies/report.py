@@ -198,8 +198,7 @@ def _left_out(results: Results) -> list[Block]:
     """Estimators and agents that an environment refuses, and jobs that failed."""
     found = [f"{each.what} in {each.environment}: {each.reason}." for each in results.plan.skipped]
     for why in results.outcome.failures.values():
-        label, _, reason = why.strip().partition(": ")
-        found.append(f"{label} failed: {reason.splitlines()[-1]}")
+        found.append(f"{why.partition(': ')[0]} failed: {why.splitlines()[-1]}")
     return [bullets("Left out and failed", found)] if found else []
 
 
@@ -218,9 +217,7 @@ def _limits() -> Block:
 
 def _run(results: Results, out: Path) -> Block:
     """All that is needed to run the study again; its settings are in the files beside the page."""
-    study, found = results.plan.study, versions()
-    for training in (need for job in results.plan.jobs for need in job.needs):
-        found = found | training.arguments["versions"]
+    study = results.plan.study
     minutes = sum(results.outcome.seconds.values()) / 60.0
     return bullets("To run it again", [
         f"vessel-gym ablate {out}/study.toml --out {out}",
@@ -228,6 +225,6 @@ def _run(results: Results, out: Path) -> Block:
         f" margin of equivalence {study.margin:g}; every setting, and the source that a"
         " result depends on, is in jobs.",
         f"{platform.system()} {platform.machine()}, Python {platform.python_version()}, "
-        + ", ".join(f"{name} {version}" for name, version in found.items()),
+        + ", ".join(f"{name} {version}" for name, version in versions().items()),
         f"{minutes:.1f} CPU minutes for {len(results.outcome.seconds)} jobs",
     ])  # fmt: skip

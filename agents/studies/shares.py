@@ -127,8 +127,8 @@ class Ranking:
 
     def worst_decile(self, name: str) -> float:
         """Mean score of the worst tenth of the episodes."""
-        scores = np.sort(self.episodes(name).score.to_numpy(float))
-        return float(scores[: -(-len(scores) // 10)].mean())
+        scores = self.episodes(name).score
+        return float(scores.nsmallest(-(-len(scores) // 10)).mean())
 
     def gap(self, one: str, other: str) -> Interval | None:
         """Difference of the shares kept on two estimators.

@@ -10,6 +10,7 @@ from scipy.stats import binom
 
 from agents.budget.search import (
     DOES,
+    FAILS,
     OPEN,
     REFUSED,
     TRUTH,
@@ -47,7 +48,7 @@ def flights(shares: np.ndarray, seed: int, sd: float = 0.04, disaster: float = 0
 
 def procedure(fly: Fly) -> tuple[Any, Search]:
     """Answer and search with some flights."""
-    search = Search(COSTS, KEEP, fly, 1024)
+    search = Search(COSTS, RANKS, KEEP, fly, 1024)
     search.search()
     return search.confirm(FRESH), search
 
@@ -56,7 +57,7 @@ def confirmed(shares: np.ndarray, fly: Fly, episodes: int) -> tuple[list[int], i
     """Suites that are tried on fresh seeds, each cheaper and less safe than the last, and answer."""
     count = len(shares)
     found = {i: Interval(1.0, 1.0 - 0.01 * i, 1.0) for i in range(count)}
-    search = Search(range(count, 0, -1), KEEP, fly, episodes, shares=found)
+    search = Search(range(count, 0, -1), RANKS, KEEP, fly, episodes, shares=found)
     search.verdicts = dict.fromkeys(found, OPEN)
     answer = search.confirm(FRESH)
     return list(search.confirmed), answer
@@ -123,7 +124,7 @@ def test_without_noise_the_answer_is_that_of_flying_everything():
         steps = np.random.default_rng(seed).uniform(0.001, 0.1, (2, 3, 3)) * [0, 1, 1]
         losses, prices = steps.cumsum(-1)[:, range(3), RANKS].sum(-1)
         order = np.argsort(-prices)
-        search = Search(-prices[order], KEEP, flights(1 - losses[order], 0, 0.0), 64)
+        search = Search(-prices[order], RANKS[order], KEEP, flights(1 - losses[order], 0, 0.0), 64)
         search.search()
         assert search.confirm(FRESH) == np.flatnonzero(1 - losses[order] >= KEEP)[0]
 
@@ -137,9 +138,11 @@ def test_nothing_is_flown_that_cannot_change_the_answer():
             assert search.verdicts.get(suite, OPEN) == OPEN
             assert suite < cheapest
             assert first == len(search.scores.get(suite, ()))
+            failed = RANKS[[i for i, found in search.verdicts.items() if found == FAILS]]
+            assert not (RANKS[suite] >= failed).all(-1).any()
         return plain(suites, first, episodes)
 
-    search = Search(COSTS, KEEP, watched, 1024)
+    search = Search(COSTS, RANKS, KEEP, watched, 1024)
     search.search()
     assert sum(map(len, search.scores.values())) < 0.3 * 1024 * len(RANKS)
     assert looks(100) == [32, 64, 100]

@@ -60,7 +60,6 @@ def test_ours_lists_the_estimators_that_its_models_carry(capsys, monkeypatch):
             ("PunaUAV-v0",),
             "unknown list 'PunaUAV-v0': choose from environments, estimators, sensors",
         ),
-        (("studies", "quick"), "list studies lists all: it takes no 'quick'"),
         (("nosuch",), "unknown list 'nosuch'"),
     ],
 )
