@@ -32,7 +32,7 @@ _WORDS = {
     "u": ("surge speed", "m/s"), "v": ("sway speed", "m/s"), "w": ("heave speed", "m/s"),
     "p": ("roll rate", "°/s"), "q": ("pitch rate", "°/s"), "r": ("yaw rate", "°/s"),
     "north": ("speed north", "m/s"), "east": ("speed east", "m/s"), "climb": ("climb rate", "m/s"),
-    "unknown yaw increment": ("unknown yaw increment", "mrad"),
+    "unknown yaw increment": ("yaw increment", "mrad"),
 }  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from vessel_gym.guidance.dubins import plan, shortest
 start, goal, radius = [0.0, 0.0, 0.0], [600.0, 200.0, np.pi / 2], 100.0
 obstacles = [(250.0, 20.0, 60.0), (430.0, 60.0, 45.0), (520.0, 150.0, 30.0)]
 
-figure, axes = plt.subplots(figsize=(7, 4), layout="constrained")
+figure, axes = plt.subplots(figsize=(7, 3), layout="constrained")
 for x, y, size in obstacles:
     axes.add_patch(plt.Circle((x, y), size, color="0.85"))
 for name, path in (

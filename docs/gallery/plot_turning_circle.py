@@ -27,5 +27,6 @@ for estimator in ("measurement", "ekf", "kf-umv-ui"):
         label=f"{estimator}: score {episode.score[0]:.2f}",
     )
 axes.set(xlabel="time [s]", ylabel="error of the estimated position [m]")
-axes.legend()
+axes.set_ylim(top=1.3 * axes.get_ylim()[1])  # room for the legend
+axes.legend(ncols=3, loc="upper center")
 plt.show()

@@ -27,7 +27,7 @@ def unknown_input() -> None:
     figure, axes = plt.subplots(figsize=(7, 2.8), layout="constrained")
     time = STEP * np.arange(300)
     axes.plot(time, series.input_mean[:, 0, 0], linewidth=1, label="estimate of kf-umv-ui")
-    axes.plot(time, push[:, 0, 0], color="black", label="the push, which nobody tells the filter")
+    axes.plot(time, push[:, 0, 0], color="black", label="the push, unknown to the filter")
     axes.set(xlabel="time [s]", ylabel="push [m/s²]", ylim=(-3.2, 5.2))
     axes.legend(loc="upper right", ncols=2)
     figure.savefig(HERE / "primer-input.png", dpi=120)
@@ -66,7 +66,7 @@ def ensemble() -> None:
         )
     low, high = chi_square_band(runs, 2)
     right.axhspan(low / 2, high / 2, color="0.85", label="95 % band of a consistent filter")
-    right.set(xlabel="time [s]", ylabel="NEES, divided by the 2 states", ylim=(0, 8))
+    right.set(xlabel="time [s]", ylabel="NEES / 2", ylim=(0, 9))
     right.legend(loc="best", fontsize=8)
     figure.savefig(HERE / "primer-ensemble.png", dpi=120)
 
