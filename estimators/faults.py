@@ -114,7 +114,7 @@ class FaultMonitor(ABC):
         if getattr(belief, "input_observed", None) is not None:
             raise TypeError(
                 "the innovations of this filter carry its unknown input, so that they say nothing"
-                " of faults: watch a filter that is told of the input as noise"
+                " of faults: watch a filter that assumes the input as noise"
             )
         e, S = belief.innovation, belief.innovation_cov
         arrived = belief.available & belief.healthy[..., None]

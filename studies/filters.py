@@ -141,7 +141,7 @@ def sensor_grades() -> str:
 
     What no document states has an asterisk.
     """
-    heads = ("sensor", "grade", "white noise", "slow error; its time; constant error", "every",
+    heads = ("sensor", "grade", "white noise", "slow error; correlation time; constant error", "interval",
              "document")  # fmt: skip
     parts = []
     for env_id, heading in GRADED.items():

@@ -235,7 +235,7 @@ def latency(study: str) -> str:
             cells = (f"{mean_and_half(score[at])}; {number(error[at], 2)}; {number(nees[at], 2)}"
                      for at in places)  # fmt: skip
             rows.append((world.removesuffix("-v0"), condition, *cells))
-    return table(("score; position error [m]; its NEES/n", "the fix is", "in time", *ways), rows)
+    return table(("score; position error [m]; NEES/n", "the fix comes", "in time", *ways), rows)
 
 
 def shares(study: str) -> str:
@@ -308,5 +308,5 @@ def overturn() -> str:
         held, *names = worlds.values()
         cells = ("; ".join(of) or NONE for of in names)
         rows.append((pair, interval(usual), f"{len(held)} of {len(others)}", *cells))
-    heads = "scores", "in the studies' world", "same sign in", "other sign", "not decided"
+    heads = "scores", "in the studies", "same sign in", "opposite sign", "not decided"
     return table(heads, rows)
