@@ -37,7 +37,7 @@ def budget_study(
     nominal = Condition("nominal", disturbance=disturbance)
     policy = packaged(system_of(environment).name) if agent == PPO else policy_path(agent)
     study = Study(
-        "The cheapest sensors that do",
+        "The cheapest sensors that suffice",
         (environment,),
         (Estimator(estimator, estimator), Estimator(ORACLE, ORACLE)),
         (Agent(agent, str(policy)),),

@@ -1,4 +1,4 @@
-"""Find the cheapest sensors that do: ``vessel-gym budget SigmaCorvette-v0 --keep 0.95``."""
+"""Find the cheapest sensors that suffice: ``vessel-gym budget SigmaCorvette-v0 --keep 0.95``."""
 
 from dataclasses import replace
 from pathlib import Path
