@@ -204,6 +204,8 @@ def _write_mathml(writer: HTML5Translator, node: nodes.math | nodes.math_block) 
     """Write a formula as MathML, which browsers render without scripts, fonts or a network."""
     block = isinstance(node, nodes.math_block)
     text = SPACED.sub(r"\\,", node.astext())  # TeX sets functions apart
+    text = re.sub(r"\\(min|max)(?=\s*\()", r"\\operatorname{\1}", text)
+    text = re.sub(r"(?:\\vert |\|)(\\?\w+)(?: \\vert|\|)", r"\\left|\1\\right|", text)
     formula = tex2mathml(text, as_block=block)
     writer.body.append(f'<div class="math">{formula}</div>' if block else formula)
     raise nodes.SkipNode
