@@ -48,12 +48,7 @@ THESIS_CORVETTE = System(
 
 @documented
 class ThesisCorvetteEnv(VesselEnv):
-    """Follow a turning circle trial while an unknown step enters the measurements.
-
-    The step is added to heading and yaw increment. This is the experiment of a thesis and not a
-    control task: the constant action 0.8 is the trial itself. `SigmaCorvetteEnv` is the corvette at
-    sea.
-    """
+    """Follow a turning circle trial while an unknown step enters the measurements."""
 
     system = THESIS_CORVETTE
 
