@@ -55,10 +55,6 @@ class Rollout:
     env: Any
     scenario: Any
 
-    def __repr__(self) -> str:
-        flown = f"mean score {self.score.mean():.3f}, {self.length.sum()} steps"
-        return f"<Rollout {self.env_id}: {len(self.seeds)} episodes, {flown}>"
-
     @cached_property
     def core(self) -> Any:
         """The core of the environment, or the `agents.wrapped.Wrapped` that stands for it."""

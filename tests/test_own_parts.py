@@ -140,9 +140,7 @@ estimator = "default"
 
 
 @pytest.mark.slow
-def test_a_study_runs_over_parts_of_ones_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_study_runs_over_parts_of_ones_own(tmp_path: Path) -> None:
     from agents.jobs import run
 
     path = tmp_path / "own.toml"

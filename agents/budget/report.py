@@ -14,7 +14,7 @@ LIMITS = (
     "The fresh seeds were not used in the search, so it may have compared any number of suites. On"
     " them suites are tried in an order fixed before, the safest first, up to the first that is not"
     " confirmed. An answer that keeps less than was asked for has a probability of at most 2.5 %.",
-    "A suite that is no better in any sensor than one that keeps less was not flown. That it keeps"
+    "A suite that is no better in any sensor than one that keeps less was flown no further. That it keeps"
     " less, too, is an assumption: the claim that nothing cheaper will do needs it, and the"
     " answer's share does not.",
     "A disaster rarer than one episode in a few hundred may occur in no flight, and is then in no"
@@ -51,7 +51,9 @@ def legend(budget: Budget) -> str:
         f"Share of the score on the truth with its 95 % interval. Keeps it: all of the interval in"
         f" the search is at least {budget.keep:g}; keeps less: all of it is below; not decided: it"
         " reaches both. Confirmed: all of the interval on fresh seeds is at least that; not"
-        " confirmed: it begins below."
+        " confirmed: it begins below. Refused: the environment cannot carry the estimator on these"
+        " sensors. Not run: no better in any sensor than one that keeps less, or at least as dear as"
+        " one that keeps it."
     )
 
 

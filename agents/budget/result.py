@@ -59,7 +59,6 @@ class Budget(Search):
         keep: Share of the truth's score that is asked for.
         folder: Keeps the results.
         processes: Processes on this machine.
-        progress: Context that shows progress, for a title and processes; see `agents.jobs.run`.
 
     Attributes:
         tables: Results of what was flown, see `agents.studies.results.long_table`.
@@ -73,17 +72,15 @@ class Budget(Search):
         suites: Sequence[Suite],
         keep: float,
         folder: Path,
-        processes: int,
-        progress: Callable[[str, int], Any],
+        processes: int = 1,
     ) -> None:
         costs, ranks = ([getattr(s, name) for s in suites] for name in ("cost", "ranks"))
         super().__init__(costs, np.array(ranks), keep, self.flights, study.episodes)
         self.study, self.suites, self.folder, self.processes = study, suites, folder, processes
-        self.progress = progress
         self.tables: list[pd.DataFrame] = []
         self.refusals: set[str] = set()
 
-    def run(self) -> None:
+    def run(self, progress: Callable[[int, int], None]) -> None:
         """Search the cheapest suite that keeps the share, and confirm it on fresh seeds.
 
         Raises:
@@ -91,7 +88,7 @@ class Budget(Search):
             Refusal: if a flight failed.
             OSError: if the results cannot be written.
         """
-        self.search()
+        super().run(progress)
         self.answer = self.confirm(FRESH)
 
     @property
@@ -116,8 +113,7 @@ class Budget(Search):
         ]
         self.refusals |= {skipped.reason for each in plans for skipped in each.skipped}
         jobs = [job for each in plans for job in each.jobs]
-        with self.progress(f"flights of {episodes} episodes", self.processes) as show:
-            outcome = agents.jobs.run(jobs, self.folder, self.processes, progress=show)
+        outcome = agents.jobs.run(jobs, self.folder, self.processes)
         for failure in outcome.failures.values():
             raise Refusal(f"a flight failed:\n{failure}")
         tables = [Results.of(each, outcome).table for each in plans]

@@ -87,24 +87,28 @@ class Search:
     verdicts: dict[int, str] = field(default_factory=dict)
     confirmed: dict[int, Interval] = field(default_factory=dict)
 
-    def search(self) -> None:
+    def run(self, progress: Callable[[int, int], None]) -> None:
         """Fly until no further look may change the answer.
 
         Suites of each round are spread over the prices: one that keeps the share settles dearer
         ones, one that keeps less those that are no better in any sensor.
+
+        Args:
+            progress: Called with the number of suites that need no further look, and of all.
         """
         first = 0
         for end in looks(self.episodes):
             while left := self.undecided(end):
+                progress(len(self.costs) - len(left), len(self.costs))
                 self._look([TRUTH, *left[:: -(-len(left) // ROUND)]], first, end)
             first = end
 
     def undecided(self, end: int) -> list[int]:
         """Suites with fewer episodes of which a look may change the answer.
 
-        A suite that is no better in any sensor than one that keeps less is not flown. That it keeps
-        less, too, is an assumption: no test relies on it, but a cheaper suite may be missed where
-        it does not hold.
+        A suite that is no better in any sensor than one that keeps less is flown no further. That
+        it keeps less, too, is an assumption: no test relies on it, but a cheaper suite may be
+        missed where it does not hold.
         """
         does, fails = (
             [i for i, found in self.verdicts.items() if found == word] for word in (DOES, FAILS)

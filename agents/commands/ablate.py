@@ -115,14 +115,8 @@ def _introduce(question: Any, study: Path, out: Path) -> None:
     import shutil
 
     from agents.files import replacing
-    from agents.studies.records import FEW_SEEDS
 
     print(question.title)
-    if question.learned and question.training_seeds < FEW_SEEDS:
-        print(
-            f"warning: {question.training_seeds} training seeds say little about learning; use"
-            f" {FEW_SEEDS} or more"
-        )
     if study.resolve() != (out / "study.toml").resolve():
         with replacing(out / "study.toml") as path:
             shutil.copyfile(study, path)

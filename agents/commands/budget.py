@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from agents.commands.console import asked, job_progress, print_answer, print_table
+from agents.commands.console import asked, print_answer, print_table, progress
 
 ROWS = 8
 """The most rows of the table in the console; the page has all suites that were flown."""
@@ -66,7 +66,7 @@ def main(
         with replacing(out / "prices.toml") as path:
             path.write_text(prices_toml(costs), encoding="utf-8")
     study = replace(study, episodes=episodes, first_seed=first_seed)
-    return _search(Budget(study, suites, keep, out, processes, job_progress), prices is not None)
+    return _search(Budget(study, suites, keep, out, processes), prices is not None)
 
 
 def _check_numbers(keep: float, episodes: int, first_seed: int) -> None:
@@ -86,7 +86,12 @@ def _search(budget: Any, priced: bool) -> int:
     """Search and confirm, write the report, and print the answer; the exit status."""
     from agents.budget.report import conclusion, legend, suites_table, write_report
 
-    budget.run()
+    try:
+        with progress("suites decided", counted=True) as show:
+            budget.run(show)
+    except KeyboardInterrupt:
+        kept = "what was finished is kept, and the same command goes on from there"
+        raise KeyboardInterrupt(kept) from None
     notes = [] if priced else [
         "No prices were given, so each step to a better grade of any sensor counts 1. Other suites"
         " of the same price may keep the share, too. Give prices with --prices."
@@ -94,6 +99,6 @@ def _search(budget: Any, priced: bool) -> int:
     report = write_report(budget, notes)
     print_answer(conclusion(budget))
     table = suites_table(budget, ROWS).reset_index()
-    print_table("Suites round this one", table.columns, [table.itertuples(index=False)])
+    print_table("Suites near the answer", table.columns, [table.itertuples(index=False)])
     print(legend(budget), *notes, f"Report: {report}", sep="\n")
     return int(budget.answer is None)

@@ -131,12 +131,12 @@ def complain(text: str) -> int:
 
 
 @contextmanager
-def progress(title: str, slow: int = 0) -> Iterator[Callable[..., None]]:
+def progress(title: str, counted: bool = False, slow: int = 0) -> Iterator[Callable[..., None]]:
     """Progress by calls with (done, total, text), in a line that changes.
 
     In a file or pipe a line is written at each tenth, and every ten seconds. From the first tenth
-    or minute on, the time that is left is shown: that of the pieces after the first ``slow`` ones
-    of this run.
+    or minute on, the time that is left is shown, unless the pieces of work are ``counted``, being
+    of different lengths. It is that of the pieces after the first ``slow`` ones of this run.
     """
     live = sys.stderr.isatty()
     said, tenth, began, first, last = 0.0, -1, None, (0, 0.0), ""
@@ -151,7 +151,7 @@ def progress(title: str, slow: int = 0) -> Iterator[Callable[..., None]]:
         said, tenth = now, reached
         words = [f"{title}: {done}/{total}", text]
         soon = total - before <= 10 * (done - before) or now - start > 60.0
-        if soon and before < done < total:
+        if not counted and soon and before < done < total:
             left = (now - start) * (total - done) / (done - before)
             words.append(f"{timedelta(seconds=round(left))} left")
         if (line := ", ".join(filter(None, words))) != last:

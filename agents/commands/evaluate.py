@@ -40,12 +40,8 @@ def main(
             worlds[default if name == DEFAULT else name] = world
             with closing(batch(env_id, 1, world)) as env:
                 load_agent(agent, env)
-    title = f"{env_id}, {agent}: " + (
-        "one episode" if episodes == 1 else f"mean and 95 % interval over {episodes} episodes"
-    )
-    if hasattr(env.unwrapped, "core"):
-        title += f", {options.get('disturbance', 'moderate')} disturbance"
-        title += f", {options.get('sensors', 'nominal')} sensors"
+    given = "".join(f", {name}={value}" for name, value in options.items())
+    title = f"{env_id}, {agent}: means and 95 % intervals, episodes: {episodes}{given}"
     _fly(title, agent, env_id, seeds, worlds)
 
 

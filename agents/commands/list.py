@@ -24,7 +24,10 @@ def main(what: str = "environments", env_id: str = "", /) -> None:
     }
     with asked():
         header, rows = lists[one_of("list", what, lists)]
-        print_table(of if what in ("estimators", "sensors") else what, header, [rows()])
+        whole = what in ("environments", "studies")
+        if whole and env_id:
+            raise ValueError(f"list {what} lists all: it takes no {env_id!r}")
+        print_table(what if whole else of, header, [rows()])
 
 
 def _environments() -> list[list[str]]:

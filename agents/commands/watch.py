@@ -68,18 +68,12 @@ def _write_page(
 ) -> None:
     """Write an episode as a page, and print which it is and its scores."""
     from agents import episode
-    from agents.episodes.recording import TYPICAL
-    from agents.studies.worlds import system_of
-    from agents.wrapped import Wrapped
 
     with asked():
         page = episode(env_id, None, agent, seed, options)
     page.save(out)
     scores = ", ".join(f"{score:.3f} on {name}" for name, score in page.scores.items())
-    which = page.page["conditions"][-1]  # seed 7
-    if seed is None and not isinstance(system_of(env_id), Wrapped):
-        which = f"the most typical of {TYPICAL} episodes ({which})"
-    print(f"wrote {out}, {which}, score {scores}")
+    print(f"wrote {out}, {page.page['conditions'][-1]}, score {scores}")
 
 
 def check_kind(out: Path) -> None:

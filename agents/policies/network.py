@@ -81,8 +81,8 @@ def exported(policy: Any) -> Network:
         same = False
     if not same:
         raise ValueError(
-            f"cannot store a {type(policy).__name__} of such layers or spaces in arrays: it"
-            " flies as an agent of your own, with reset and act"
+            f"cannot store a {type(policy).__name__} of such layers or spaces in arrays:"
+            " wrap it in an object with reset and act"
         )
     return network
 

@@ -65,7 +65,7 @@ def _advice(ranking: Ranking) -> str:
     share, lost = amount(ranking.kept(best)), amount(ranking.price(best))
     return (
         f"Use {best} in {where}: on it {who} keeps {share} {_WORTH}, and loses {lost} of score"
-        f" against the truth{_standing(ranking)}."
+        f" against the truth{_standing(ranking)}.{_elsewhere(ranking)}"
     )
 
 
@@ -77,16 +77,25 @@ def _where(environments: Sequence[str]) -> str:
 def _standing(ranking: Ranking) -> str:
     """Verdicts on the other estimators against the best."""
     found = ranking.verdicts
-    margin = f"{ranking.results.plan.study.margin:g}"
-    phrases = {EQUIVALENT: f"within ±{margin}", UNDECIDED: UNDECIDED, LOWER: "less"}
     each = [
-        f"{phrase} on {listed(names)}"
-        for word, phrase in phrases.items()
+        f"{word} on {listed(names)}"
+        for word in (EQUIVALENT, UNDECIDED, LOWER)
         if (names := [name for name in found if found[name] == word])
     ]
-    rest = [f"less by more than {margin} on all others"] if WORSE in found.values() else []
+    rest = ["worse on all others"] if WORSE in found.values() else []
     against = f". Against {ranking.best}: {'; '.join(each + rest)}"
     return against if found else "; no other estimator was compared"
+
+
+def _elsewhere(ranking: Ranking) -> str:
+    """Environments in which another estimator is shown to keep more than the best of all."""
+    better, best = [], ranking.best
+    for environment in ranking.environments:
+        own = Ranking(ranking.results, [environment])
+        if own.verdicts.get(best) in (LOWER, WORSE):
+            more = amount(own.gap(own.best, best))
+            better.append(f"in {environment} {own.best} keeps {more} more")
+    return f" But {listed(better)}." if better else ""
 
 
 # --- conditions that are numbers ------------------------------------------------------------------
@@ -168,7 +177,7 @@ def _last(names: Sequence[str], changes: Sequence[Interval | None], more: str) -
 def _learned(results: Results, environment: str) -> str:
     """A sentence on the learned policies that have results in an environment."""
     each = [
-        f"{policy} − {other} {amount(gap, signed=True)}"
+        f"{policy} against {other}: {amount(gap, signed=True)}"
         + ("" if isinstance(gap, Interval) else " (one run, no interval)")
         for (policy, other), gap in learned_differences(results, environment).items()
         if gap is not None

@@ -54,4 +54,4 @@ def fly(
     found: dict[str, Any] = {"end": end, "completed": completed, SCORE.key: flown.score}
     if metrics:
         found |= scores(flown) | {"nees_in_band": np.array(consistency(flown), float)}
-    return {"episodes": found}
+    return found

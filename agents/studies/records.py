@@ -13,8 +13,6 @@ DEFAULT = "default"
 """Stands for an environment's own default estimator."""
 RAW = "raw measurements"
 """Name of the estimator of agents that observe measurements instead of estimates."""
-FEW_SEEDS = 5
-"""Below so many training seeds an interval over them says little."""
 
 
 def beyond_the_truth(found: Sequence[str], who: str) -> str:

@@ -67,7 +67,7 @@ def _ranked(results: Results) -> list[Block]:
     return [
         table("To copy", to_copy(results).set_index("where"), legend(results)),
         table(
-            f"The best estimators for {results.who}{', ' + head if len(columns) > 1 else ''}",
+            f"The best estimators for {results.who}, {head}",
             summary(ranking),
             "Means over conditions and evaluation seeds with 95 % intervals for other seeds, the"
             f" first two for all estimators at once: the share kept of {ORACLE} over dead"
@@ -158,7 +158,7 @@ def consistency(results: Results, environment: str) -> pd.DataFrame:
     table, first = results.table, results.conditions(environment)[0]
     here = (table.environment == environment) & (table.condition == first)
     own = table[here & (table.policy == results.classical)].groupby("estimator", sort=False)
-    columns = {NEES.key: NEES.label, "nees_in_band": "in band", UNHEALTHY.key: UNHEALTHY.label}
+    columns = {NEES.key: NEES.label, "nees_in_band": "In band", UNHEALTHY.key: UNHEALTHY.label}
     found = own[[key for key in columns if key in table]].mean().rename(columns=columns)
     return found.map(lambda value: text(value, 2))
 
@@ -182,7 +182,8 @@ def _learned(results: Results) -> list[Block]:
             "Share kept by learned agents",
             found,
             f"Means over training runs ({runs}), conditions and evaluation seeds, with 95 %"
-            " intervals for other runs on other seeds. Policies learn in the first condition.",
+            " intervals for other runs, if there are several, on other seeds. Fewer than five say"
+            " little of what another training would give. Policies learn in the first condition.",
         )
     ]
 
@@ -198,7 +199,8 @@ def _left_out(results: Results) -> list[Block]:
     """Estimators and agents that an environment refuses, and jobs that failed."""
     found = [f"{each.what} in {each.environment}: {each.reason}." for each in results.plan.skipped]
     for why in results.outcome.failures.values():
-        found.append(f"{why.partition(': ')[0]} failed: {why.splitlines()[-1]}")
+        label, _, reason = why.strip().partition(": ")
+        found.append(f"{label} failed: {reason.splitlines()[-1]}")
     return [bullets("Left out and failed", found)] if found else []
 
 
@@ -222,8 +224,8 @@ def _run(results: Results, out: Path) -> Block:
     return bullets("To run it again", [
         f"vessel-gym ablate {out}/study.toml --out {out}",
         f"Evaluation seeds {study.seeds[0]} to {study.seeds[-1]}, termination {study.termination},"
-        f" margin of equivalence {study.margin:g}; every setting, and the source that a"
-        " result depends on, is in jobs.",
+        f" margin of equivalence {study.margin:g}; every setting, and the source and"
+        " versions that a result depends on, are in jobs.",
         f"{platform.system()} {platform.machine()}, Python {platform.python_version()}, "
         + ", ".join(f"{name} {version}" for name, version in versions().items()),
         f"{minutes:.1f} CPU minutes for {len(results.outcome.seconds)} jobs",

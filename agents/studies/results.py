@@ -27,7 +27,7 @@ def long_table(plan: Plan, outcome: Outcome) -> pd.DataFrame:
     for f in plan.flights:
         if values := outcome.values.get(f.job.key):
             rows = {name: getattr(f, name) for name in (*FLIGHT, "home")}
-            found.append(pd.DataFrame(rows | {"seed": plan.study.seeds} | values["episodes"]))
+            found.append(pd.DataFrame(rows | {"seed": plan.study.seeds} | values))
     return pd.concat(found[1:] or found, ignore_index=True)
 
 

@@ -232,10 +232,6 @@ class _Reader:
             key = "settings" if agent.settings else "steps"
             if env_id := self.accepts("kind", environment_id, world):
                 self.accepts(key, describe, env_id, None, 0, *arguments)
-        homes = [estimators.get(school, Estimator(school)) for school in schools]
-        if here and not agent.raw and not any(map(set(here).intersection, map(self.here, homes))):
-            text = f"{name} is in no environment of an estimator that it is trained on"
-            self.wrong(text, "trained_on")
 
     # --- tables -----------------------------------------------------------------------------------
 

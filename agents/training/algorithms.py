@@ -20,7 +20,7 @@ from agents.policies.checkpoint import npz_path, write
 from agents.seeds import training_seed
 from agents.source import source_digest
 from estimators.checks import as_number, integer, short_repr
-from vessel_gym.checks import one_of
+from vessel_gym.checks import is_integer, one_of
 from vessel_gym.extras import require
 from vessel_gym.toml_file import TomlFile
 
@@ -123,13 +123,15 @@ def _merged(settings: Mapping[str, Any], changed: Mapping[str, Any]) -> dict[str
 
 
 def _is_such(name: str, known: Any, value: Any) -> bool:
-    """Is a value of the kind of the known one? A schedule, or a number that may be a text, is both."""
+    """Is a value of the kind of the known one: a switch, list, table, count, number or text?"""
     if name in _SCHEDULES and isinstance(value, str):
         return re.fullmatch(_LINEAR, value) is not None
     if isinstance(known, dict) and isinstance(value, dict):
         return all(_is_such(key, of, value.get(key, of)) for key, of in known.items())
-    if isinstance(known, bool | int | list | dict):
-        return type(value) is type(known)
+    if isinstance(known, bool | list | dict):
+        return isinstance(value, type(known))
+    if isinstance(known, int):
+        return is_integer(value)
     text = isinstance(value, str) and not isinstance(known, float)
     return text or bool(np.isfinite(as_number(value)))
 

@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import binom
 
 from agents.budget.search import (
+    CONFIRMED,
     DOES,
     FAILS,
     OPEN,
@@ -49,7 +50,7 @@ def flights(shares: np.ndarray, seed: int, sd: float = 0.04, disaster: float = 0
 def procedure(fly: Fly) -> tuple[Any, Search]:
     """Answer and search with some flights."""
     search = Search(COSTS, RANKS, KEEP, fly, 1024)
-    search.search()
+    search.run(lambda done, total: None)
     return search.confirm(FRESH), search
 
 
@@ -125,14 +126,15 @@ def test_without_noise_the_answer_is_that_of_flying_everything():
         losses, prices = steps.cumsum(-1)[:, range(3), RANKS].sum(-1)
         order = np.argsort(-prices)
         search = Search(-prices[order], RANKS[order], KEEP, flights(1 - losses[order], 0, 0.0), 64)
-        search.search()
+        search.run(lambda done, total: None)
         assert search.confirm(FRESH) == np.flatnonzero(1 - losses[order] >= KEEP)[0]
 
 
 def test_nothing_is_flown_that_cannot_change_the_answer():
-    plain = flights(1.005 - 0.03 * RANKS.sum(1), 0)
+    plain, flown = flights(1.005 - 0.03 * RANKS.sum(1), 0), []
 
     def watched(suites: Sequence[int], first: int, episodes: int) -> list[Any]:
+        flown.extend([episodes] * (len(suites) - 1))
         cheapest = min((i for i, found in search.verdicts.items() if found == DOES), default=99)
         for suite in set(suites) - {TRUTH}:
             assert search.verdicts.get(suite, OPEN) == OPEN
@@ -143,8 +145,9 @@ def test_nothing_is_flown_that_cannot_change_the_answer():
         return plain(suites, first, episodes)
 
     search = Search(COSTS, RANKS, KEEP, watched, 1024)
-    search.search()
-    assert sum(map(len, search.scores.values())) < 0.3 * 1024 * len(RANKS)
+    search.run(lambda done, total: None)
+    assert sum(flown) == sum(len(own) for i, own in search.scores.items() if i != TRUTH)
+    assert sum(flown) < 0.3 * 1024 * len(RANKS)
     assert looks(100) == [32, 64, 100]
 
 
@@ -154,8 +157,9 @@ def test_a_suite_that_the_environment_refuses_is_left_out():
     def fly(suites: Sequence[int], *seeds: int) -> list[Any]:
         return [None if i == 0 else plain([i], *seeds)[0] for i in suites]
 
-    _, search = procedure(fly)
+    answer, search = procedure(fly)
     assert search.verdicts[0] == REFUSED
+    assert search.verdicts[answer] == CONFIRMED
     assert COSTS[search.sequence[-1]] == 1
 
 

@@ -152,9 +152,12 @@ def test_what_cannot_be_stored_in_arrays_is_refused_before_anything_is_written(t
         (PPO("MlpPolicy", StableBaselinesVecEnv(wrapped), device="cpu"), "what TransformAction"),
         (A2C("MlpPolicy", DummyVecEnv([lambda: single]), device="cpu"), "TransformObservation"),
         (PPO("MlpPolicy", VecNormalize(VecFrameStack(adapter(), 3)), device="cpu"), "VecFrameSta"),
-        (PPO("MlpPolicy", adapter(), policy_kwargs=own, device="cpu"), "cannot store .* reset and"),
-        (trained("PPO", adapter(), torch.nn.Softsign), "cannot store .* of your own"),
-        (PPO("MlpPolicy", "CartPole-v1", device="cpu"), "cannot store .* of your own"),
+        (
+            PPO("MlpPolicy", adapter(), policy_kwargs=own, device="cpu"),
+            "cannot store .* with reset",
+        ),
+        (trained("PPO", adapter(), torch.nn.Softsign), "cannot store .* with reset and act"),
+        (PPO("MlpPolicy", "CartPole-v1", device="cpu"), "cannot store .* with reset and act"),
         (bare, "model.set_env"),
     ]
     for model, sentence in cases:

@@ -67,5 +67,5 @@ def test_an_interval_has_its_half_width_or_its_ends_where_it_is_uneven():
     assert words(Interval(0.9, 0.8, 1.0), 1) == "0.9 ± 0.1"
 
 
-def test_lists_and_counts_read_as_in_sentences():
+def test_lists_read_as_in_sentences():
     assert [listed("a"), listed("ab"), listed("abc")] == ["a", "a and b", "a, b and c"]

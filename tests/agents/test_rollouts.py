@@ -1,6 +1,5 @@
 """Rollouts: the same seeds give the same flights, however they are batched."""
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -57,17 +56,14 @@ def test_a_rollout_equals_a_loop_over_single_environments(agent: Any):
         assert abs(flight.returns[i] - total) < 1e-6
         assert abs(flight.score[i] - info["score"]) < 1e-9
         for key, value in flight.history.items():
-            if key in info:  # and NIS, which is no part of it
+            if key in info:
                 alone = [each[key] for each in infos]
                 np.testing.assert_allclose(
                     value[: len(infos), i], alone, rtol=0, atol=1e-8, err_msg=key
                 )
             # After its end an episode repeats its last values, and is marked as over.
-            if key != "nis":
-                after, last = value[len(infos) :, i], value[len(infos) - 1, i]
-                np.testing.assert_array_equal(
-                    after, np.broadcast_to(last, after.shape), err_msg=key
-                )
+            after, last = value[len(infos) :, i], value[len(infos) - 1, i]
+            np.testing.assert_array_equal(after, np.broadcast_to(last, after.shape), err_msg=key)
         np.testing.assert_array_equal(flight.alive[:, i], np.arange(len(flight.alive)) < len(infos))
 
 
@@ -132,9 +128,13 @@ def test_episodes_that_may_never_end_are_refused_in_a_sentence():
     assert rollout("autopilot", "Endless-v0", [0], {"max_episode_steps": 5}).length == [5]
 
 
-def test_a_rollout_is_one_short_line():
-    flight = rollout("autopilot", ENV, [5, 6], {"max_episode_steps": 4})
-    assert re.fullmatch(rf"<Rollout {ENV}: 2 episodes, mean score [\d.]+, 8 steps>", repr(flight))
+def test_an_ensemble_is_kept_if_asked_for_and_not_that_of_the_next_episode():
+    world = {"max_episode_steps": 4, "estimator": "enkf"}
+    flight = rollout("autopilot", ENV, [5], world, ensembles=True)
+    members = flight.history["ensemble"]
+    assert np.isfinite(members[:4]).all()
+    assert np.isnan(members[4]).all()
+    assert "ensemble" not in rollout("autopilot", ENV, [5], world).history
 
 
 @pytest.mark.parametrize(("env_id", "shape"), [(ENV, (2, 7)), ("Pendulum-v1", (2,)), (ENV, None)])

@@ -57,7 +57,6 @@ def test_a_study_ends_with_its_answer_and_where_the_report_lies_and_is_not_compu
     assert ablate.main(study, out, processes=1) == 0
     printed = capsys.readouterr().out
     assert printed.startswith("A small study of a :ship:\n")
-    assert "warning: 1 training seeds say little" in printed
     assert f"Report: {out / 'report.html'}" in printed
     assert (out / "report.html").stat().st_size > 100_000
     assert (out / "study.toml").read_text() == SMALL

@@ -92,7 +92,7 @@ def test_scores_above_those_on_the_truth_are_warned_of(
 def test_the_table_names_its_world_and_what_errors_are_of(capsys: pytest.CaptureFixture[str]):
     evaluate.main(ENV, estimator=("kf",), episodes=1, disturbance="calm")
     printed = " ".join(capsys.readouterr().out.split())
-    assert "one episode, calm disturbance, nominal sensors" in printed
+    assert "episodes: 1, disturbance=calm" in printed
     assert "│ Position error, RMS [m] │" in printed
 
 

@@ -72,7 +72,7 @@ def results(planned: Plan | Study, quality=QUALITY, noise=0.01, **changed) -> Re
         figures = {m.key: rng.lognormal(0.0, 0.2, n) for m in metrics(system_of(f.environment))}
         figures |= {"nees": figures["nees"] * claims, "nees_in_band": 0.9 * claims}
         figures |= {"score": score, "end": [""] * n, "completed": True}
-        outcome.values[f.job.key] = {"episodes": figures}
+        outcome.values[f.job.key] = figures
         outcome.seconds[f.job.key] = 1e-5 * (1.0 + len(f.estimator)) * 100 * n
     return Results.of(planned, outcome)
 

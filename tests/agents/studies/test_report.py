@@ -83,8 +83,8 @@ def test_costs_are_beyond_those_on_the_truth_at_the_same_seeds(small):
 
 def test_consistency_is_that_of_the_first_condition_and_of_filters_alone(small):
     table = consistency(small, CORVETTE)
-    assert table.loc["truth", NEES.label] == table.loc["truth", "in band"] == "–"
-    assert table.loc["kf", "in band"] == "0.90"
+    assert table.loc["truth", NEES.label] == table.loc["truth", "In band"] == "–"
+    assert table.loc["kf", "In band"] == "0.90"
 
 
 def test_names_are_shown_as_they_are_written(tmp_path):

@@ -145,8 +145,9 @@ def test_the_episodes_of_a_run_are_those_of_its_jobs(tmp_path):
     assert not found.missing
     flight = next(f for f in planned.flights if f.estimator == "ekf")
     rows = found.table[found.table.estimator == "ekf"]
-    figures = outcome.values[flight.job.key]["episodes"]
+    figures = outcome.values[flight.job.key]
     assert {m.key for m in METRICS} <= set(rows)
     assert rows.score.tolist() == figures["score"]
+    assert rows.nees_in_band.between(0.0, 1.0).all()
     success = system_of(SEGOROGENI).task.success
     assert rows.completed.tolist() == [end == success for end in figures["end"]]
