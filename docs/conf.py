@@ -27,7 +27,8 @@ episode("SigmaCorvette-v0", seed=None, env_options={"disturbance": "rough"}).sav
 """
 UNBROKEN = re.compile(r" ± |(?<=\d) (?=%|(?:s|m|km|kn|Hz)\b)")  # a space that is no end of a line
 SPACED = re.compile(
-    r"(?<=[\w)\]}])\s*(?=\\(?:sin|cos|tan)\b)|(?<=\\(?:sin|cos|tan))\s*(?=[A-Za-z]|\\[a-z]*(?:eta|pha|phi|psi|mma)\b)"
+    r"(?<=[\w)\]}])\s*(?=\\(?:sin|cos|tan)\b)"
+    r"|(?<=\\(?:sin|cos|tan))\s*(?=[A-Za-z]|\\[a-z]*(?:eta|pha|phi|psi|mma)\b)"
 )
 NUMBER = re.compile(r"(?=.*\d)(?!.*[^\W\d_]{3}).{1,32}")  # a cell with a digit and without a word
 sys.path.insert(0, str(HERE.parent))

@@ -141,8 +141,8 @@ def sensor_grades() -> str:
 
     What no document states has an asterisk.
     """
-    heads = ("sensor", "grade", "white noise", "slow error; correlation time; constant error", "interval",
-             "document")  # fmt: skip
+    errors = "slow error; correlation time; constant error"
+    heads = "sensor", "grade", "white noise", errors, "interval", "document"
     parts = []
     for env_id, heading in GRADED.items():
         grades, rows = read_grades(system_of(env_id)), []

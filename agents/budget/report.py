@@ -14,8 +14,8 @@ LIMITS = (
     "The fresh seeds were not used in the search, so it may have compared any number of suites. On"
     " them suites are tried in an order fixed before, the safest first, up to the first that is not"
     " confirmed. An answer that keeps less than was asked for has a probability of at most 2.5 %.",
-    "A suite that is no better in any sensor than one that keeps less was flown no further. That it keeps"
-    " less, too, is an assumption: the claim that nothing cheaper will do needs it, and the"
+    "A suite that is no better in any sensor than one that keeps less was flown no further. That it"
+    " keeps less, too, is an assumption: the claim that nothing cheaper will do needs it, and the"
     " answer's share does not.",
     "A disaster rarer than one episode in a few hundred may occur in no flight, and is then in no"
     " interval.",

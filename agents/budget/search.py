@@ -34,7 +34,7 @@ CONFIRMED, NOT_CONFIRMED = "confirmed", "not confirmed"
 
 
 Fly = Callable[[Sequence[int], int, int], list[Any]]
-"""Scores of suites, or of the `TRUTH`, from a number of a seed on: ``fly(suites, first, episodes)``.
+"""Scores of suites, or of the `TRUTH`, on some seeds: ``fly(suites, first, episodes)``.
 
 They are ``(episodes,)`` each; None for a suite that the environment refuses.
 """

@@ -49,8 +49,8 @@ ENVIRONMENT: dict[str, tuple[Any, str]] = {
 """Keywords of `gymnasium.make`, their types and help; only what is typed is passed on."""
 SHARED = {
     "env_id": "registered environment, or your own: module:id",
-    "agent": "a controller of the task (autopilot; ships: lqg, pid), ppo (comes with the package), random,"
-    " the path of a checkpoint, or your own as module:object, whose code is run",
+    "agent": "a controller of the task (autopilot; ships: lqg, pid), ppo (comes with the package),"
+    " random, the path of a checkpoint, or your own as module:object, whose code is run",
     "first_seed": "number of the first evaluation seed, counted from 0",
     "processes": "processes on this machine",
 }

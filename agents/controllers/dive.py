@@ -14,7 +14,7 @@ from estimators import wrap
 from vessel_gym.tasks.dive import Dive
 from vessel_gym.vehicles.auv import AUV
 
-# Deviations that count alike in the quadratic costs (Bryson's rule): each weight is 1 / tolerance^2.
+# Deviations that count alike in the quadratic costs (Bryson's rule): weights are 1 / tolerance^2.
 DIRECTION = 0.06  # rad, of course and flight path
 RATE = 0.4  # rad/s, of yaw and pitch
 FIN = 0.3  # rad
