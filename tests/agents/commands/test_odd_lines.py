@@ -42,8 +42,8 @@ class σ:
 """
 TABLE = r"Score +│ +0\.\d{3} │"
 SURROUNDINGS = {
-    "utf-8": ("", {"PYTHONIOENCODING": "utf-8"}, 0, "still:σ: one episode.*│"),
-    "ascii": ("", {"PYTHONIOENCODING": "ascii"}, 0, r"still:\\u03c3: one episode.*\|"),
+    "utf-8": ("", {"PYTHONIOENCODING": "utf-8"}, 0, "still:σ: means.*episodes: 1.*│"),
+    "ascii": ("", {"PYTHONIOENCODING": "ascii"}, 0, r"still:\\u03c3: means.*episodes: 1.*\|"),
     "no home": ("", {"HOME": "", "XDG_CACHE_HOME": "", "TERM": ""}, 0, TABLE),
     "no folder to keep anything": ("", {"HOME": "/proc", "VESSEL_GYM_CACHE": "/proc"}, 0, TABLE),
     "a full disk": (">/dev/full", {}, 2, "No space left on device"),
