@@ -25,7 +25,7 @@ LIMITS = (
 def conclusion(budget: Budget) -> list[str]:
     """The answer, the conclusion first."""
     share = f"{100 * budget.keep:g} % of the score on the truth"
-    suite, others, noun = budget.suites[budget.nearest], budget.suites, "All suites"
+    suite, number, noun = budget.suites[budget.nearest], len(budget.suites), "All suites"
     if budget.answer is None:
         kept = words(budget.shares.get(budget.nearest), 3)
         found = [
@@ -33,14 +33,14 @@ def conclusion(budget: Budget) -> list[str]:
             f"The nearest, {suite}, keeps {kept} of it in the search.",
         ]
     else:
-        others, noun = [o for o in others if o.cost < suite.cost], "Cheaper suites"
+        number, noun = sum(o.cost < suite.cost for o in budget.suites), "Cheaper suites"
         kept = words(budget.confirmed[budget.answer], 3)
         found = [
             f"The cheapest suite that is confirmed to keep {share}: {suite}.",
             f"Its price is {suite.cost[0]:g}, and on {budget.episodes} fresh seeds it keeps {kept}"
             " of the score on the truth.",
         ]
-    verdicts = Counter(budget.verdicts.get(i, "not run") for i in range(len(others)))
+    verdicts = Counter(budget.verdicts.get(i, "not run") for i in range(number))
     counts = [f"{verdict} ({count})" for verdict, count in verdicts.items()]
     return [*found, f"{noun}: {listed(counts)}." if counts else "No suite is cheaper."]
 

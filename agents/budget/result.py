@@ -67,12 +67,7 @@ class Budget(Search):
     """
 
     def __init__(
-        self,
-        study: Study,
-        suites: Sequence[Suite],
-        keep: float,
-        folder: Path,
-        processes: int = 1,
+        self, study: Study, suites: Sequence[Suite], keep: float, folder: Path, processes: int = 1
     ) -> None:
         costs, ranks = ([getattr(s, name) for s in suites] for name in ("cost", "ranks"))
         super().__init__(costs, np.array(ranks), keep, self.flights, study.episodes)
