@@ -1,4 +1,7 @@
-"""Draw the pictures of the environments on the first page: ``python docs/images/environments.py``."""
+"""Draw the pictures of the environments: ``python docs/images/environments.py``.
+
+The first page has the map of each, the environments' pages a whole frame.
+"""
 
 from pathlib import Path
 
@@ -17,24 +20,39 @@ AGENTS = {
     "PunaUAV-v0": "autopilot",
     "ThesisCorvette-v0": "constant-rudder",
 }
-MAP = slice(60, 462), slice(17, 512)
-"""Rows and columns of the map in a frame."""
+MAP = (17, 60, 512, 462)
+"""Left, top, right and bottom of the map in a frame."""
+FRAMES = {
+    "turning-circle": ("SigmaCorvette-v0", "rough"),
+    "channel": ("SigmaChannel-v0", "rough quartering"),
+    "segorogeni-dive": ("SegorogeniAUV-v0", "moderate"),
+    "itsunusa-dive": ("ItsunusaAUV-v0", "moderate"),
+    "puna-flight": ("PunaUAV-v0", "moderate"),
+}
+"""Environment and disturbance of each whole frame."""
 
 
-def draw(env_id: str, name: str) -> None:
-    """Write the map at the end of an episode."""
-    env = gym.make(env_id, render_mode="rgb_array")
-    agent = load_agent(name, env)
+def frame(env_id: str, seed: int, **options: str) -> Image.Image:
+    """The last frame of an episode."""
+    env = gym.make(env_id, render_mode="rgb_array", **options)
+    agent = load_agent(AGENTS[env_id], env)
     agent.reset(1)
-    observation, _ = env.reset(seed=7)
+    observation, _ = env.reset(seed=seed)
     done = False
     while not done:
         observation, _, terminated, truncated, _ = env.step(agent.act(observation[None])[0])
         done = terminated or truncated
-    file = HERE / f"{env_id.removesuffix('-v0').lower()}.png"
-    Image.fromarray(env.render()[MAP]).quantize(48).save(file, optimize=True)
+    return Image.fromarray(env.render())
+
+
+def main() -> None:
+    """Write all pictures."""
+    for env_id in AGENTS:
+        name = env_id.removesuffix("-v0").lower()
+        frame(env_id, 7).crop(MAP).quantize(48).save(HERE / f"{name}.png", optimize=True)
+    for name, (env_id, disturbance) in FRAMES.items():
+        frame(env_id, 0, disturbance=disturbance).save(HERE / f"{name}.png", optimize=True)
 
 
 if __name__ == "__main__":
-    for env_id, name in AGENTS.items():
-        draw(env_id, name)
+    main()

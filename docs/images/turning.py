@@ -55,7 +55,9 @@ def main() -> None:
         for x, (label, (each, score)) in zip((0, WIDTH + 8), flown.items(), strict=True):
             both.paste(each[i], (x, TOP))
             draw.text((x + 6, 5), f"{label}: score {score:.2f}", fill="black", font_size=17)
-        shown.append(both.quantize(64, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE))
+        shown.append(both)
+    colours = shown[-1].quantize(64, kmeans=1)  # of all frames, so none flickers
+    shown = [each.quantize(palette=colours, dither=Image.Dither.NONE) for each in shown]
     path = Path(__file__).with_suffix(".gif")
     shown[0].save(path, save_all=True, append_images=shown[1:], duration=140, loop=0, optimize=True)
     print(path.stat().st_size, {label: score for label, (_, score) in flown.items()})

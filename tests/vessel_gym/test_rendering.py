@@ -433,13 +433,14 @@ def test_a_window_that_the_user_closes_ends_nothing_else(monkeypatch):
 # --- pieces ---------------------------------------------------------------------------------------
 
 
-def test_every_hull_that_surroundings_may_name_is_symmetric_and_one_length_long():
+def test_every_hull_that_surroundings_may_name_is_symmetric_one_length_long_and_whole_in_a_close_up():
     assert tuple(HULLS) == surroundings.HULLS
     for name, hull in HULLS.items():
         above = hull.above
         assert np.ptp(above[:, int(name == "aircraft")]) == pytest.approx(1.0, rel=0.01)
         assert np.sort(above[:, 1]) == pytest.approx(np.sort(-above[:, 1]))
         assert np.abs(hull.aside).max() <= 0.5
+        assert hull.near >= np.hypot(*above.T).max()
 
 
 def test_a_frame_has_equal_axes_and_shows_everything():

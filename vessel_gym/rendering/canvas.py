@@ -188,11 +188,11 @@ def _scaled(points: np.ndarray) -> Any:
 
 
 def nice(value: float) -> float:
-    """Smallest of 1, 1.5, 2, 3, 5, 8 times a power of ten that is at least a positive value."""
+    """Smallest of 1, 1.5, 2, 3, 5, 6, 8 times a power of ten that is at least a positive value."""
     power = 10.0 ** np.floor(np.log10(value))
     return next(
         float(step * power)
-        for step in (1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 10.0)
+        for step in (1.0, 1.5, 2.0, 3.0, 5.0, 6.0, 8.0, 10.0)
         if step * power >= value * 0.9999
     )
 

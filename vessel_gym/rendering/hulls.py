@@ -58,7 +58,7 @@ _FUSELAGE = np.array([
 _DOT = 0.5 * CIRCLE
 
 HULLS = {
-    "ship": Hull(_SHIP, _SHIP, 44.0, 0.3),
+    "ship": Hull(_SHIP, _SHIP, 44.0, 0.55),
     "torpedo": Hull(_TORPEDO, _TORPEDO, 30.0, 0.7),
     "aircraft": Hull(_WING, _FUSELAGE, 28.0, 2.0),
     "dot": Hull(_DOT, _DOT, 9.0, 0.5, scaled=False),

@@ -183,7 +183,7 @@ class Picture:
             away, spread = (
                 float(np.abs(each).max()) for each in (true - believed, two_sigma(marks.cov(view)))
             )
-            half = nice(max(marks.hull.near * size, away + 0.3 * size, 1.5 * spread))
+            half = nice(max(marks.hull.near * size, away + 0.5 * size, 1.5 * spread))
             frame = Frame(sea, believed + half * _AROUND)
             marks.draw(
                 canvas, frame, view, marks.hull.pixels(size * frame.scale, 14.0), 4.5, close=True
