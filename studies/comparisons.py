@@ -195,10 +195,10 @@ def packaged_agents() -> str:
         one, other = (arm_metrics("default", env_id, agent=name) for name in ("autopilot", "ppo"))
         told = description(packaged(env_id)) or {}
         values = one["score"], other["score"], other["score"] - one["score"]
-        there = f"{one['arrived']} and {other['arrived']}"
+        there = f"{one['arrived']}; {other['arrived']}"
         rows.append((
             f"`{env_id}`", f"`{system_of(env_id).estimator}`", *map(mean_and_half, values), there,
-            f"{told['seed']}, {told['trained_steps']:,}",
+            f"{told['seed']}; {told['trained_steps']:,}",
         ))  # fmt: skip
     return table(("", "estimates", "`autopilot`", "`ppo`", "`ppo` − `autopilot`",
-                  f"reached the end, of {EPISODES}", "training: seed, steps"), rows)  # fmt: skip
+                  f"reached the end, of {EPISODES} (`autopilot`; `ppo`)", "training: seed; steps"), rows)  # fmt: skip

@@ -1,8 +1,8 @@
 """Exact derivatives of traced functions in forward mode: a tangent beside each value.
 
 Tangents are sparse: entries that are zero everywhere are left out. Loops that are not unrolled
-have no derivative. At a kink (`numpy.where`, `numpy.abs`, `numpy.maximum`) the derivative belongs
-to the side on which the value is. Derivatives of whole numbers, rounding and lookups are zero.
+have no derivative. At a kink, such as `numpy.abs` at 0 or `numpy.maximum` of equal numbers, the
+derivative is that of the branch taken. Derivatives of whole numbers, rounding and lookups are zero.
 """
 
 from collections.abc import Callable
