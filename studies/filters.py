@@ -172,7 +172,10 @@ def _figures(sensor: Sensor) -> Iterator[list[tuple[str, str]]]:
             slow += [("time", f"{bias.time:g} s")]
             slow += [("constant", f"constant {constant}")] * any(bias.constant)
         elif any(bias.pace):
-            slow += [("pace", f"{_values(bias.pace)}/√s")]
+            slow = [
+                ("start", f"start {start}"),
+                ("pace", f"random walk {_values(bias.pace)}/√s"),
+            ]
         else:
             slow = [("start", f"constant {start}")]
     yield slow

@@ -234,8 +234,8 @@ def latency(study: str) -> str:
             places = [("in time", "ekf"), *((condition, "ekf" + way) for way in ways.values())]
             cells = (f"{mean_and_half(score[at])}; {number(error[at], 2)}; {number(nees[at], 2)}"
                      for at in places)  # fmt: skip
-            rows.append((world.removesuffix("-v0"), condition, *cells))
-    return table(("score; position error [m]; NEES/n", "the fix comes", "in time", *ways), rows)
+            rows.append((world.removesuffix("-v0"), condition.removesuffix(" late"), *cells))
+    return table(("environment", "latency", "without latency", *ways), rows)
 
 
 def shares(study: str) -> str:
