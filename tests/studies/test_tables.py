@@ -164,5 +164,5 @@ def test_a_study_of_suites_says_how_estimators_score_and_where_they_differ(study
     told = " ".join(results.truth_first(study).split())
     assert told.startswith("The truth has the highest mean in 3 of 3 columns. Beyond chance above")
     text = " ".join(results.headline(study, CORVETTE, "rough").split())
-    assert "loses 0.010, 0.010 and 0.100 of the score against the truth on the best filter" in text
-    assert "0.300 on held measurements (`measurement`), which steer 2.0 to 2.8 times" in text
+    assert "the best filter lowers the autopilot's score by 0.010, 0.010 and 0.100, with" in text
+    assert "0.300, and take 2.0 to 2.8 times the steering" in text
