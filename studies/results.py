@@ -246,7 +246,7 @@ def shares(study: str) -> str:
 
 
 def five(study: str) -> str:
-    """The estimators to use on a ship, under water, in the air and with outliers; the worst one."""
+    """The estimators for a ship, under water, in the air and with outliers, and the one to avoid."""
     planned = plan(study_file(STUDIES[study]))
     rows, of = [], read_study(study)
     for what, environment, condition, last in (
@@ -254,16 +254,15 @@ def five(study: str) -> str:
         ("an underwater vehicle", "SegorogeniAUV-v0", "", False),
         ("an aircraft", "PunaUAV-v0", "", False),
         ("measurements with outliers", "SegorogeniAUV-v0", "bad sensors", False),
-        ("an underwater vehicle", "SegorogeniAUV-v0", "", True),
+        ("avoid on an underwater vehicle", "SegorogeniAUV-v0", "", True),
     ):
         found = Results(planned, of[of.condition == condition] if condition else of)
         ranking = Ranking(found, [environment])
         name = [*ranking.shares][-last]
         more = ', sensors="degraded"' if condition else ""
         line = "" if last else f'`gym.make("{environment}", estimator="{name}"{more})`'
-        use = f"not `{name}`" if last else f"`{name}`"
-        rows.append((what, use, interval(ranking.kept(name)), line))
-    return table(("for", "use", "share kept", "to copy"), rows)
+        rows.append((what, f"`{name}`", interval(ranking.kept(name)), line))
+    return table(("for", "estimator", "share kept", "to copy"), rows)
 
 
 # --- what would overturn them ---------------------------------------------------------------------

@@ -257,7 +257,7 @@ def to_copy(results: Results) -> pd.DataFrame:
     for share, name, environment in sorted(worst)[:1]:
         if all(name != pick for _, pick, *_ in rows):
             rows.append(("avoid", name, f"{text(share, 3)} in {environment}", ""))
-    return pd.DataFrame(rows, columns=["where", "use", "share kept", "to copy"])
+    return pd.DataFrame(rows, columns=["where", "estimator", "share kept", "to copy"])
 
 
 def _line(results: Results, environment: str, name: str) -> str:

@@ -249,12 +249,12 @@ def test_tables_stand_in_the_order_of_the_file_and_say_the_same(small):
 
 def test_the_line_to_copy_makes_the_environment_with_its_best_estimator(classical):
     table = to_copy(classical)
-    assert table["use"].tolist() == ["kf-umv-ui", "enkf", "kf"]
+    assert table["estimator"].tolist() == ["kf-umv-ui", "enkf", "kf"]
     assert table["where"].tolist() == [CORVETTE, SEGOROGENI, "avoid"]
     for (_, row), environment in zip(table.iterrows(), (CORVETTE, SEGOROGENI), strict=False):
         env = eval(row["to copy"], {"gym": gym})
         assert env.spec.id == environment
-        assert env.spec.kwargs["estimator"] == row["use"]
+        assert env.spec.kwargs["estimator"] == row["estimator"]
         env.close()
     undecided = to_copy(results(classical.plan, noise=1.0))
     assert "avoid" not in undecided["where"].tolist()
@@ -265,7 +265,7 @@ def test_who_keeps_least_is_to_avoid_only_if_no_other_keeps_as_little(small):
     assert rankings(beside)[CORVETTE].verdicts["enkf"] == WORSE
     assert "avoid" not in to_copy(beside)["where"].tolist()
     alone = to_copy(results(small.plan, QUALITY | {"kf": 0.5, "enkf": 0.4}))
-    assert alone.iloc[-1][["where", "use"]].tolist() == ["avoid", "enkf"]
+    assert alone.iloc[-1][["where", "estimator"]].tolist() == ["avoid", "enkf"]
 
 
 def test_the_line_to_copy_names_the_estimator_that_default_stands_for():
