@@ -92,7 +92,7 @@ def fit(
     signed: Iterable[str] = (),
     rng: RandomKeys | int = 0,
 ) -> Fit:
-    """Find what a filter is built with from measurements alone, by maximum likelihood.
+    """Estimate parameters of a filter from measurements alone, by maximum likelihood.
 
     The density of all measurements (`Series.log_likelihood`) is maximised by gradients (L-BFGS-B);
     for filters that draw numbers, with the same numbers throughout, and where gradients lead to no

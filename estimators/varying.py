@@ -47,7 +47,7 @@ class Frozen:
 
 @dataclass(frozen=True, eq=False)
 class Schedule(Frozen):
-    """A matrix that follows one component of the known input: the entry of a table that is nearest.
+    """A matrix from a table: the entry nearest to the value of one component of the known input.
 
     Args:
         table: ``(k, n, m)``.

@@ -38,7 +38,7 @@ CONTROLLERS: Registry[Factory] = Registry("controller", _ours)
 
 
 def register_controller(task_type: type, name: str) -> Callable[[F], F]:
-    """A decorator that makes a class, or a function of a `System`, a kind of task's controller.
+    """Decorator: register a class, or a function of a `System`, as a controller for a task class.
 
     Subclasses of the task inherit it.
 

@@ -2,8 +2,8 @@
 One sea, three estimators
 =========================
 
-Ship, waves and noise are the same, bit for bit. Only the estimator differs that gives the autopilot
-the ship's state.
+Ship, waves and sensor noise are the same, bit for bit. In each episode the autopilot uses
+another estimator.
 """
 
 import matplotlib.pyplot as plt

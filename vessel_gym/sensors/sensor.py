@@ -325,7 +325,7 @@ def check_values(
 
 
 def columns(indices: Sequence[int]) -> Any:
-    """Indices of components; a slice for neighbours, which gives a view."""
+    """Indices of components; a slice if they are consecutive, so that indexing gives a view."""
     chosen = list(indices)
     if chosen and chosen == list(range(chosen[0], chosen[-1] + 1)):
         return slice(chosen[0], chosen[-1] + 1)
