@@ -87,7 +87,7 @@ def test_the_covariance_settles_at_the_solution_of_the_riccati_equation(case: Ca
 
 @pytest.mark.slow
 @every_case("unknown-input", "linear")
-def test_the_covariance_forgets_where_it_started(case: Case):
+def test_the_covariance_forgets_the_prior(case: Case):
     system = case.system(0)
     filter = case.make(system.model)
     belief = filter.init(
@@ -134,7 +134,7 @@ def _masks(p: int) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("seed", SEEDS)
 @every_case("unknown-input", "linear")
-def test_the_update_is_least_squares_with_nothing_known_of_the_input(case: Case, seed: int):
+def test_the_update_is_least_squares_without_a_prior_of_the_input(case: Case, seed: int):
     system, filter, predicted = _after_some_steps(case, seed)
     model, n, q = system.model, system.model.n, system.model.q
     pending = _pending(filter, predicted)
@@ -187,7 +187,7 @@ def test_the_update_is_least_squares_with_nothing_known_of_the_input(case: Case,
 
 @pytest.mark.parametrize("seed", SEEDS)
 @every_case("unknown-input", "linear")
-def test_the_prediction_carries_on_all_that_is_known_of_state_and_input(case: Case, seed: int):
+def test_the_prediction_propagates_all_knowledge_of_state_and_input(case: Case, seed: int):
     system, filter, predicted = _after_some_steps(case, seed)
     model, rng = system.model, np.random.default_rng(seed)
     u = rng.normal(size=system.m)
@@ -323,7 +323,7 @@ def test_state_errors_are_as_large_as_the_filter_says(case: Case, dropouts: bool
     "dropouts", [False, True], ids=["every measurement arrives", "measurements drop out"]
 )
 @every_case("consistent", "unknown-input")
-def test_errors_of_state_and_input_are_together_as_large_as_the_filter_says(
+def test_joint_errors_of_state_and_input_are_as_large_as_the_filter_says(
     case: Case, dropouts: bool
 ):
     system = case.system(1)
@@ -358,7 +358,7 @@ def test_innovations_are_as_large_as_the_filter_says(case: Case):
 
 @pytest.mark.slow
 @every_case("consistent", "unknown-input")
-def test_what_the_input_leaves_of_the_innovation_is_as_large_as_the_filter_says(case: Case):
+def test_the_innovation_not_explained_by_the_input_is_as_large_as_the_filter_says(case: Case):
     """``(e - F d)' S^-1 (e - F d)`` is chi-square with p - q degrees of freedom, whatever the input.
 
     ``F d`` is what the inputs explain of the innovation: d(k) through H, what H does not show of
@@ -381,7 +381,7 @@ def test_what_the_input_leaves_of_the_innovation_is_as_large_as_the_filter_says(
 
 @pytest.mark.slow
 @every_case("consistent", "kalman")
-def test_normalised_errors_follow_the_whole_chi_square_law(case: Case):
+def test_normalised_squared_errors_follow_the_chi_square_distribution(case: Case):
     """Not the mean alone: the share of runs below each quantile at the last time."""
     system, runs = case.system(1), 20_000
     record = simulate(system, 26, runs, 10)
@@ -449,7 +449,7 @@ def test_a_batch_may_have_several_axes(case: Case):
 
 @pytest.mark.slow
 @every_case("linear")
-def test_a_model_for_each_row_equals_a_filter_for_each_model(case: Case):
+def test_a_batch_of_models_equals_a_filter_for_each_model(case: Case):
     systems = [case.system(seed) for seed in range(3)]
     matrices = {
         name: np.stack([getattr(s.model, name) for s in systems])
@@ -474,7 +474,7 @@ def test_a_model_for_each_row_equals_a_filter_for_each_model(case: Case):
 
 
 @every_case()
-def test_nothing_that_is_passed_in_is_changed(case: Case):
+def test_arguments_and_earlier_beliefs_are_never_changed(case: Case):
     system, rows = case.system(0), 4
     model, filter = system.model, case.make(system.model)
     record = simulate(system, 0, rows, 3)
@@ -610,7 +610,7 @@ def test_masking_a_channel_equals_a_model_without_it(case: Case, seed: int):
 
 @pytest.mark.slow
 @every_case()
-def test_a_measurement_covariance_that_is_passed_replaces_that_of_the_model(case: Case):
+def test_a_measurement_covariance_passed_to_an_update_replaces_that_of_the_model(case: Case):
     system, rows = case.system(0), 3
     model = system.model
     record = simulate(system, 0, rows, 8)
@@ -748,7 +748,7 @@ def test_covariances_stay_symmetric_and_positive_semidefinite(
 
 @pytest.mark.slow
 @every_case("unknown-input", "linear")
-def test_an_estimate_that_diverges_raises_nothing_and_stays_finite(case: Case):
+def test_a_diverging_filter_raises_no_error_and_stays_finite(case: Case):
     """Measurements that leave the input undetectable make an unbiased filter diverge, here past every double."""
     for seed in range(4):
         system = case.system(seed)
@@ -769,7 +769,7 @@ def test_an_estimate_that_diverges_raises_nothing_and_stays_finite(case: Case):
 
 @pytest.mark.slow
 @every_case("long")
-def test_ten_thousand_steps_with_missing_data_leave_the_filter_as_it_should_be(case: Case):
+def test_mean_and_covariance_stay_valid_over_ten_thousand_steps_with_missing_data(case: Case):
     steps, whole = 10_000, 1000
     unknown = {"G": [[0.0], [1.0]]} if "unknown-input" in case.laws else {}
     if case.name == "kf-umv-ui":
