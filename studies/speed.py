@@ -127,12 +127,12 @@ def report(env_ids: tuple[str, ...], rows: tuple[int, ...], rounds: int) -> str:
         (name, *(quartiles(found[name, size]) if (name, size) in filters else "" for size in rows))
         for name in dict.fromkeys(name for name, _ in filters)
     ]
-    heads = "", *(f"{size:,} row{'s' if size > 1 else ''}" for size in rows)
+    heads = "", *(f"{size:,} system{'s' if size > 1 else ''}" for size in rows)
     return "\n\n".join((
         f"Median [quartiles] of {rounds} rounds, µs.",
         "**A step of one environment on its default estimator, and the share of each part [%]**",
         markdown_table(("", "", "µs", *PARTS, "rest"), shares, 2),
-        f"**Prediction and update of a row: {STATES} states, {MEASUREMENTS} measurements**",
+        f"**Prediction and update for each system: {STATES} states, {MEASUREMENTS} measurements**",
         markdown_table(heads, lines, 1),
     ))  # fmt: skip
 

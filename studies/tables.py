@@ -35,9 +35,9 @@ def papers_page(summary: Mapping[str, Any]) -> str:
         total: Any = of.sum()
         scored, logs = of.numbers - of.incomparable, np.log(of.factor.replace(0.0, 1.0))
         factor = f"{np.exp(scored @ logs / scored.sum()):.1f}" if scored.sum() else "–"
-        numbers = total.agree, total.near, total.better, total.worse, factor
+        numbers = total.agree, total.better, total.worse, total.near, factor
         lines.append([str(paper), *map(str, numbers)])
-    head = "Errors", "agree", "within 25 %", "better", "worse", "typical factor"
+    head = "Errors", "agree", "better", "worse", "within 25 %", "typical factor"
     openings = [(name.title(), opening(name)) for name in summary]
     verdicts = markdown_table(("Paper", "What holds, and what is wrong"), openings, 2)
     return f"{verdicts}\n\n{markdown_table(head, lines, 1)}"

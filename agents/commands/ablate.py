@@ -91,7 +91,7 @@ def _report(results: Any, pages: Any, out: Path) -> None:
     table = to_copy(results)
     lines = list(filter(None, table.pop("to copy")))
     if lines:
-        title = "To use (95 % intervals, for all at once)"
+        title = "To use (simultaneous 95 % intervals)"
         print_table(title, table.columns, [table.itertuples(index=False)])
         print(*lines, sep="\n")
     print(f"Report: {report}")

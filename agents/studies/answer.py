@@ -22,7 +22,7 @@ from agents.studies.shares import ALL, Ranking, episodes_for, learned_difference
 
 BEST = 5
 """Number of estimators in the table at the head of a report."""
-_WORTH = "of what knowing the truth is worth over dead reckoning"
+_GAIN = "of the truth's gain over dead reckoning"
 
 
 def answer(results: Results) -> list[str]:
@@ -64,7 +64,7 @@ def _advice(ranking: Ranking) -> str:
         )
     share, lost = amount(ranking.kept(best)), amount(ranking.price(best))
     return (
-        f"Use {best} in {where}: on it {who} keeps {share} {_WORTH}, and loses {lost} of score"
+        f"Use {best} in {where}: on it {who} keeps {share} {_GAIN}, and loses {lost} of score"
         f" against the truth{_standing(ranking)}.{_elsewhere(ranking)}"
     )
 
@@ -125,7 +125,7 @@ def _trend(ranking: Ranking) -> str | None:
     """The best estimator's share over `ordered` conditions that all environments have, or None.
 
     Changes from the first condition are paired by seed; their intervals hold for all estimators at
-    once. The last condition not shown to keep less stands before the first one that is.
+    once. Then come the first condition with a significant loss and the one before it.
     """
     results, environments, pick = ranking.results, ranking.environments, ranking.best
     conditions = [c for c in results.plan.study.conditions if all(map(c.is_in, environments))]
@@ -149,26 +149,29 @@ def _trend(ranking: Ranking) -> str | None:
         enough = max(episodes_for(change, margin, comparisons) for change in changes)
         enough = max(enough, len(first) + 1.0)
         more = f"; a difference of {margin:g} takes at least {enough:.0f} episodes to show"
-    most = ", which keeps most over all conditions," if ranking.verdicts else ""
+    most = f" {pick} keeps most over all conditions. At" if ranking.verdicts else ", at"
     return (
-        f"In {_where(environments)} on {pick}{most} {results.who} keeps"
-        f" {amount(mean_interval(first))} {_WORTH} at {names[0]}. From there the share changes by"
+        f"In {_where(environments)}{most} {names[0]} {results.who} on {pick} keeps"
+        f" {amount(mean_interval(first))} {_GAIN}. From there the share changes by"
         f" {listed(each)}. {_last(names, found, more)}"
     )
 
 
 def _last(names: Sequence[str], changes: Sequence[Interval | None], more: str) -> str:
-    """The last condition before the first that is shown to keep less, by the changes to each.
+    """The first condition with a significant loss and the one before it, by the changes to each.
 
     Where nothing is decided, there is more to say.
     """
     for i, change in enumerate(changes):
         if change and change.high < 0.0:
             if i == 0:
-                return f"Already {names[1]} is shown to keep less."
-            return f"The last condition not shown to keep less than {names[0]}: {names[i]}."
+                return f"Already the loss at {names[1]} is significant."
+            return (
+                f"The first significant loss is at {names[i + 1]}; the last condition before it is"
+                f" {names[i]}."
+            )
     more = "" if any(change and change.low > 0.0 for change in changes) else more
-    return f"None is shown to keep less than {names[0]}{more}."
+    return f"No loss against {names[0]} is significant{more}."
 
 
 # --- learned policies, and what is missing --------------------------------------------------------
@@ -207,16 +210,16 @@ def amount(value: Interval | float | None, signed: bool = False) -> str:
 def heading(results: Results, environment: str) -> str:
     """Title of `conditions_table`."""
     unit = "share kept" if environment in rankings(results) else "score"
-    return f"{environment}: {unit} (95 % intervals, each for itself)"
+    return f"{environment}: {unit} (individual 95 % intervals)"
 
 
 def legend(results: Results) -> str:
     """Sentences on the intervals and verdicts of all other tables."""
     margin = f"{results.plan.study.margin:g}"
     return (
-        "Intervals and verdicts of an environment, and of all together, hold for all estimators at"
-        f" once. Equivalent: within ±{margin} of the best. Worse: more than {margin} below it;"
-        " lower: below it."
+        "95 % intervals and verdicts hold simultaneously for all estimators of an environment, or"
+        f" of all environments together. Equivalent: within ±{margin} of the best. Worse: more"
+        f" than {margin} below it. Lower: below it, perhaps by less. Not decided: none of these."
     )
 
 
@@ -242,8 +245,8 @@ def _table(rows: dict[str, dict[str, str]]) -> pd.DataFrame:
 def to_copy(results: Results) -> pd.DataFrame:
     """The estimator to use in each environment, its share, and the line that makes it.
 
-    The last row is the estimator to avoid: the one that keeps least, if it is shown to keep less
-    than the one before it, and worse than the best.
+    The last row is the estimator not to use: the one that keeps least, if it keeps significantly
+    less than the one before it, and is worse than the best.
     """
     rows, worst = [], []
     for environment, ranking in rankings(results).items():
@@ -256,7 +259,7 @@ def to_copy(results: Results) -> pd.DataFrame:
                 worst.append((float(ranking.shares[least].mean()), least, environment))
     for share, name, environment in sorted(worst)[:1]:
         if all(name != pick for _, pick, *_ in rows):
-            rows.append(("avoid", name, f"{text(share, 3)} in {environment}", ""))
+            rows.append((f"avoid in {environment}", name, text(share, 3), ""))
     return pd.DataFrame(rows, columns=["where", "estimator", "share kept", "to copy"])
 
 

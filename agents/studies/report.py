@@ -91,7 +91,7 @@ def _ranked(results: Results) -> list[Block]:
         picture(
             "Share kept in each condition",
             data_uri(robustness_figure(results)),
-            "The scale is that of each condition; intervals stand each for itself.",
+            "The scale is that of each condition; the 95 % intervals are individual.",
         ),
     ]
 

@@ -123,7 +123,7 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
         cells = (mean_and_half(1e3 * (b - a)) for a, b in zip(*pair, strict=True))
         tables["changes"].append((label, *cells))
     paper, combinations = settings["paper"], settings["search"]["combinations"]
-    way = f"{paper}, believed ({EXPLORATORY}, of {combinations:,})"
+    way = f"{paper}, likely choices ({EXPLORATORY}, of {combinations:,} combinations)"
     return {"tables": tables, "rows": [*rows(paper, before), row(way, "simulations I to V", after)]}
 
 
