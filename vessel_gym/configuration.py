@@ -59,27 +59,27 @@ class Options:
             measurement, zero-order hold) and ``dead-reckoning``. An `estimators.Filter` subclass,
             or a function of the model that returns a filter, also serves.
         estimator_options: Options of the estimator, which override the environment's tuning.
-            ``model`` chooses one of several models, ``assume`` the assumptions about the world (see
-            `vessel_gym.estimation.Assumptions`). ``late`` is the use of late measurements:
-            ``"fused"`` at the time when they were taken (the default), ``"as new"`` or
-            ``"discarded"``.
+            ``model`` selects one of several models. ``assume`` sets the filter's assumptions about
+            the world (see `vessel_gym.estimation.Assumptions`). ``late`` is the use of late
+            measurements: ``"fused"`` at the time when they were taken (the default), ``"as new"``
+            or ``"discarded"``.
         sensors: ``"clean"``, ``"nominal"``, ``"degraded"`` (10 % more drop-outs, and 5 % outliers
             of ten times the noise), ``"budget"`` (cheap instruments by their datasheets, with
             biases that filters estimate) or ``"denied"`` (nominal, without the position fix for 120
-            s), see docs/sensor-suites.md. A list of `vessel_gym.sensors.Sensor` also serves; it may
-            include entries of ``system.vehicle.sensors``.
-        disturbance: ``"calm"``, ``"moderate"`` or ``"rough"``, or a
-            `vessel_gym.disturbances.Disturbance`.
+            s or to the end), see docs/sensor-suites.md. A list of `vessel_gym.sensors.Sensor` also
+            serves; it may include entries of ``system.vehicle.sensors``.
+        disturbance: ``"calm"``, ``"moderate"``, ``"rough"`` or another name of the environment's,
+            or a `vessel_gym.disturbances.Disturbance`.
         mismatch: Relative spread of the true parameters around the filter's, 0 to 0.25.
         observe: Content of an observation. ``"mean"`` is the estimate, ``"mean+std"`` also its
             standard deviations. ``"measurement"`` is raw measurements and their mask.
-        termination: Source of the decision that the mission is complete. ``"belief"`` is the
-            estimate (the default where estimates are observed). ``"task"`` is the truth: one bit,
-            and the default where measurements are observed. Limits of the task and of time end any
-            episode.
+        termination: Source of the decision that the mission is complete. ``"belief"``, the default
+            where estimates are observed, is the estimate. ``"task"``, the default where
+            measurements are observed, is the truth. Limits of the task and time end any episode.
         guidance: With True, an observation describes the mission relative to the estimated
             position, or to the last measured one. With False, it contains the estimate or the
-            measurements, and the mission. The default is True where estimates are observed.
+            measurements, the mission's parameters (such as the path) and the actuators. The
+            default is True where estimates are observed.
         sensor_faults: Faults of sensors with their times: a list of
             `vessel_gym.sensor_faults.SensorFault`.
 
