@@ -1,4 +1,4 @@
-"""Moments, draws and angles of ensembles: formulas of members and anomalies, as plain NumPy.
+"""Moments, draws and angles of ensembles, in plain NumPy.
 
 Members are last: an ensemble is ``(..., n, N)``, its anomalies ``A (..., n, N)``. Keyword arguments
 are static: a function is compiled once for each of their values.
@@ -50,7 +50,7 @@ def noise(
 ) -> np.ndarray:
     """Noise ``L z (..., k, N)`` of sample mean 0, of normals that are centred.
 
-    If it is exact its covariance is ``L L'``, without correlation with A: the normals lose their
+    Exact noise has the sample covariance ``L L'`` and no correlation with A: the normals lose their
     regression on the anomalies, and are whitened::
 
         z <- z - (z A') (A A')^+ A        z <- chol(z z' / (N - 1))^-1 z
@@ -63,8 +63,8 @@ def noise(
     Args:
         root: ``L (..., k, r)``.
         normals: Standard normals ``(..., r, N)``.
-        exact: Is it, or are draws independent?
-        A: Anomalies of the members ``(..., n, N)``; None: there are none.
+        exact: Is the noise exact? Otherwise draws are independent.
+        A: Anomalies of the members ``(..., n, N)``, or None.
         gram: ``A A' (..., n, n)``.
     """
     z = normals - _mean(normals)

@@ -1,4 +1,4 @@
-"""Angles: the one place where they are wrapped."""
+"""Wrapping of angles and of their differences."""
 
 from typing import Any
 
@@ -27,7 +27,7 @@ def wrap(angle: np.ndarray | float) -> np.ndarray:
 
 
 def short_way(change: np.ndarray) -> np.ndarray:
-    """Changes of an angle the short way round; where that is half a turn, either way."""
+    """Changes of an angle the short way round; half a turn keeps or changes its sign."""
     return change - _TURN * np.rint(change / _TURN)
 
 

@@ -1,4 +1,4 @@
-"""Models without feedthrough made of models with it: the unknown input becomes a state."""
+"""Models without feedthrough from models with it, by making the unknown input a state."""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,12 +15,12 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
     """A model without feedthrough, of which states n + 1 to n + q are the unknown input.
 
     ``(x, d)+ = [A, G; 0, 0] (x, d) + [0; I] d(k+1)`` and ``y = [C, H] (x, d)``. So filters that
-    need H = 0 take a model with feedthrough: what they call the input of the step before is the d
-    that acts now. Begin with the input's prior beside that of the state.
+    need H = 0 can use a model with feedthrough: their input of the step before is the d that acts
+    now. The prior of the filter joins that of the state and that of the input.
 
     Args:
-        model: With unknown inputs, and H of rank q if an unbiased filter is to tell them. Jacobians
-            of your own are not taken over.
+        model: A model with unknown inputs, and H of rank q if an unbiased filter is to estimate
+            them. Jacobians that you gave to it are not used.
 
     Raises:
         ValueError: if the model has no unknown input, or ``delayed_feedthrough``.
@@ -63,12 +63,12 @@ def _above(matrix: np.ndarray, q: int) -> np.ndarray:
 
 
 def _assembled(assemble: Callable[..., np.ndarray], *parts: Any) -> Any:
-    """A matrix of others, a function of u where one of them is."""
+    """A matrix assembled from others; a function of u if one of them is."""
     if not any(map(callable, parts)):
         return assemble(*parts)
     return _function(lambda u: assemble(*(resolve(part, u) for part in parts)), *parts)
 
 
 def _function(function: Any, *parts: Any) -> Any:
-    """A function made of others, compiled where they are."""
+    """A function that uses others, compiled if they all are."""
     return compiled(function) if all(map(is_compiled, parts)) else function

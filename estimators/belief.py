@@ -17,20 +17,20 @@ Record = TypeVar("Record", bound="Belief")
 class Belief:
     """Mean and covariance of the state, and the last measurement; leading axes are a batch.
 
-    A family of filters that has more adds it in a record of its own. Of any belief one may ask for
-    ``input_mean``, ``input_cov`` and ``ensemble``: they are None where the filter has none.
+    Filters with further fields add them in a subclass. Every belief has ``input_mean``,
+    ``input_cov`` and ``ensemble``, which are None if the filter does not have them.
 
     Attributes:
         mean: ``(..., n)`` state estimate.
         cov: ``(..., n, n)`` its covariance.
-        innovation: ``(..., p)`` measurement minus expectation, 0 where no measurement came.
+        innovation: ``(..., p)`` measurement minus its expectation, 0 where no measurement came.
         innovation_cov: ``(..., p, p)`` its covariance, unit where no measurement came.
         available: ``(..., p)`` mask of the measurements that the last update used; False after a
             prediction.
-        healthy: ``(...)`` False where the last step was not finite, or no covariance: the row was
-            computed again with pseudo-inverses and without channels that are not finite, or kept
-            what it had.
-        u: ``(..., m)`` the known input of the last prediction or measurement; None: there is none.
+        healthy: ``(...)`` False where the last step gave values that are not finite, or a
+            covariance that is not positive semidefinite. Such a row was computed again with
+            pseudo-inverses and without channels that are not finite, or kept its values.
+        u: ``(..., m)`` the known input of the last prediction or measurement, or None.
     """
 
     mean: np.ndarray
@@ -43,28 +43,28 @@ class Belief:
 
     @property
     def input_mean(self) -> np.ndarray | None:
-        """``(..., q)`` estimate of the unknown input; None: the filter has none."""
+        """``(..., q)`` estimate of the unknown input; None if the filter has none."""
         return None
 
     @property
     def input_cov(self) -> np.ndarray | None:
-        """``(..., q, q)`` covariance of the unknown input; None: the filter has none."""
+        """``(..., q, q)`` covariance of the unknown input; None if the filter has none."""
         return None
 
     @property
     def ensemble(self) -> np.ndarray | None:
-        """``(..., N, n)`` members as rows; None: the filter has none."""
+        """``(..., N, n)`` members as rows; None if the filter has none."""
         return None
 
     @classmethod
     @cache
     def names(cls) -> tuple[str, ...]:
-        """Names of the arrays that a program reads: all fields but the known input."""
+        """Names of all fields but the known input; a compiled step reads these arrays."""
         return tuple(name for name in cls.__dataclass_fields__ if name != "u")
 
     @classmethod
     def of(cls, arrays: dict[str, Any]) -> Self:
-        """A belief of arrays by name; those that are missing are None."""
+        """A belief from arrays by name; missing fields are None."""
         belief, put = object.__new__(cls), object.__setattr__
         for name in cls.__dataclass_fields__:
             put(belief, name, arrays.get(name))
@@ -75,7 +75,7 @@ class Belief:
         return {name: getattr(self, name) for name in self.__dataclass_fields__}
 
     def replace(self, **changes: Any) -> Self:
-        """The belief with some fields changed.
+        """A copy of the belief with some fields changed, as read-only arrays.
 
         Raises:
             TypeError: for a field that the belief does not have.
@@ -86,7 +86,7 @@ class Belief:
         return self.replaced(changes)
 
     def replaced(self, changed: dict[str, Any]) -> Self:
-        """The belief after a step of a filter that changed some fields.
+        """A copy of the belief with some fields changed, whose values are stored unconverted.
 
         Raises:
             TypeError: for a field that the belief does not have.
@@ -119,14 +119,13 @@ class Belief:
         return self.of(merged)
 
     def read_only(self) -> Self:
-        """The belief with read-only arrays; the known input is kept as it is."""
+        """The belief with read-only arrays; the known input is left as it is."""
         for name in self.names():
             getattr(self, name).setflags(write=False)
         return self
 
 
-# Where a record gives what every belief can be asked for, `field` hides the property above, which
-# is no default.
+# `field()` keeps dataclass from taking the property of `Belief` as the default of a field.
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -150,7 +149,7 @@ class ObservedInputBelief(InputBelief):
 
     Attributes:
         input_observed: ``(..., q, q)`` projector on the directions of the unknown input that the
-            measurements show well; in the others its prior counts, too.
+            measurements show well; in the other directions the estimate also uses the prior.
     """
 
     input_observed: np.ndarray
@@ -158,7 +157,7 @@ class ObservedInputBelief(InputBelief):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class DelayedInputBelief(ObservedInputBelief):
-    """The belief of a filter to which a measurement shows the unknown input of the step before.
+    """The belief of a filter that estimates the unknown input one step late.
 
     Attributes:
         pending: ``(...)`` True where a prediction waits for the measurement that shows its unknown
@@ -172,19 +171,21 @@ class DelayedInputBelief(ObservedInputBelief):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class FeedthroughBelief(ObservedInputBelief):
-    """The belief of a filter that sees part of the unknown input at once, the whole a step later.
+    """The belief of a filter that estimates part of the unknown input late.
 
     Attributes:
         pending: ``(...)`` True where a prediction waits for the measurement that shows the rest of
             its unknown input.
-        input_reach: ``(..., n + q, q)`` how the unknown input stands in the errors of the state and
-            of what is known of the input, in the directions of it that no measurement has shown
-            yet: those that act now, and after a prediction those that acted before it.
-        feedthrough_mean: ``(..., q)`` estimate of the unknown input that acts now, from the
-            measurements of this very step; 0 in the directions that they do not show.
-        feedthrough_cov: ``(..., q, q)`` its covariance, 0 in these directions.
-        state_feedthrough_cov: ``(..., n, q)`` covariance of its error and the state's.
-        feedthrough_observed: ``(..., q, q)`` projector on the directions that they show.
+        input_reach: ``(..., n + q, q)`` gain from the unknown input to the errors of the state (n
+            rows) and of the input's estimate (q rows), in the directions of the input that no
+            measurement has shown yet. After an update the input is d(k), after a prediction d(k-1).
+        feedthrough_mean: ``(..., q)`` estimate of the unknown input d(k) from the measurements of
+            step k; 0 in the directions that these measurements do not show.
+        feedthrough_cov: ``(..., q, q)`` its covariance, 0 in the same directions.
+        state_feedthrough_cov: ``(..., n, q)`` covariance between the errors of the state and of
+            ``feedthrough_mean``.
+        feedthrough_observed: ``(..., q, q)`` projector on the directions that these measurements
+            show.
     """
 
     pending: np.ndarray
@@ -196,7 +197,7 @@ class FeedthroughBelief(ObservedInputBelief):
 
     @property
     def input_matrix(self) -> np.ndarray:
-        """``(..., n, q)`` how the unknown input stands in the state's error."""
+        """``(..., n, q)`` gain from the unknown input to the error of the state."""
         return self.input_reach[..., : self.mean.shape[-1], :]
 
 
@@ -205,8 +206,8 @@ class EnsembleBelief(Belief):
     """The belief of a filter that carries members, whose moments are its mean and covariance.
 
     Attributes:
-        members: ``(..., n, N)`` members as columns, as formulas and memory have them; ``ensemble``
-            has them as rows.
+        members: ``(..., n, N)`` members as columns, as they are stored; ``ensemble`` gives them as
+            rows.
     """
 
     members: np.ndarray
@@ -217,7 +218,7 @@ class EnsembleBelief(Belief):
         return self.members.mT
 
     def replace(self, **changes: Any) -> Self:
-        """The belief with some fields, or its ``ensemble``, changed; a mean moves the members.
+        """A copy with some fields or its ``ensemble`` changed; a new mean shifts the members.
 
         Raises:
             TypeError: for a field that the belief does not have.
@@ -232,7 +233,7 @@ class EnsembleBelief(Belief):
 
 
 def changes_of_points(belief: Any, changes: dict[str, Any], name: str, axis: int) -> dict[str, Any]:
-    """Changes of a belief with those of its points along an axis, which another mean moves.
+    """Changes of a belief, and of its points along ``axis``, which a new mean shifts.
 
     Raises:
         ValueError: if the covariance is given without points.
@@ -249,7 +250,7 @@ def changes_of_points(belief: Any, changes: dict[str, Any], name: str, axis: int
 
 @lru_cache(4)  # they are as large as the batch
 def _blank(batch: tuple[int, ...], p: int) -> dict[str, np.ndarray]:
-    """Arrays about a measurement before there is one, read-only: made once."""
+    """Read-only arrays about a measurement before there is one, cached."""
     blank = {
         "innovation": np.zeros((*batch, p)),
         "innovation_cov": np.zeros((*batch, p, p)) + np.eye(p),
@@ -261,12 +262,12 @@ def _blank(batch: tuple[int, ...], p: int) -> dict[str, np.ndarray]:
 
 
 def unmeasured(batch: tuple[int, ...], p: int, healthy: np.ndarray) -> dict[str, np.ndarray]:
-    """Arrays of a belief that no measurement of ``p`` channels has met."""
+    """Arrays about the measurement of ``p`` channels in a belief that has had none."""
     return {**_blank(batch, p), "healthy": healthy}
 
 
 def over_time(beliefs: Sequence[Record]) -> Record:
-    """Beliefs of one filter at successive times as one whose leading axis is time."""
+    """Beliefs of successive times, stacked into one belief whose leading axis is time."""
     stacked = {
         name: None if arrays[0] is None else np.stack(arrays)
         for name, arrays in _with_inputs(beliefs).items()
@@ -277,7 +278,7 @@ def over_time(beliefs: Sequence[Record]) -> Record:
 
 
 def _with_inputs(beliefs: Sequence[Belief]) -> dict[str, list[Any]]:
-    """Arrays of several beliefs by name; a known input is 0 where one has none and another has."""
+    """Arrays of several beliefs by name; a missing known input is 0 if another belief has one."""
     arrays = {name: [getattr(b, name) for b in beliefs] for name in beliefs[0].arrays()}
     like = next((u for u in arrays["u"] if u is not None), None)
     if like is not None:

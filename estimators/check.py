@@ -6,8 +6,8 @@
 
     check_filter(MyFilter, gain=0.5)  # silent, or one sentence: what is wrong, and what to do
 
-Environments ask the quick part of it, `check_steps`, of every filter of a user's own before it
-flies.
+Environments run its quick part, `check_steps`, on every filter of a user's own before its first
+step.
 """
 
 import copy
@@ -26,12 +26,13 @@ from estimators.randomness import RandomKeys
 from estimators.series import Series, run
 
 _SAME = 1e-7
-"""Difference of two ways to compute a number, relative to the largest entry: systems here are well
-conditioned, and Jacobians by differences no worse than this."""
+"""Largest difference between two ways to compute a number, relative to the largest entry.
+
+The systems here are well conditioned, and Jacobians by differences are accurate to this."""
 
 
 System = tuple[Model, Gaussian, np.ndarray | None]
-"""A system to try filters on: a model, a prior of ``(n,)`` and a known input ``(m,)``."""
+"""A model, a prior of ``(n,)`` and a known input ``(m,)`` on which filters are tried."""
 
 
 def check_filter(
@@ -43,25 +44,30 @@ def check_filter(
 ) -> None:
     """Try a filter on known systems, and say what is wrong with it.
 
-    Each of the systems that the filter takes is tried: linear with a known input, with an unknown
-    input in the measurements or in the state only, nonlinear with and without unknown input. On
-    each, in this order: what building it gives; steps of one row and of several, whole, in part and
-    without a measurement, and formulas compiled and in NumPy (`check_steps`); the same twice; gaps;
-    rows that begin again.
+    The filter is tried on each known system that it accepts: linear with a known input, with an
+    unknown input in the measurements or in the state only, nonlinear with and without unknown
+    input. The checks on each system, in this order:
 
-    If errors are as large as the covariance says is another question: `estimators.consistency`.
+    - ``build`` returns a filter;
+    - one row and several rows agree, with whole, partial and missing measurements, and compiled
+      formulas agree with NumPy (`check_steps`);
+    - a repeated run gives the same numbers;
+    - an update without measurements does not reduce the covariance;
+    - rows of a batch can begin again.
+
+    Whether errors are as large as the covariance says is tested by `estimators.consistency`.
 
     Args:
         build: A subclass of `Filter`, or a function of a model (and options) that returns one.
         model: A model of your own to try it on, for a filter that takes no other.
         prior: Mean ``(n,)`` and covariance ``(n, n)`` of its start; None: zero, with unit
             covariance.
-        u: Its known input ``(m,)``, if it has one.
-        **options: What ``build`` takes after the model.
+        u: Known input ``(m,)`` of the model, if it has one.
+        **options: Arguments of ``build`` after the model.
 
     Raises:
-        ValueError: one sentence, of the first that is wrong.
-        TypeError: if ``build`` is no class or function, or gives no filter; or the prior is none.
+        ValueError: in one sentence, for the first fault found.
+        TypeError: if ``build`` is not a class or function, or does not return a filter.
     """
     if isinstance(build, Filter) or not callable(build):
         raise TypeError(
@@ -91,10 +97,10 @@ def check_filter(
 
 
 def check_steps(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> Series:
-    """The quick part: a few steps of one row and of several, in milliseconds.
+    """Check a filter in a few steps of one row and of several rows, in milliseconds.
 
     Args:
-        filter: What was built.
+        filter: The filter to check.
         prior: Mean ``(n,)`` and covariance ``(n, n)`` of a start that its model may have.
         u: Known input ``(m,)``, or None.
 
@@ -102,7 +108,7 @@ def check_steps(filter: Filter, prior: Gaussian, u: np.ndarray | None) -> Series
         The steps of several rows.
 
     Raises:
-        ValueError: one sentence, of the first that is wrong.
+        ValueError: in one sentence, for the first fault found.
     """
     cls = type(filter).__name__
     if "_programs" not in vars(filter):
@@ -198,7 +204,7 @@ def _check_more(filter: Filter, prior: Gaussian, u: np.ndarray | None, series: S
 
 
 def _check_belief(method: str, beliefs: Belief, healthy: np.ndarray) -> None:
-    """Refuse beliefs that lack a row, could not be used, or have what is no covariance."""
+    """Refuse beliefs that lack a row, are not healthy, or have an invalid covariance."""
     for name, array in beliefs.arrays().items():
         if array is not None and array.shape[1:2] != (_ROWS,):
             raise ValueError(
@@ -218,7 +224,7 @@ def _check_belief(method: str, beliefs: Belief, healthy: np.ndarray) -> None:
 
 
 def _compare(sentence: str, mine: Belief, theirs: Belief, tolerance: float = _SAME) -> None:
-    """Raise a sentence about the first array that differs; variances may be small beside 1."""
+    """Raise an error with ``sentence`` for the first array that differs, relative to its size."""
     for name, a in mine.arrays().items():
         if a is not None:
             b = getattr(theirs, name)

@@ -1,18 +1,18 @@
-"""Checks of users' arguments: arrays and numbers, or a sentence that names the argument."""
+"""Checks of users' arguments: they return arrays and numbers, or raise naming the argument."""
 
 from typing import Any
 
 import numpy as np
 
 AT_LEAST_0, UP_TO_1 = float(np.nextafter(0.0, -1.0)), float(np.nextafter(1.0, 2.0))
-"""Bounds of `number`, which are left out, for numbers that may be 0 or 1."""
+"""Exclusive bounds of `number` for numbers that may be 0 or 1."""
 
 
 def as_array(name: str, value: object) -> np.ndarray:
     """``value`` as a float array.
 
     Raises:
-        ValueError: if it is no array of real numbers.
+        ValueError: if it is not an array of real numbers.
     """
     if type(value) is np.ndarray and value.dtype == np.float64:
         return value
@@ -42,7 +42,7 @@ def numbers(value: object) -> np.ndarray | None:
 
 
 def _unmasked(value: Any) -> Any:
-    """A value, or those of a list, with NaN for missing numbers."""
+    """A value, or the values of a list, with NaN for missing numbers."""
     if isinstance(value, np.ma.MaskedArray):
         return np.ma.filled(value.astype(float), np.nan)
     if isinstance(value, list | tuple):
@@ -57,7 +57,7 @@ def finite_array(name: str, value: object, *shape: int | str) -> np.ndarray:
     """``value`` as a float array of finite numbers, of a shape as `shaped_array` takes it.
 
     Raises:
-        ValueError: if it is another array, or none.
+        ValueError: if it is not such an array.
     """
     array = shaped_array(name, value, *shape)
     if not np.isfinite(array).all():
@@ -69,13 +69,13 @@ def shaped_array(name: str, value: object, *shape: int | str) -> np.ndarray:
     """``value`` as a float array of a shape.
 
     Args:
-        name: Of the argument.
+        name: Name of the argument.
         value: The argument.
         *shape: Its shape; a letter stands for any length, a first ``"..."`` for any axes before the
             others.
 
     Raises:
-        ValueError: if it is another array, or none.
+        ValueError: if it is not such an array.
     """
     array = as_array(name, value)
     wanted = shape[1:] if shape[:1] == ("...",) else shape
@@ -94,7 +94,7 @@ def as_mask(name: str, value: object) -> np.ndarray:
     """``value`` as an array of truth values: numbers other than 0 are true, missing ones false.
 
     Raises:
-        ValueError: if it is no array of either.
+        ValueError: if it is not an array of either.
     """
     if type(value) is np.ndarray and value.dtype == bool:
         return value
@@ -105,10 +105,10 @@ def as_mask(name: str, value: object) -> np.ndarray:
 def number(
     name: str, value: object, low: float = -np.inf, high: float = np.inf, what: str = "a number"
 ) -> float:
-    """``value`` as a float strictly between ``low`` and ``high``; NaN is none.
+    """``value`` as a float strictly between ``low`` and ``high``; NaN is refused.
 
     Raises:
-        ValueError: if it is no number or lies outside; ``what`` says what it should be.
+        ValueError: if it is not a number or lies outside; ``what`` says what it should be.
     """
     as_float = as_number(value)
     if not low < as_float < high:
@@ -132,8 +132,7 @@ def integer(name: str, value: object, lowest: int) -> int:
     """``value`` as a whole number of at least ``lowest``.
 
     Raises:
-        ValueError: if it is too small, too great to count with, or no whole number (True and 2.0
-            are none).
+        ValueError: if it is too small, too large, or not a whole number (True and 2.0 are refused).
     """
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < lowest:
         raise ValueError(
@@ -145,7 +144,7 @@ def integer(name: str, value: object, lowest: int) -> int:
 
 
 def short_repr(value: object) -> str:
-    """A value as a sentence may hold it: on one line, and not much of a long one."""
+    """A value for an error message: on one line, and shortened if it is long."""
     try:
         text = " ".join(repr(value).split())
     except Exception:  # what it is counts, not what is wrong with how it shows

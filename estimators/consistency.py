@@ -1,4 +1,4 @@
-"""Consistency of a filter: its errors in many simulated runs beside its covariances.
+"""Consistency of a filter: its errors in many simulated runs compared with its covariances.
 
 ::
 
@@ -54,11 +54,11 @@ def simulate(
     """Simulate a model, from starts drawn from a prior.
 
     Args:
-        model: What generates the data.
+        model: The model that generates the data.
         prior: Mean ``(n,)`` and covariance ``(n, n)`` of the start.
-        rng: Where the noise comes from.
-        runs: How many independent runs, M.
-        steps: How many measurements in each, T.
+        rng: Generator of the noise.
+        runs: Number of independent runs, M.
+        steps: Number of measurements in each run, T.
         u: Known input, broadcast to ``(T, M, m)``.
         d: Unknown input, broadcast to ``(T, M, q)``; None: zero.
 
@@ -95,7 +95,7 @@ def _noise(cov: np.ndarray, rng: np.random.Generator, runs: int) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """Statistics beside the band in which a consistent filter has 95 % of them, each by itself.
+    """Statistics, and the band in which each lies with 95 % probability for a consistent filter.
 
     Attributes:
         x: ``(K,)`` times or lags.
@@ -103,7 +103,7 @@ class Band:
         expected: ``(K,)`` what they should be.
         low: ``(K,)`` lower end of the band.
         high: ``(K,)`` upper end of the band.
-        p_value: That a consistent filter would give a result at least as extreme.
+        p_value: Probability that a consistent filter gives a result at least as extreme.
     """
 
     x: np.ndarray
@@ -117,7 +117,7 @@ class Band:
 def chi_square_test(values: np.ndarray, degrees: np.ndarray | int) -> Band:
     """Test the size of NEES or NIS: at each time their sum over runs is chi-square.
 
-    The statistic is the sum over its degrees of freedom, NaN at times without any.
+    The statistic is the sum divided by its degrees of freedom, NaN at times without any.
 
     Args:
         values: ``(T, M)`` one value for each time and run.
@@ -144,20 +144,20 @@ def whiteness_test(
 ) -> Band:
     """Test of Ljung & Box for white innovations, of Hosking for vectors, over runs and gaps.
 
-    Innovations are whitened by the covariance that the filter gives and then by the one that they
-    have, so that a wrong scale, which is what the NIS tests, does not count here. It needs no
-    truth, and one run will do. The statistics are the autocorrelations of each measurement, NaN at
-    a lag at which it never arrived twice; the p-value is that of the portmanteau statistic over all
-    lags and all pairs of measurements.
+    Innovations are whitened by the filter's covariance and then by their own sample covariance. So
+    a wrong scale, which the NIS tests, does not count here. The test needs no truth, and one run is
+    enough. The statistics are the autocorrelations of each measurement, NaN at a lag at which it
+    never arrived twice. The p-value is that of the portmanteau statistic over all lags and all
+    pairs of measurements.
 
     Sources: Ljung & Box (1978), On a measure of lack of fit in time series models; Hosking (1980),
     The multivariate portmanteau statistic.
 
     Args:
         innovation: ``(T, M, p)``, 0 where no measurement came.
-        innovation_cov: ``(T, M, p, p)``, unit and uncorrelated there.
+        innovation_cov: ``(T, M, p, p)``, unit and uncorrelated where no measurement came.
         available: ``(T, M, p)`` mask of the measurements that arrived; None: all.
-        lags: How many lags, from 1 on; less than T.
+        lags: Number of lags, from lag 1 on; less than T.
 
     Raises:
         ValueError: if the innovations have no spread in some direction.
@@ -211,7 +211,7 @@ class Consistency:
     """The three tests of a filter on data of known truth.
 
     Attributes:
-        name: The filter's.
+        name: Name of the filter.
         nees: Size of state errors at each time.
         nis: Size of innovations, less the share of an estimated unknown input; None for ``ulise``,
             whose innovations carry the inputs of two steps.
@@ -225,15 +225,15 @@ class Consistency:
 
     @property
     def p_value(self) -> float:
-        """That a consistent filter would fail any of the tests as clearly (Bonferroni: at most)."""
+        """Bonferroni bound on the probability that a consistent filter fails a test as clearly."""
         tests = filter(None, (self.nees, self.nis, self.whiteness))
         return _any_of(np.array([test.p_value for test in tests]))
 
     def passed(self, false_alarm: float = 0.05) -> bool:
-        """Test whether there is no sign in these runs that the filter is inconsistent.
+        """Return True unless these runs show that the filter is inconsistent.
 
         Args:
-            false_alarm: Probability, at most, that a consistent filter is failed.
+            false_alarm: Largest probability that a consistent filter is rejected.
         """
         return self.p_value >= false_alarm
 
@@ -248,7 +248,7 @@ def assess(
 
     Args:
         filter: The filter.
-        prior: What it starts from, mean ``(n,)`` and covariance ``(n, n)``.
+        prior: Prior of the filter, with mean ``(n,)`` and covariance ``(n, n)``.
         rng: Noise of the simulation, and draws of the filter if it makes any.
         data: The runs, such as ``simulate(other_model, ...)``; None: 200 runs of 100 steps,
             simulated with the filter's own model, without known input.

@@ -1,14 +1,14 @@
-"""Measurements that come late, or out of order: fused where they belong.
+"""Measurements that come late or out of order: each is fused at the step that it belongs to.
 
-A `Delayed` filter keeps what it predicted in each of the last steps. A measurement of some steps
-ago is put into its step, and all steps since then are repeated with the same inputs, measurements
-and random numbers: the belief is then, to the last bit, what it had been if all had come in time.
-Nothing is approximated, so it holds for every filter. A step that had no update is repeated as one
-whose update had no measurements.
+A `Delayed` filter keeps its predictions of the last steps. A measurement of some steps ago is put
+into its step, and all steps since then are repeated with the same inputs, measurements and random
+numbers. The belief is then the same, to the last bit, as if all measurements had come in time.
+Nothing is approximated, so this works for every filter. A step without an update is repeated with
+an update that has no measurements.
 
 Source: Bar-Shalom, Li & Kirubarajan (2001), Estimation with applications to tracking and
-navigation, on measurements out of sequence, whose formulas for one step of a linear model this
-makes needless.
+navigation, on measurements out of sequence; their formulas for one step of a linear model are not
+needed here.
 """
 
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class Step(NamedTuple):
     """One step that a late measurement may still reach.
 
     Attributes:
-        predicted: The belief that its measurements meet; its ``u`` is their known input.
+        predicted: The belief before its measurements; its ``u`` is their known input.
         u: ``(..., m)`` known input of the prediction that led to it.
         predict_keys: Random numbers of that prediction.
         update_keys: Random numbers of the update.
@@ -47,14 +47,15 @@ class Step(NamedTuple):
 class DelayedBelief:
     """A belief and the steps that late measurements may still reach.
 
-    It has the attributes of the belief, too.
+    The attributes of ``now`` are attributes of this record, too.
 
     Attributes:
         now: The filter's own belief.
         steps: The steps, oldest first; the last is that of ``now``.
-        reach: ``(...)`` how many steps ago a row may still be measured: back to where it began, at
-            most the horizon.
-        refused: ``(...)`` measurements since then that came too late, or a second time.
+        reach: ``(...)`` greatest age in steps of a measurement that a row accepts: the number of
+            steps since the row began, at most the horizon.
+        refused: ``(...)`` number of measurements refused since the row began, because they came too
+            late or a second time.
     """
 
     now: Any
@@ -88,21 +89,23 @@ class DelayedBelief:
 
 
 class Delayed:
-    """A filter to which measurements may come late.
+    """A filter that accepts measurements that come late.
 
-    Its ``update`` takes measurements by age, ``y (..., ages, p)``: ``y[..., 0, :]`` are of now,
-    ``y[..., a, :]`` of a steps ago, each NaN or masked unless it comes with this very call. A
-    channel has one measurement a step. Measurements that are older than the horizon, of before a
-    row began, or that come a second time are refused, and counted in the belief's ``refused``. All
-    else is the filter's.
+    Its ``update`` takes measurements by age, ``y (..., ages, p)``: ``y[..., 0, :]`` are
+    measurements of the present step, ``y[..., a, :]`` those of ``a`` steps ago. Each is NaN or
+    masked unless it comes with this call. A channel has one measurement a step. Measurements are
+    refused if they are older than the horizon, date from before a row began, or come a second time;
+    the belief's ``refused`` counts them. Everything else is as in the filter.
 
     Args:
-        filter: Any filter, one of your own too: what has ``init``, ``predict`` and ``update``.
-        horizon: How many steps late a measurement may come. 0: the filter itself, to the last bit.
+        filter: Any filter, also one of your own: an object with ``init``, ``predict`` and
+            ``update``.
+        horizon: Largest number of steps by which a measurement may be late. 0 gives the results of
+            the filter itself, to the last bit.
 
     Raises:
-        TypeError: if ``filter`` is none.
-        ValueError: if ``horizon`` is no whole number of at least 0.
+        TypeError: if ``filter`` is not a filter.
+        ValueError: if ``horizon`` is not a whole number of at least 0.
     """
 
     likelihood = "refused"
@@ -143,20 +146,20 @@ class Delayed:
         R: None = None,
         u: np.ndarray | None = None,
     ) -> DelayedBelief:
-        """Take in what has come: measurements of now, and late ones.
+        """Correct the belief by the measurements that have come, present and late ones.
 
         Args:
             belief: The predicted belief.
-            y: ``(..., ages, p)``; a value that is not finite has not come.
+            y: ``(..., ages, p)``; a value that is not finite counts as not yet come.
             rng: As for `Filter.update`.
             available: Mask ``(..., ages, p)`` of the measurements that come with this call; None:
                 all that are finite.
-            R: None: measurements have the covariance of the model.
-            u: As for `Filter.update`, of the measurements of now.
+            R: Must be None: measurements have the covariance of the model.
+            u: As for `Filter.update`, for the measurements of the present step.
 
         Raises:
-            ValueError: if ``y`` or ``available`` have the wrong shape, R is given, or another ``u``
-                came before.
+            ValueError: if ``y`` or ``available`` have the wrong shape, R is given, or ``u`` differs
+                from that of an earlier update of this step.
         """
         if R is not None:
             raise ValueError("Delayed takes no R: measurements have the covariance of the model")
@@ -186,7 +189,7 @@ class Delayed:
         return DelayedBelief(self._update_step(steps[-1]), tuple(steps), belief.reach, refused)
 
     def _repeat(self, steps: list[Step], oldest: int, reach: np.ndarray) -> None:
-        """Predict again what the measurements of all steps after an old one meet."""
+        """Repeat the predictions of all steps after an old one."""
         for ago in range(oldest)[::-1]:
             step, before = steps[-1 - ago], self._update_step(steps[-2 - ago])
             predicted = self.filter.predict(before, step.u, rng=step.predict_keys)
@@ -214,7 +217,7 @@ class Delayed:
         return self.update(self.predict(belief, u, rng), y, rng, available)
 
     def log_likelihood(self, predicted: Any, updated: Any) -> np.ndarray:
-        """Refused: what a measurement was worth is known when those before it have come.
+        """Raise an error: a likelihood needs all earlier measurements, but late ones may come.
 
         Raises:
             ValueError: always.
@@ -225,12 +228,12 @@ class Delayed:
         )
 
     def _new_step(self, predicted: Any, u: Any, keys: Any) -> Step:
-        """A step of which nothing has come."""
+        """A step without measurements so far."""
         y = np.zeros((*predicted.mean.shape[:-1], self.filter.model.p))
         return Step(predicted, u, keys, keys, y, y > 0.0)
 
     def _repeatable_keys(self, rng: Rng) -> RandomKeys | None:
-        """The random numbers, where there are any, which can be drawn again."""
+        """Keys, whose random numbers can be drawn again; None for a filter that draws none."""
         if not getattr(self.filter, "random", False):
             return None
         if isinstance(rng, np.random.Generator):

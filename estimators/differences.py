@@ -56,13 +56,13 @@ def _offsets(n: int) -> np.ndarray:
 def steps(x: np.ndarray, cov: np.ndarray | None, angles: tuple[int, ...] = ()) -> np.ndarray:
     """Steps of a difference in each component ``(..., n)``.
 
-    A share r of the belief's standard deviation, the same for all components: the error of a
-    fourth-order difference, ``r^4`` of what bends over a deviation and ``eps F / r`` of rounding,
-    is smallest near ``r = (eps F)^(1/5)``, with F the largest state in units of its deviation,
-    since what is computed from states is rounded like them. The step is a power of two, so that
-    ``x`` plus the step is exact, and has at least half the digits of ``x``. Where the belief has no
-    spread there is no scale to follow; the step is then 2^-10. An angle's is 2^-8 rad at most,
-    however little is known of it: a step of several turns could not be told from one of none.
+    The step is a share r of the belief's standard deviation, the same for all components. A
+    fourth-order difference has an error of ``r^4`` from curvature and of ``eps F / r`` from
+    rounding, which is smallest near ``r = (eps F)^(1/5)``. F is the largest state in units of its
+    deviation, as values computed from states are rounded like these. The step is a power of two, so
+    that ``x`` plus the step is exact, and has at least half the digits of ``x``. Without spread the
+    step is 2^-10. The step of an angle is 2^-8 rad at most, because larger ones could be whole
+    turns.
 
     Args:
         x: ``(..., n)``.

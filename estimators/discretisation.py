@@ -1,4 +1,4 @@
-"""Models of continuous time over steps of some length."""
+"""Discretisation of models of continuous time."""
 
 import math
 from dataclasses import dataclass, replace
@@ -42,8 +42,8 @@ def van_loan(
     """
     (A, G, Q), dt = map(as_array, "AGQ", (A, G, Q)), number("dt", dt, AT_LEAST_0, what="at least 0")
     n = A.shape[-1]
-    # exp(-A t) is in it, which a fast decay makes huge: over a part of the step, of which two make
-    # one twice as long
+    # The exponential contains exp(-A t), which a fast decay makes huge. So it is taken over a part
+    # of the step, which is then doubled.
     halves = math.ceil(np.log2(np.maximum(1.0, np.linalg.norm(A, 1) * dt / 4.0)))
     block = np.block([[-A, congruence(G, Q)], [np.zeros((n, n)), A.T]])
     phi = expm(block * (dt / 2**halves))
@@ -58,10 +58,10 @@ def van_loan(
 def sampled(
     A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray, B: np.ndarray | None = None
 ) -> LinearModel:
-    """The model of ``x' = A x + B u + w``, ``y = C x + v``, read at times that need not be regular.
+    """The model of ``x' = A x + B u + w``, ``y = C x + v``, measured at irregular times.
 
-    How long a step takes is the last component of the known input, where `run` puts it when it is
-    told times; the control before it is held over the step.
+    The last component of the known input is the length of the step; `run` appends it when given
+    times. The components before it are the control, which is held over the step.
 
     Args:
         A: ``(n, n)``, of continuous time.
@@ -71,8 +71,8 @@ def sampled(
         B: ``(n, m)``, or None.
 
     Raises:
-        ValueError: naming the argument whose shape or definiteness is wrong, or later if a step has
-            no length.
+        ValueError: naming the argument whose shape or definiteness is wrong; or in a step, if the
+            known input lacks the step's length or the length is negative.
     """
     given = {"A": A, "C": C, "Q": Q, "R": R} | ({} if B is None else {"B": B})
     rates: dict[str, Any] = {
@@ -116,5 +116,5 @@ def _over_step(system: _Sampled, length: float) -> dict[str, np.ndarray]:
     A, Q = (np.nan * unit,) * 2
     if math.isfinite(length):
         A, Q = van_loan(system.A, unit, system.Q, length)
-    B = np.concatenate([A[:n, n:], np.zeros((n, 1))], 1)  # of the length itself nothing moves
+    B = np.concatenate([A[:n, n:], np.zeros((n, 1))], 1)  # the length itself moves no state
     return {"A": A[:n, :n], "B": B, "Q": Q[:n, :n]}

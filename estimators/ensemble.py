@@ -38,35 +38,35 @@ from estimators.varying import resolve
 START, PROCESS, MEASUREMENTS, MOVED, EXPECTED = 0, 1, 2, 4, 5
 """Uses of random numbers."""
 _REDRAWS = 16
-"""Times that members without a measurement are drawn again: of uses from EXPECTED on."""
+"""Most redraws of members whose measurement is not finite, with uses from EXPECTED on."""
 
 
 class EnsembleFilter(Filter[EnsembleBelief]):
     """Base of ensemble filters: members, their prediction, the moments and inflation.
 
     Random numbers: the members of ``init`` and the process noise of ``predict`` are drawn and
-    centred, so that they move the ensemble's mean by nothing. With exact draws their sample
-    covariance is the one asked for, and process noise has no sample correlation with the members;
-    with independent draws that holds in expectation. Process noise takes rank(Q) numbers a member,
-    none where Q = 0 (n where Q is a function of ``u``).
+    centred, so that they do not move the ensemble's mean. With exact draws their sample covariance
+    is exact, and process noise has no sample correlation with the members. With independent draws
+    both hold in expectation. Process noise takes rank(Q) numbers a member, or n where Q is a
+    function of ``u``.
 
-    A member that is not finite after a step, or of which an available measurement has no value, has
-    left the model's domain. It is drawn again from the mean and covariance of the others, as long
-    as these are more than n.
+    A member has left the model's domain if it is not finite after a step, or if its expectation of
+    an available measurement is not finite. It is drawn again from the mean and covariance of the
+    other members, as long as more than n remain.
 
     Args:
         model: Any model; an unknown input in it is ignored.
-        members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank
-            Q, p).
+        members: N, at least 2. None: 64, or n + r + 2 rounded up to a multiple of 8 if that is
+            larger, with r = max(rank Q, p).
         inflation: Factor on the anomalies after each measurement; 1: none.
-        draws: "exact": noise has exact sample moments (`noise`), for which N must be at least
-            n + r + 2; "independent": as in most papers.
+        draws: "exact": noise with exact sample moments, for which N must be at least n + r + 2;
+            "independent": independent draws, as in most papers.
 
     Raises:
         ValueError: for another kind of draws, or an option out of its range.
 
     Warns:
-        UserWarning: for exact draws with too few members, which are then independent ones.
+        UserWarning: if there are too few members for exact draws; draws are then independent.
     """
 
     record = EnsembleBelief
@@ -121,13 +121,13 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         return after, root
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
-        """Mean ``(..., p)`` and anomalies ``(..., p, N)`` of what the members expect, and R."""
+        """Mean ``(..., p)`` and anomalies ``(..., p, N)`` of members' measurements, and R."""
         members = gathered(self._expected(belief.members, u), self._seams)
         mean = average(members)
         return mean, members - mean[..., None], self._noise(belief, u, R)
 
     def _expected(self, members: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """Measurements ``(..., p, N)`` that members expect."""
+        """Measurements ``(..., p, N)`` expected by the members."""
         if isinstance(self.model, LinearModel):
             return resolve(self.model.C, u) @ members
         return at_columns(self.model, "measurement", members, u)
@@ -165,9 +165,9 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         """Shift of the mean ``(..., n)``, and the anomalies, not yet inflated."""
 
     def _redrawn(self, members: Any, kept: Any, rng: Any, use: int) -> np.ndarray:
-        """Members ``(..., n, N)``, those not ``kept (..., N)`` drawn again if more than n are.
+        """Members ``(..., n, N)``, those not ``kept (..., N)`` drawn again.
 
-        They are drawn from the mean and covariance of the others.
+        They are drawn from the mean and covariance of the others, if these are more than n.
         """
         normals = draw(rng, kept.shape[:-1], self.members, self.model.n, use)
         kept = (kept | (kept.sum(-1)[..., None] <= self.model.n))[..., None, :]
@@ -179,7 +179,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         return np.where(kept, members, mean + root @ normals)
 
     def _repaired(self, step: str, belief: Any, data: Data) -> Any:
-        """The belief, with members drawn again for which an available measurement has no value."""
+        """The belief, with members drawn again whose available measurements are not finite."""
         if step == "predict":
             return belief
         u, y, available, _, rng = data
@@ -197,8 +197,8 @@ class EnsembleFilter(Filter[EnsembleBelief]):
 class EnsembleKalmanFilter(EnsembleFilter):
     """EnKF: every member is corrected by its own perturbed measurement.
 
-    ``x_i = x_i- + K (y + v_i - h(x_i-))`` with ``v_i ~ N(0, R)`` centred to zero mean, and the gain
-    with R exact::
+    ``x_i = x_i- + K (y + v_i - h(x_i-))`` with ``v_i ~ N(0, R)`` centred to zero mean. The gain
+    uses R itself, not a sample covariance::
 
         K = A' Y / (N - 1) (Y' Y / (N - 1) + R)^-1
 
@@ -206,11 +206,11 @@ class EnsembleKalmanFilter(EnsembleFilter):
 
     Args:
         model: Any model; an unknown input in it is ignored.
-        members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank
-            Q, p).
+        members: N, at least 2. None: 64, or n + r + 2 rounded up to a multiple of 8 if that is
+            larger, with r = max(rank Q, p).
         inflation: Factor on the anomalies after each measurement; 1: none.
-        draws: "exact": noise has exact sample moments (`noise`), for which N must be at least
-            n + r + 2; "independent": as in most papers.
+        draws: "exact": noise with exact sample moments, for which N must be at least n + r + 2;
+            "independent": independent draws, as in most papers.
     """
 
     name = "enkf"
@@ -239,10 +239,10 @@ class EnsembleTransformFilter(EnsembleFilter):
         K = (C P-)' W W'        K~ = (C P-)' W diag(1 / (1 + s)) W'
         A <- A - Y K~'
 
-    which needs no inverse of R and is exact for any N. However precise they are, measurements cost
-    no digits unless they outnumber the directions of the members; then the covariance, not the
-    mean, is off by up to ``eps P / R`` of itself, P the variance that is predicted and eps the
-    machine's precision.
+    This needs no inverse of R and is exact for any N. Even precise measurements lose no digits,
+    unless there are more of them than directions spanned by the members. In that case the mean
+    stays exact, but the covariance has a relative error of up to ``eps P / R``, with P the
+    predicted variance and eps the machine precision.
 
     Evensen's square-root filter is the same transform in its symmetric form, which keeps the
     members' mean.
@@ -253,11 +253,11 @@ class EnsembleTransformFilter(EnsembleFilter):
 
     Args:
         model: Any model; an unknown input in it is ignored.
-        members: N, at least 2; None: 64, or the next multiple of 8 from n + r + 2 on, r = max(rank
-            Q, p).
+        members: N, at least 2. None: 64, or n + r + 2 rounded up to a multiple of 8 if that is
+            larger, with r = max(rank Q, p).
         inflation: Factor on the anomalies after each measurement; 1: none.
-        draws: "exact": noise has exact sample moments (`noise`), for which N must be at least
-            n + r + 2; "independent": as in most papers.
+        draws: "exact": noise with exact sample moments, for which N must be at least n + r + 2;
+            "independent": independent draws, as in most papers.
     """
 
     name = "etkf"
@@ -280,7 +280,7 @@ def process_root(filter: Any, u: np.ndarray | None) -> np.ndarray:
 
 
 def _moments(members: np.ndarray) -> Changes:
-    """Arrays of a belief that members ``(..., n, N)`` make."""
+    """Arrays of a belief from its members ``(..., n, N)``."""
     mean = average(members)
     return {"mean": mean, "cov": covariance(members, mean), "members": members}
 

@@ -77,7 +77,7 @@ def check_options(name: str, cls: type, options: dict[str, Any]) -> None:
 
 
 def unknown(kind: str, name: object, known: Iterable[str], head: str = "unknown") -> str:
-    """The sentence for a name that does not exist: which do, and the nearest."""
+    """The error message for an unknown name, with the nearest and all known names."""
     known = list(known)
     near = get_close_matches(name, known, n=1) if isinstance(name, str) else []
     hint = f" (did you mean {near[0]!r}?)" if near else ""

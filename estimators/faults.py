@@ -7,15 +7,14 @@
     state = monitor.watch(state, belief)  # after every update
     state.alarm, state.accused  # (...) a mask; the number of the sensor in monitor.names or -1
 
-As long as model and filter are right, innovations are independent of each other and as large as S
-says. A fault in the direction ``f`` shows best in ``f' S^-1 e``, its matched filter. So a sensor is
-judged by ``w = S^-1 e``, each channel in units of its own standard deviation there: a measurement
-that is odd only beside another, with which it is correlated, speaks against the odd one the most
-(Basseville & Nikiforov, 1993, Detection of Abrupt Changes, ch. 7).
+As long as model and filter are right, innovations are independent of each other and have covariance
+S. A fault in the direction ``f`` shows best in ``f' S^-1 e``, its matched filter. So sensors are
+tested by ``w = S^-1 e``, each channel in units of its standard deviation. This also finds a
+measurement that is unusual only in view of a correlated one (Basseville & Nikiforov, 1993,
+Detection of Abrupt Changes, ch. 7).
 
-Thresholds follow from the rate of false alarms that is stated, not from data. A measurement that is
-missing counts for nothing, and nor does one that the filter could take in by a pseudo-inverse
-alone.
+Thresholds follow from the given rate of false alarms, not from data. Missing measurements do not
+count, nor do those that the filter used only through a pseudo-inverse.
 """
 
 from abc import ABC, abstractmethod
@@ -43,9 +42,9 @@ class MonitorState(NamedTuple):
     Attributes:
         alarm: ``(...)`` True where the last measurement raised an alarm.
         accused: ``(...)`` number of the sensor that is accused, -1 where there is no alarm.
-        statistic: ``(...)`` what is tested, in units of its threshold: an alarm is above 1.
-        suspicion: ``(..., sensors)`` what speaks against each sensor; the accused has the most.
-        memory: ``(..., k, j)`` what the next step needs.
+        statistic: ``(...)`` test statistic divided by its threshold; above 1 there is an alarm.
+        suspicion: ``(..., sensors)`` evidence against each sensor; the accused sensor has the most.
+        memory: ``(..., k, j)`` numbers that the next step needs.
     """
 
     alarm: np.ndarray
@@ -63,15 +62,16 @@ class MonitorState(NamedTuple):
 
 
 class FaultMonitor(ABC):
-    """Base of monitors: the sensors, and the innovations of a filter that are judged.
+    """Base of fault monitors, which test the innovations of a filter sensor by sensor.
 
     Args:
-        sensors: How many channels a measurement has, each a sensor by itself; or names with the
+        sensors: Number of channels of a measurement, each a sensor by itself; or names with the
             channels of each.
-        false_alarms: How many of the steps of one row raise an alarm though nothing is wrong.
+        false_alarms: Share of the steps of one row that raise an alarm though nothing is wrong,
+            between 1e-9 and 0.5.
 
     Raises:
-        ValueError: if a channel is in no sensor or in several, or the rate is none.
+        ValueError: if a channel is in no sensor or in several, or ``false_alarms`` is out of range.
     """
 
     _remembered: tuple[int, int]
@@ -102,14 +102,14 @@ class FaultMonitor(ABC):
     def watch(self, state: MonitorState, belief: Belief | DelayedBelief) -> MonitorState:
         """The state after the innovation of an update.
 
-        A measurement that was used by a pseudo-inverse only counts for nothing.
+        A measurement that the filter used only through a pseudo-inverse does not count.
 
         Args:
             state: The state before.
             belief: The belief after the update.
 
         Raises:
-            TypeError: if its innovations carry an unknown input, whose law nobody knows.
+            TypeError: if the innovations contain an unknown input, whose distribution is unknown.
         """
         if getattr(belief, "input_observed", None) is not None:
             raise TypeError(
@@ -132,7 +132,7 @@ class FaultMonitor(ABC):
         )
 
     def run(self, beliefs: Belief) -> MonitorState:
-        """The states after every update of beliefs that are stacked, times first ``(T, ...)``.
+        """The states after every update, from stacked beliefs with times first ``(T, ...)``.
 
         Raises:
             TypeError: as `watch`.
@@ -162,21 +162,22 @@ class ChiSquareMonitor(FaultMonitor):
     """Chi-square test of the innovations of the last steps: for bias, drift or more noise.
 
     The normalised innovation squared, summed over a window, is chi-square with as many degrees of
-    freedom as measurements arrived in it, and the threshold its quantile. What speaks against a
-    sensor is the share of the sum that would not be there without it, as a standard normal deviate.
+    freedom as measurements arrived in it, and the threshold its quantile. The evidence against a
+    sensor is the part of the sum that would be missing without the sensor, converted to a standard
+    normal deviate.
 
     Source: Mehra & Peschon (1971), An innovations approach to fault detection and diagnosis in
     dynamic systems; Bar-Shalom, Li & Kirubarajan (2001), sec. 5.4.
 
     Args:
         sensors: See `FaultMonitor`.
-        false_alarms: Share of the steps in alarm though nothing is wrong; an alarm lasts for some
-            steps, as the window does.
-        window: How many steps count; the fewer, the sooner a great fault is seen, the more, the
-            smaller a lasting one.
+        false_alarms: Share of the steps in alarm though nothing is wrong. An alarm can last as long
+            as the window.
+        window: Number of steps in the sum. A short window shows a large fault sooner; a long one
+            shows smaller lasting faults.
 
     Raises:
-        ValueError: see `FaultMonitor`, or if the window is no whole number above 0.
+        ValueError: see `FaultMonitor`, or if the window is not a whole number above 0.
     """
 
     def __init__(self, sensors: Sensors, false_alarms: float = 1e-3, window: int = 10) -> None:
@@ -201,10 +202,10 @@ class ChiSquareMonitor(FaultMonitor):
 
 
 def normal_deviate(values: np.ndarray, degrees: np.ndarray) -> np.ndarray:
-    """The standard normal number that is as rare as a chi-square one ``(...)``.
+    """The standard normal deviate with the same tail probability as a chi-square value ``(...)``.
 
-    Far out, where probabilities are below the least number, the root of the deviance; minus
-    infinity without degrees of freedom.
+    Where the probability underflows it is the root of the deviance; without degrees of freedom it
+    is minus infinity.
     """
     degrees = np.maximum(degrees, 1e-300)
     tail = gammaincc(0.5 * degrees, 0.5 * np.maximum(values, 0.0))
@@ -216,30 +217,32 @@ def normal_deviate(values: np.ndarray, degrees: np.ndarray) -> np.ndarray:
 class CusumMonitor(FaultMonitor):
     """CUSUM test of the mean of each channel: finds a lasting bias sooner than a window does.
 
-    For each channel, ``z = w / sqrt(diag S^-1)`` is standard normal, and two sums are kept,
-    ``g+ = max(0, g+ + z - k)`` and ``g- = max(0, g- - z - k)``, k half the shift. One that passes
-    the threshold raises the alarm, and all sums of the row begin again. The threshold makes the
-    mean time between false alarms of all channels together no shorter than stated: rates of
-    channels add, but for what they have in common.
+    With ``w = S^-1 e`` of the innovation e, ``z = w / sqrt(diag S^-1)`` is standard normal in each
+    channel. Two sums are kept, ``g+ = max(0, g+ + z - k)`` and ``g- = max(0, g- - z - k)``, with k
+    half of ``shift``. A sum above the threshold raises the alarm, and all sums of the row begin
+    again at 0. The threshold treats the channels' rates of false alarms as if they added up.
+    Channels that raise alarms together make the true rate lower, so the mean time between false
+    alarms is never shorter than stated.
 
     Source: Page (1954), Continuous inspection schemes; Basseville & Nikiforov (1993), sec. 2.2 and
     ch. 5.
 
     Args:
         sensors: See `FaultMonitor`.
-        false_alarms: Alarms a step though nothing is wrong, one over the mean time between them.
-        shift: Size of the bias to find soonest, in standard deviations of what a channel tells
-            beside the others.
+        false_alarms: False alarms per step: the reciprocal of the mean number of steps between
+            them.
+        shift: Size of the bias to find soonest, in standard deviations of a channel given the
+            others.
 
     Raises:
-        ValueError: see `FaultMonitor`, or if the shift is not positive or so large that no sums are
-            needed.
+        ValueError: see `FaultMonitor`, or if ``shift`` is below 0.05, or so large that one
+            measurement shows it.
     """
 
     def __init__(self, sensors: Sensors, false_alarms: float = 1e-3, shift: float = 1.0) -> None:
         super().__init__(sensors, false_alarms)
         one = self.false_alarms / (2 * len(self._belongs))
-        largest = -2.0 * float(ndtri(one))  # which one measurement tells: a sum would only delay
+        largest = -2.0 * float(ndtri(one))  # one measurement shows a larger one at once
         what = f"a number of standard deviations between 0.05 and {largest:.3g}"
         self.shift = number("shift", shift, 0.05, largest, what)
         self.threshold = _threshold(0.5 * self.shift, 1.0 / one)
@@ -262,7 +265,7 @@ def cusum_run_length(threshold: float, drift: float, mean: float = 0.0) -> float
 
     ``L(s) = 1 + L(0) F(k - s) + integral over x in (0, h) of L(x) f(x + k - s)``, s the sum, F and
     f the normal distribution and density, solved on the nodes of Gauss and Legendre: a sharper form
-    of the Markov chain of Brook & Evans (1972). Two sides, or independent channels, have the
+    of the Markov chain of Brook & Evans (1972). For two sides, or independent channels, take the
     reciprocal of the sum of reciprocals.
 
     Source: Page (1954); Brook & Evans (1972), An approach to the probability distribution of cusum
@@ -270,8 +273,8 @@ def cusum_run_length(threshold: float, drift: float, mean: float = 0.0) -> float
 
     Args:
         threshold: h.
-        drift: k, what is taken off each number.
-        mean: Of the numbers: 0 for the time between false alarms, a bias for the delay of its
+        drift: k, subtracted from each number.
+        mean: Mean of the numbers: 0 for the time between false alarms, a bias for the delay of its
             detection.
     """
     nodes, weights = np.polynomial.legendre.leggauss(32 + 4 * int(threshold))

@@ -1,8 +1,8 @@
-"""Filters: `init`, `predict` and `update` of beliefs, and what a filter of one's own fills in.
+"""Base class of filters: `init`, `predict`, `update`, and the methods of a filter of one's own.
 
-A filter is two functions of arrays, ``_predict`` and ``_update``. Before each the model is asked
-one question, `Filter.propagate` or `Filter.expect`. Filters decorated `@compiled` run as programs,
-with the model's functions in them where these are compiled; all else is NumPy.
+A filter is two functions of arrays, ``_predict`` and ``_update``. Before each, `Filter.propagate`
+or `Filter.expect` evaluates the model. Filters decorated `@compiled` run as compiled programs,
+which include the model's functions where these are compiled. All other filters run in NumPy.
 """
 
 from abc import ABC, abstractmethod
@@ -33,21 +33,21 @@ from estimators.stepping import StepProgram
 from estimators.varying import StateNoise, resolve
 
 Rng = RandomKeys | np.random.Generator | None
-"""Random numbers: keys a row and a step, or a Generator for the whole batch."""
+"""`RandomKeys` with a key a row, or a Generator for the whole batch; None for no random numbers."""
 Model = LinearModel | NonlinearModel
 Changes = dict[str, np.ndarray]
 """Arrays of a belief that a step changes, by name."""
 Data = tuple[Any, Any, Any, Any, Any]
-"""Known input, measurement, mask, covariance of the measurement, random numbers; None: none."""
+"""Known input, measurement, mask, measurement covariance, random numbers; None if absent."""
 
 
 class Filter(ABC, Generic[Record]):
     """A filter is immutable configuration; a `Belief` is its state.
 
-    A filter of your own fills in ``_predict`` and ``_update``: each returns the arrays of the
-    belief that change, by name, for any leading axes. It runs in NumPy, or compiled if its class is
-    decorated `@compiled`. One whose beliefs are another record than `Belief` says so (``record``)
-    and begins the record's own arrays in ``_begin``.
+    A filter of your own defines ``_predict`` and ``_update``. Each returns a dictionary of the
+    belief's arrays that change, for any leading axes. The filter runs in NumPy, or compiled if its
+    class is decorated `@compiled`. If its beliefs have more fields than `Belief`, it sets
+    ``record`` to their class and initialises these fields in ``_begin``.
 
     Args:
         model: A `LinearModel` or a `NonlinearModel`.
@@ -57,21 +57,27 @@ class Filter(ABC, Generic[Record]):
     """
 
     name: str
-    """The name by which `make` made it; by default the class' own."""
+    """Name given to `make`; otherwise the name that the class defines or inherits."""
     record: type[Belief] = Belief
-    """Class of its beliefs."""
+    """Class of the filter's beliefs."""
     input_delay: int | None = None
-    """Steps by which the unknown input is known late (0 or 1); None: the filter estimates none."""
+    """Delay of the unknown input's estimate in steps, 0 or 1; None if the filter estimates none."""
     random: ClassVar[bool] = False
-    """It draws random numbers: ``rng`` must be given, and is the last argument of its functions."""
+    """True if the filter draws random numbers.
+
+    Its methods then need ``rng``, which ``_predict`` and ``_update`` get as their last argument.
+    """
     reversible: ClassVar[bool] = False
-    """`smooth` can go back through its steps. A class that overrides one says so again."""
+    """True if `smooth` can go back through the filter's steps.
+
+    In a subclass that overrides ``_predict``, ``_update`` or ``propagate`` it is False unless set.
+    """
     likelihood: ClassVar[str] = "approximate"
-    """Kind of `log_likelihood`: "exact", "diffuse" or "approximate"."""
+    """Kind of `log_likelihood`, which is "exact", "diffuse" or "approximate"."""
     compiled: ClassVar[bool] = False
-    """Its functions are traced once; what they read of the filter counts as it was then."""
+    """True if the filter runs compiled; its attributes are then constants of the program."""
     _axes: ClassVar[dict[str, tuple[int, ...]]] = {"predict": (1, 2, 2, 2), "update": (1, 2, 2, 2)}
-    """Axes of a row of each answer of the model; the last is that of an unknown input."""
+    """Number of axes of a row of each array from `propagate` or `expect`; the last is G or H."""
 
     def __init__(self, model: Model) -> None:
         if not isinstance(model, LinearModel | NonlinearModel):
@@ -82,7 +88,7 @@ class Filter(ABC, Generic[Record]):
         self._programs: dict[Any, Any] = {}
         self.model_per_row = any(getattr(part, "ndim", 2) > 2 for part in vars(model).values())
         if self.model_per_row:
-            self.compiled = False  # type: ignore[misc]  # a program is of one model for all rows
+            self.compiled = False  # type: ignore[misc]  # a program has one model for all rows
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
@@ -102,7 +108,7 @@ class Filter(ABC, Generic[Record]):
         object.__setattr__(self, name, value)
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but its programs, which are traced again."""
+        """The attributes without the compiled programs, which are traced again when needed."""
         return self.__dict__ | {"_programs": {}}
 
     def __repr__(self) -> str:
@@ -112,13 +118,13 @@ class Filter(ABC, Generic[Record]):
 
     @abstractmethod
     def _predict(self, belief: Record, u: np.ndarray | None, *moved: Any) -> Changes:
-        """Arrays that a prediction changes.
+        """Arrays that a prediction changes, by name.
 
         Args:
-            belief: Before the step.
+            belief: The belief before the step.
             u: ``(..., m)`` known input, or None.
-            *moved: What `propagate` answers: mean ``(..., n)``, A ``(..., n, n)``, Q; G where an
-                input is estimated; of filters that draw, ``rng`` last.
+            *moved: Arrays from `propagate`: mean ``(..., n)``, A ``(..., n, n)`` and Q. Then G if
+                the filter estimates an input, and ``rng`` if it draws random numbers.
         """
 
     @abstractmethod
@@ -132,8 +138,9 @@ class Filter(ABC, Generic[Record]):
         available: np.ndarray,
         *more: Any,
     ) -> Changes:
-        """Arrays that a measurement changes; ``innovation`` and ``available`` follow by themselves.
+        """Arrays that a measurement changes, by name.
 
+        ``innovation``, ``innovation_cov`` and ``available`` are filled in if absent.
         Missing measurements have e = 0, zero rows of C and a unit, uncorrelated variance in R, so
         that formulas need no special case.
 
@@ -141,14 +148,14 @@ class Filter(ABC, Generic[Record]):
             belief: The prediction.
             u: ``(..., m)`` known input, or None.
             e: ``(..., p)`` innovation.
-            C: ``(..., p, n)`` how measurements follow the state.
+            C: ``(..., p, n)`` measurement matrix, or Jacobian of h.
             R: ``(..., p, p)`` measurement covariance.
             available: ``(..., p)`` mask.
-            *more: H where an input is estimated; of filters that draw, ``rng`` last.
+            *more: H if the filter estimates an input, then ``rng`` if it draws random numbers.
         """
 
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Rng) -> Changes:
-        """Arrays of the record besides those of every belief, before any measurement."""
+        """Initial arrays of the fields that ``record`` adds to `Belief`."""
         return {}
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
@@ -178,8 +185,8 @@ class Filter(ABC, Generic[Record]):
             rng: For filters that draw members: `RandomKeys` of this step, or a Generator.
 
         Raises:
-            TypeError: if the prior is no `Gaussian`.
-            ValueError: if the prior is not for n states.
+            TypeError: if the prior is not a `Gaussian`.
+            ValueError: if the prior does not have n states.
         """
         if not isinstance(prior, Gaussian):
             raise TypeError(f"prior must be a Gaussian(mean, cov), got {type(prior).__name__}")
@@ -199,7 +206,7 @@ class Filter(ABC, Generic[Record]):
     def predict(self, belief: Record, u: np.ndarray | None = None, rng: Rng = None) -> Record:
         """One step ahead: ``x(k-1|k-1)`` to ``x(k|k-1)``.
 
-        A row that is not finite keeps what it had.
+        A row whose result is not finite is computed again, or keeps its values, as in `update`.
 
         Args:
             belief: The belief after the last update.
@@ -207,9 +214,9 @@ class Filter(ABC, Generic[Record]):
             rng: For filters that draw: `RandomKeys` of this step, or a Generator.
 
         Raises:
-            TypeError: if ``belief`` is none of this filter.
-            ValueError: if ``u`` has the wrong shape, could only be ignored, or is missing though
-                the model has B.
+            TypeError: if ``belief`` is not an instance of ``record``.
+            ValueError: if ``u`` has the wrong shape, is given though the model does not use it, or
+                is missing though the model has B.
         """
         batch = self._batch(belief)
         u = known_input(u, batch)
@@ -228,9 +235,10 @@ class Filter(ABC, Generic[Record]):
     ) -> Record:
         """Take in a measurement: ``x(k|k-1)`` to ``x(k|k)``.
 
-        Never raises for numerical trouble. A row that is not finite, or no covariance, is computed
-        again with pseudo-inverses and without the channels that are not finite; if it still is
-        not, it keeps what it had. ``healthy`` is False there.
+        Numerical trouble raises no error. A row whose result is not finite, or whose covariance is
+        not positive semidefinite, is computed again with pseudo-inverses and without channels that
+        are not finite. If this result is not finite either, the row keeps its values. In both cases
+        ``healthy`` is False.
 
         Args:
             belief: The predicted belief.
@@ -238,16 +246,16 @@ class Filter(ABC, Generic[Record]):
             rng: For filters that draw: `RandomKeys` of this step, or a Generator.
             available: Mask ``(..., p)`` of the measurements that arrived; None: all.
             R: Measurement covariance ``(..., p, p)`` for this measurement only; None: the model's.
-                A measurement whose variance is not finite counts as missing; the entries of R of
-                missing measurements do not matter.
-            u: Known input ``(..., m)`` for a model whose measurement depends on it; None: the one
-                of the last prediction.
+                A measurement whose variance is not finite counts as missing. Entries of R for
+                missing measurements are ignored.
+            u: Known input ``(..., m)`` for a model whose measurement depends on it; None: that of
+                the last prediction.
 
         Raises:
-            TypeError: if ``belief`` is none of this filter.
-            ValueError: if ``y``, ``available``, ``R`` or ``u`` have the wrong shape, R is no
-                covariance, or a filter that estimates an unknown input has had a measurement of
-                this step.
+            TypeError: if ``belief`` is not an instance of ``record``.
+            ValueError: if ``y``, ``available``, ``R`` or ``u`` have the wrong shape, R is not a
+                covariance, or the filter estimates an unknown input and has already had a
+                measurement of this step.
         """
         batch, p = self._batch(belief), self.model.p
         if type(y) is not np.ndarray or y.dtype != float or y.shape != (*batch, p):
@@ -277,13 +285,14 @@ class Filter(ABC, Generic[Record]):
         rng: Rng = None,
         available: np.ndarray | None = None,
     ) -> Record:
-        """`predict`, then `update`, in one program where the model is compiled; for loops.
+        """`predict` and then `update`, without checks of the arguments, for fast loops.
 
-        Arguments are those of the two, with a row for each of the belief; they are not checked.
+        Both run as one program where filter and model are compiled. The arguments are as for
+        `predict` and `update`, with a row for each row of the belief.
         """
         if (one := self._programs.get("one")) is None:
             one = self.compiled and self.model.is_compiled("step")
-            # After perfect measurements an update is examined beside its prediction.
+            # With a singular R an update is checked against its prediction.
             one = one and (callable(self.model.R) or not lacks_rank(self.model.R).any())
             self._programs["one"] = one
         if available is None:
@@ -296,18 +305,18 @@ class Filter(ABC, Generic[Record]):
     def log_likelihood(self, predicted: Record, updated: Record) -> np.ndarray:
         """The log density ``(...)`` of a measurement, given those before it; 0 where none came.
 
-        Channels that follow from those before them without noise add nothing, or minus infinity if
-        they contradict. A mixture of states that is known exactly, while they are not, is known to
-        rounding only: make it a state.
+        A channel that the preceding channels determine without noise adds nothing, or minus
+        infinity if it contradicts them. If a linear combination of uncertain states is known
+        exactly, its variance is only rounding: make the combination a state.
 
         Args:
-            predicted: The belief that the measurement met.
-            updated: What `update` made of it.
+            predicted: The belief before the measurement.
+            updated: The belief that `update` returned.
         """
         S, mean, u = updated.innovation_cov, predicted.mean, updated.u
         size = np.abs(mean).max(-1, keepdims=True)
         if (S.diagonal(0, -2, -1) <= np.square(1e-8 * size)).any():
-            # Which states' rounding is in which channel?
+            # Size of the states in each channel, of which rounding is a share.
             C = self.model.linearise_measurement(mean, u, predicted.cov)[1]
             size = np.abs(mean)
             with suppress(TypeError):  # before the first step there may be no known input
@@ -349,7 +358,7 @@ class Filter(ABC, Generic[Record]):
         return after
 
     def _answers(self, step: str, belief: Record, data: Data) -> Sequence[Any]:
-        """The model's answer before a prediction or an update; G or H besides, of an input."""
+        """Arrays from `propagate` or `expect`, and G or H if the filter estimates an input."""
         (u, _, _, R, _), update = data, step == "update"
         answer = self.expect(belief, u, R) if update else self.propagate(belief, u)
         if self.input_delay is None:
@@ -360,7 +369,7 @@ class Filter(ABC, Generic[Record]):
     def _changed(
         self, step: str, belief: Record, data: Data, answers: Sequence[Any] = ()
     ) -> Changes:
-        """Arrays that a step changes: of arrays, or of tracers when it is traced."""
+        """Arrays that a step changes; they are tracers while the step is traced."""
         answers = answers or self._answers(step, belief, data)
         if step == "update":
             return self._corrected(belief, data, *answers)
@@ -369,13 +378,13 @@ class Filter(ABC, Generic[Record]):
         changed = self._predict(belief, u, *answers, *drawn)
         if step == "step":
             return changed | self._changed("update", belief.replaced(changed), data)
-        # An input of the step that has ended may take variance away.
+        # The estimate of an unknown input may reduce variances in a prediction.
         return changed | {"healthy": is_healthy(belief, changed, self.input_delay is not None)}
 
     def _corrected(
         self, belief: Record, data: Data, expected: Any, C: Any, R: Any, H: Any = None
     ) -> Changes:
-        """Arrays that an update changes, of the model's answers."""
+        """Arrays that an update changes, from the expected measurement, C, R and H."""
         u, y, available, _, rng = data
         available = available & np.isfinite(y) & np.isfinite(R.diagonal(0, -2, -1))
         if rescuing():
@@ -411,21 +420,21 @@ class Filter(ABC, Generic[Record]):
         return after.arrays()
 
     def _was_updated(self, belief: Any) -> bool:
-        """Has an update of this step told something of the unknown input?"""
+        """Has this step had an update that estimates the unknown input?"""
         return bool(np.count_nonzero(belief.available))
 
     def _repaired(self, step: str, belief: Record, data: Data) -> Record:
-        """The belief from which a step of lost rows starts again."""
+        """The belief from which lost rows are computed again."""
         return belief.replaced({"cov": semidefinite(belief.cov)})
 
     def _slopes(self, belief: Record, u: np.ndarray | None) -> np.ndarray:
-        """A ``(..., n, n)``: how the next state follows the state, of which the belief is."""
+        """A ``(..., n, n)``: the Jacobian of the next state at the belief."""
         return self.model.linearise_transition(belief.mean, u, belief.cov)[1]
 
     # --- arguments --------------------------------------------------------------------------------
 
     def _batch(self, belief: Record) -> tuple[int, ...]:
-        """The leading axes of a belief, checked to be one for this model."""
+        """The leading axes of a belief, which is checked to fit this filter and its model."""
         if not isinstance(belief, self.record):
             kinds = f"of type {self.record.__name__}, got {type(belief).__name__}"
             raise TypeError(f"belief must be {kinds}: begin with init(prior)")
@@ -447,7 +456,7 @@ class Filter(ABC, Generic[Record]):
 
 
 def known_input(u: Any, batch: tuple[int, ...]) -> np.ndarray | None:
-    """The known input with a row for each of the belief, so that rows can be taken out."""
+    """The known input with a row for each row of the belief, so that rows can be selected."""
     if u is None:
         return None
     u = frozen(as_array("u", u))  # the belief keeps it
@@ -469,5 +478,5 @@ def broadcast(name: str, value: np.ndarray, shape: tuple[int, ...], core: int = 
 
 @lru_cache(64)
 def _all(batch: tuple[int, ...], p: int) -> np.ndarray:
-    """The mask of measurements that have all arrived, made once."""
+    """The mask of measurements that have all arrived, cached."""
     return ~np.zeros((*batch, p), bool)

@@ -1,4 +1,4 @@
-"""Users' functions at their first use: several rows are compared with each row alone, twice."""
+"""Check of users' functions at first use: several rows must give the same as each row alone."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ _OWN = "estimators", "vessel_gym"
 
 @dataclass(eq=False)
 class FirstUse:
-    """A function of a model, compared at the first arguments that are finite.
+    """A function of a model, checked at the first arguments that are finite.
 
     Attributes:
         name: Name of the function in its model.
@@ -43,7 +43,7 @@ class FirstUse:
 
     @np.errstate(all="ignore")
     def compare(self, *arguments: np.ndarray | None) -> None:
-        """Compare the values of rows near the first finite one, unless it has been done.
+        """Check the values of rows near the first finite one, unless they have been checked.
 
         Raises:
             ValueError: naming the function, if rows depend on each other, values have another
@@ -84,9 +84,9 @@ class FirstUse:
         self.compared = True
 
     def _rows(self, arguments: tuple[np.ndarray | None, ...]) -> list[Any] | None:
-        """Rows ``(k, 2, n)``, k no other size: near and far from the first finite ones, or these.
+        """Rows ``(k, 2, n)`` near and far from the first finite one, and rows equal to it.
 
-        None if none is finite.
+        k differs from all other sizes. None if no row is finite.
         """
         finite: Any = np.True_
         sizes = {*self.shape}
@@ -165,7 +165,7 @@ class FirstUse:
 
 
 def is_own(function: Any) -> bool:
-    """Is it a function of this package, which tests compare?"""
+    """Is it a function of this package, which its tests check?"""
     plain = function.function if isinstance(function, Compiled) else function
     plain = plain.func if isinstance(plain, partial) else plain
     return str(getattr(plain, "__module__", "")).split(".")[0] in _OWN

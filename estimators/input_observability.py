@@ -15,13 +15,14 @@ class InputConditions(NamedTuple):
     """Observability of the unknown inputs of a linear system.
 
     Attributes:
-        rank: How many directions of d measurements tell at once or one step later; all q are
-            needed.
-        sd: ``(q,)`` standard deviations with which they tell each input, in units of its prior's:
-            above some 3 it does not count as shown, infinite where a direction of it is not told.
-        zeros: Invariant zeros that d adds to the system: inputs that no measurement ever shows.
-            Where one is on or outside the unit circle the errors of an unbiased filter grow without
-            bound. NaN alone: every number is a zero.
+        rank: Number of directions of d that measurements show, at once or one step later. An
+            unbiased filter needs all q.
+        sd: ``(q,)`` standard deviation with which the measurements show each input, in units of the
+            prior's standard deviation. An input with a value above about 3 does not count as shown.
+            Infinite if part of the input does not show at all.
+        zeros: Invariant zeros that d adds to the system. Each stands for an input that no
+            measurement ever shows. With a zero on or outside the unit circle the errors of an
+            unbiased filter grow without bound. A single NaN means that every number is a zero.
     """
 
     rank: int
@@ -40,14 +41,15 @@ def input_conditions(
 ) -> InputConditions:
     """Observability of the unknown inputs of ``x+ = A x + G d + w``, ``y = C x + H d + v``.
 
-    A direction of d is told at once if H shows it, else one step later through C G, by measurements
-    that are free of what H shows: rank H, rank C G and the condition of `ULISE` in one. Deviations
-    are for a state that is known as by the Kalman filter that is told d, in its steady state; where
-    it has none, for one that is known exactly (R alone). An unbiased filter knows the state less
-    well. Zeros beyond 1000 count as infinite, which are no zeros.
+    A direction of d shows at once if H shows it, else one step later through C G, in measurements
+    free of the directions that H shows. This covers the conditions on rank H, on rank C G and of
+    `ULISE`. The standard deviations of the result assume that the state is known as well as by a
+    Kalman filter with known d, in its steady state. Without a steady state they assume a known
+    state, so that R alone counts. An unbiased filter knows the state less well. Zeros above 1000 in
+    modulus count as infinite and are left out.
 
     Args:
-        A: ``(n, n)``, all for one system.
+        A: ``(n, n)``; no argument has batch axes.
         C: ``(p, n)``.
         G: ``(n, q)``.
         H: ``(p, q)``.
@@ -56,7 +58,7 @@ def input_conditions(
         prior: ``(q, q)`` covariance of d, or a number for that number times identity.
 
     Raises:
-        ValueError: naming the argument whose shape is wrong or that is no covariance.
+        ValueError: naming the argument that has a wrong shape or is not a covariance.
         LinAlgError: if ``R`` or ``prior`` is singular.
     """
     given = zip("ACGHQR", (A, C, G, H, Q, R), strict=True)
@@ -98,7 +100,7 @@ def observable_ranks(C: np.ndarray, G: np.ndarray, H: np.ndarray) -> tuple[np.nd
 def _one_step(
     CG: np.ndarray, H: np.ndarray, precision: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance ``(q, q)`` of d, each direction by what first shows it, and their projector."""
+    """Covariance ``(q, q)`` of d, from what shows each direction first, and a projector."""
 
     def best(F: np.ndarray, weight: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
         values, directions = np.linalg.eigh(congruence(F.T, weight))
@@ -115,8 +117,8 @@ def _one_step(
 def _added_zeros(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> np.ndarray:
     """Numbers z at which ``[A - z I, G; C, H]`` loses more column rank than ``[A - z I; C]`` does.
 
-    Candidates are the zeros of as many sums of the measurements as there are inputs, which share
-    those of the system.
+    Candidates are the zeros of q random sums of the measurements, which include those of the
+    system.
     """
     n, q = G.shape
     system, states = np.block([[A, G], [C, H]]), np.eye(n + len(C), n + q)
@@ -140,4 +142,4 @@ def _added_zeros(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> 
 
 
 _INFINITE = 1e3
-"""Zeros beyond this are infinite ones, but for rounding."""
+"""Zeros of a larger modulus are infinite zeros with rounding errors."""

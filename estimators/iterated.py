@@ -19,21 +19,22 @@ class IteratedExtendedKalmanFilter(ExtendedKalmanFilter):
 
         V(x) = (y - h(x))' R^-1 (y - h(x)) / 2 + (x - x-)' P^-1 (x - x-) / 2
 
-    and is found by Gauss and Newton's method: the measurement is linearised at the last estimate,
-    not at the prediction, until that moves it no more. Written as ``x = x- + P a`` nothing is
-    inverted but S::
+    and is found by the Gauss-Newton method. The measurement is linearised at the latest estimate,
+    not at the prediction, until the estimate stops moving. With ``x = x- + P a`` a step inverts
+    only S::
 
         a <- a + t (C' S^-1 [y - h(x) + C P a] - a)
         C = dh/dx at x      S = C P C' + R
 
-    t is 1, and half of it after each step by which V would have risen. The update is then that of
-    the `ekf`, with C and the innovation ``y - h(x) - C (x- - x)`` of the last x. So the belief's
-    innovation and its covariance give the density of the measurement to second order about the
-    estimate (Laplace's method). One iteration is the `ekf`, and so is any number on a linear model.
+    Each step begins with the step length t = 1. If it would raise V, it is tried again with half of
+    t. The update is then that of the `ekf`, with C at the last x and the innovation ``y - h(x) - C
+    (x- - x)``. So the belief's innovation and its covariance give the density of the measurement to
+    second order about the estimate (Laplace's method). One iteration gives the `ekf`, and so does
+    any number of iterations on a linear model.
 
     Sources: Bell & Cathey (1993), The iterated Kalman filter update as a Gauss-Newton method;
     Skoglund, Hendeby & Axehill (2015), Extended Kalman filter modifications based on an
-    optimization view point, for the shorter steps.
+    optimization view point, for the step lengths.
 
     Args:
         model: A `LinearModel` or a `NonlinearModel`.
@@ -82,7 +83,7 @@ class IteratedExtendedKalmanFilter(ExtendedKalmanFilter):
             C_tried = np.where(available[..., None], C_tried, 0.0)
             cost_tried = _cost(e_tried, R, a_tried, tried)
             finite = np.isfinite(e_tried).all(-1) & np.isfinite(C_tried).all((-2, -1))
-            # A measurement without noise has no cost, and whole steps.
+            # With a singular R the cost is NaN, and every step is taken whole.
             taken = running & finite & ~(cost_tried > cost)
             length, cost = np.where(taken, 1.0, 0.5 * length), np.where(taken, cost_tried, cost)
             row = taken[..., None]

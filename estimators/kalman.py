@@ -63,21 +63,21 @@ class ExtendedKalmanFilter(Filter[Belief]):
 class KalmanFilter(ExtendedKalmanFilter):
     """The minimum-variance filter of a linear Gaussian model.
 
-    An unknown input ``d`` in the model is ignored unless its covariance D is told. It is then white
-    noise that acts on the measurement through H and on the next state through G, and is estimated
-    with the state (``input_delay`` 0)::
+    An unknown input ``d`` in the model is ignored unless its covariance D is given as
+    ``input_cov``. Then d is white noise that acts on the measurement through H and on the next
+    state through G, and is estimated with the state (``input_delay`` 0)::
 
         S = C P- C' + H D H' + R      [x; d] = [x-; 0] + [P- C'; D H'] S^-1 e
         x-+ = A x + B u + G d         P-+ = [A G] cov(x, d) [A G]' + Q
 
-    so that what the measurement shows of d is not forgotten in the prediction. `kf-umv-ui` is the
-    limit of a D that grows without bound. With ``delayed_feedthrough`` the measurement contains
-    d(k-1), which has moved the prediction (``input_delay`` 1)::
+    with ``x-+`` and ``P-+`` the next prediction, which uses what the measurement shows of d.
+    `kf-umv-ui` is the limit of a D that grows without bound. With ``delayed_feedthrough`` the
+    measurement contains d(k-1), which has already moved the state (``input_delay`` 1)::
 
         x-+ = A x + B u     P-+ = A P A' + G D G' + Q     cov(x-+, d) = G D
 
     Source: Kalman (1960); covariance update in Joseph form; Anderson & Moore (1979), Optimal
-    Filtering, sec. 5.4, for noises of process and measurement that are correlated.
+    Filtering, sec. 5.4, for correlated noises of process and measurement.
 
     Args:
         model: A `LinearModel`.

@@ -14,7 +14,7 @@ from estimators.engine.matrices import is_traced
 
 @cache
 def identity(n: int) -> np.ndarray:
-    """The identity ``(n, n)``, read-only: made once."""
+    """The identity ``(n, n)``, read-only and cached."""
     eye = np.zeros((n, n))
     eye.flat[:: n + 1] = 1.0
     eye.setflags(write=False)
@@ -38,7 +38,7 @@ def masked(R: np.ndarray, kept: np.ndarray) -> np.ndarray:
 
 @np.errstate(all="ignore")
 def equilibrated(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Standard deviations ``(..., p)``, 1 where there is none, and S in these units."""
+    """Standard deviations ``(..., p)``, 1 where a variance is 0, and S in these units."""
     scale = np.sqrt(s.diagonal(0, -2, -1))
     scale = np.where(scale > 0.0, scale, 1.0)
     return scale, s / scale[..., None] / scale[..., None, :]
@@ -82,7 +82,7 @@ def _solved(s: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 @contextmanager
 def rescue() -> Iterator[None]:
-    """Let `solve` and `cholesky` take singular matrices: pseudo-inverses, and no repeated rows."""
+    """Let `solve` and `cholesky` take singular matrices, by pseudo-inverses."""
     token = _RESCUE.set(True)
     try:
         yield
@@ -130,8 +130,9 @@ def singular(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def principal_root(cov: np.ndarray) -> np.ndarray:
     """``W (..., n, n)`` with ``W W' = P``, positive semidefinite, and orthogonal columns.
 
-    These are the eigenvectors of P, each as long as the root of its eigenvalue; found by turning
-    the columns of a triangular root (Veselic & Hari 1989), which takes fewer turns than P itself.
+    The columns are the eigenvectors of P, each scaled by the root of its eigenvalue. They are found
+    by rotating the columns of a triangular root (Veselic & Hari 1989), which needs fewer rotations
+    than P itself.
     """
     root = semidefinite_cholesky(cov)
     if is_traced(cov):
@@ -144,9 +145,9 @@ def principal_root(cov: np.ndarray) -> np.ndarray:
 def semidefinite_cholesky(a: np.ndarray, rounding: float = 0.0) -> np.ndarray:
     """Lower triangular ``L (..., n, n)`` with ``L L' = A`` for a positive semidefinite ``A``.
 
-    A pivot that is zero to rounding, or below this share of its diagonal entry, gives a column of
-    zeros, where `numpy.linalg.cholesky` would raise. Column by column over the whole batch, which
-    for a few states is as fast.
+    A pivot at or below ``rounding`` times its diagonal entry, at least n times eps, gives a column
+    of zeros, where `numpy.linalg.cholesky` would raise. The columns are computed one by one over
+    the whole batch, which is as fast for a few states.
     """
     if is_traced(a):
         return linear.semidefinite_cholesky(a)
@@ -169,7 +170,7 @@ def regular(root: np.ndarray) -> np.ndarray:
 def shared_root(cov: np.ndarray) -> np.ndarray:
     """`semidefinite_cholesky` of covariances ``(..., n, n)``; one ``(n, n)`` for equal rows.
 
-    Those of the last ones are kept: episodes begin with the same covariance again and again.
+    The last results are cached, because episodes begin with the same covariance again and again.
     """
     n = cov.shape[-1]
     rows = cov.reshape(-1, n, n)
@@ -184,10 +185,10 @@ def _kept_root(cov: bytes, n: int) -> np.ndarray:
 
 _RESCUE = ContextVar("rescue", default=False)
 _HUGE = 1e150
-"""Pivot of a row that repeats others: its share comes out as 0."""
+"""Pivot of a row that repeats others, which makes the row's share 0."""
 _EPS = np.finfo(float).eps
 _DIGITS = 8.0 * _EPS
-"""A standard deviation that is less, as a share of the numbers that it is of, is rounding."""
+"""Share of the size of its numbers below which a standard deviation is rounding."""
 
 
 def cholesky(s: np.ndarray) -> np.ndarray:
@@ -210,9 +211,10 @@ def semidefinite_form(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """``e' S^+ e (...)`` for a semidefinite S, and its first independent components ``(..., p)``.
 
-    In units of standard deviations; infinite where e is outside the range of S by more than the
-    rounding of numbers of ``size (..., p)``; NaN where S is not finite. Between them comes half the
-    log-determinant of the independent components.
+    The result is ``(form, half, independent)``, with half the log-determinant of the independent
+    components. The form is infinite where e is outside the range of S by more than the rounding of
+    numbers of ``size (..., p)``, and NaN where S is not finite. Ranks are decided in units of
+    standard deviations.
     """
     rounding = _DIGITS * np.broadcast_to(size, e.shape)
     exact = s.diagonal(0, -2, -1) <= np.square(rounding)
@@ -242,7 +244,7 @@ def pseudo_inverse(s: np.ndarray) -> np.ndarray:
 def lacks_rank(cov: np.ndarray) -> np.ndarray:
     """Mask ``(...)`` of covariances with a direction without variance, but for rounding.
 
-    A row that is not finite is none of them: the eigenvalue solver would raise.
+    A row that is not finite gives False, because the eigenvalue solver would raise.
     """
     unit = equilibrated(cov)[1]
     finite = np.isfinite(unit).all((-2, -1), keepdims=True)
@@ -251,14 +253,14 @@ def lacks_rank(cov: np.ndarray) -> np.ndarray:
 
 
 SINGULAR = 1e-13
-"""An eigenvalue of a covariance of unit diagonal is rounding below its size p times this."""
+"""Eigenvalues of a covariance with unit diagonal below p times this are rounding."""
 
 
 @np.errstate(all="ignore")
 def semidefinite(cov: np.ndarray) -> np.ndarray:
     """Covariances ``(..., n, n)`` with negative eigenvalues, which are rounding here, set to 0.
 
-    Perfect measurements leave variances that are nothing but rounding, of either sign.
+    Noise-free measurements leave variances that are only rounding, of either sign.
     """
     cov = symmetrise(cov)
     finite = np.isfinite(cov).all((-2, -1), keepdims=True)

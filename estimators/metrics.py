@@ -42,16 +42,16 @@ def nis(
 ) -> np.ndarray:
     """Normalised innovation squared ``e' S^-1 e``, shape ``(...)``.
 
-    Chi-square with as many degrees of freedom as S has rank among the measurements that arrived:
-    what is missing, or follows from others without noise, adds nothing. Infinite where a
-    measurement contradicts an exact one by more than rounding.
+    Chi-square for a consistent filter, with the rank of S among the measurements that arrived as
+    degrees of freedom. Measurements that are missing, or that others determine without noise, add
+    nothing. Infinite where a measurement contradicts an exact one by more than rounding.
 
     Args:
         innovation: ``(..., p)``.
         innovation_cov: ``(..., p, p)``.
-        size: ``(..., p)`` or ``(..., 1)`` size of the numbers whose difference, with their
-            rounding, the innovation is: that of the state, ``abs(mean).max(-1, keepdims=True)``; 0:
-            the innovation has no rounding.
+        size: ``(..., p)`` or ``(..., 1)`` size of the numbers whose difference is the innovation,
+            for its rounding, such as that of the state, ``abs(mean).max(-1, keepdims=True)``; 0: no
+            rounding.
     """
     error, cov = np.asarray(innovation, float), np.asarray(innovation_cov, float)
     return semidefinite_form(error, cov, size)[0][()]

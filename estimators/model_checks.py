@@ -42,18 +42,18 @@ def check_matrices(
 ) -> None:
     """Check a model's matrices and indices of angles, and set its sizes n, p and q.
 
-    Arrays are kept as read-only copies; functions are checked when they are first called.
-    Where one of G and H is given, the other is 0 unless it is, too.
+    Arrays are kept as read-only copies; functions are checked when they are first called. If only
+    one of G and H is given, the other is 0.
 
     Args:
         model: `LinearModel` or `NonlinearModel`.
-        shapes: Letters of rows and columns of each matrix, in the order in which sizes are looked
-            for; m is any size.
+        shapes: Letters of rows and columns of each matrix, in the order in which sizes are sought;
+            m is any size.
         of_state: Matrices whose functions are of ``(x, u)``; others are of u.
-        **options: For the letter of a size, the argument that gives it, and its value.
+        **options: For the letter of a size, the name of the argument that gives it, and its value.
 
     Raises:
-        ValueError: naming what does not fit.
+        ValueError: naming the matrix that does not fit.
     """
     for name in shapes:
         value = getattr(model, name)
@@ -92,7 +92,7 @@ def check_matrices(
 def set_function(
     model: Any, name: str, shape: tuple[int | None, ...], of_state: bool = True
 ) -> None:
-    """Let a function of a model be compared when it is first used, unless it is this package's."""
+    """Let a function of a model be checked at its first use, unless it is this package's."""
     value = getattr(model, name)
     noise = isinstance(value, StateNoise)
     function = value.function if isinstance(value, StateNoise | FirstUse) else value
@@ -105,14 +105,14 @@ def set_function(
 
 
 def _check_noise(R: np.ndarray) -> None:
-    """Check R, without measurements of a variance that is not finite, as receivers report it."""
+    """Check R, except measurements whose variance is not finite, as some receivers report it."""
     as_covariance("R", masked(R, np.isfinite(R.diagonal())))
 
 
 def _size(
     model: Any, letter: str, shapes: dict[str, str], option: str = "", given: int | None = None
 ) -> int:
-    """A size that is ``given`` as an option, or that of the first array or table that has it."""
+    """A size ``given`` as an option, or taken from the first array or table that has it."""
     if given is not None:
         return integer(option, given, 1)
     names = [name for name, shape in shapes.items() if letter in shape and name != "B"]

@@ -35,7 +35,7 @@ from estimators.varying import (
 class Gaussian(Frozen):
     """A mean ``(..., n)`` and a covariance ``(..., n, n)`` that broadcast against each other.
 
-    Two are equal if their arrays are.
+    Two Gaussians are equal if their arrays are.
 
     Raises:
         ValueError: if the shapes do not fit or the covariance is not positive semidefinite.
@@ -68,22 +68,22 @@ class Gaussian(Frozen):
 
 
 class _Model(Frozen):
-    """Questions of filters about a model's functions before they trace them."""
+    """Checks of a model's functions before filters trace them."""
 
     parts: ClassVar[dict[str, tuple[str, ...]]]
-    """Names of what the model's answer before a "predict", an "update" or a "step" is made of."""
+    """Names of the matrices and functions that a "predict", an "update" or a "step" uses."""
 
     def is_compiled(self, step: str) -> bool:
-        """Are the functions of a step compiled? Arrays and schedules are no functions."""
+        """Are all functions of a step compiled? Arrays and schedules count as compiled."""
         return all(map(is_compiled, map(partial(getattr, self), self.parts[step])))
 
     def compare(self, x: np.ndarray, u: np.ndarray | None, step: str) -> None:
-        """Compare a step's functions that have not been used yet, before a program has them in it.
+        """Check a step's functions at their first use, before a compiled program includes them.
 
         Args:
-            x: States ``(..., n)`` at which they are compared.
+            x: States ``(..., n)`` at which the functions are checked.
             u: Known inputs ``(..., m)``.
-            step: "predict", "update" or "step", the two together.
+            step: "predict", "update", or "step" for both together.
 
         Raises:
             ValueError: naming the function, see `estimators.first_use`.
@@ -107,8 +107,8 @@ class LinearModel(_Model):
     first called. They must be pure: the same ``u`` gives the same matrix, so time enters as a
     component of ``u``, not as a clock that is read.
 
-    A model is immutable, and its arrays are read-only copies: build another with
-    ``dataclasses.replace(model, A=...)``, and a filter of it.
+    A model is immutable, and its arrays are read-only copies. To change a matrix, build another
+    model with ``dataclasses.replace(model, A=...)``, and a new filter.
 
     Args:
         A: ``(..., n, n)`` transition.
@@ -120,9 +120,8 @@ class LinearModel(_Model):
         H: ``(..., p, q)`` unknown input to the measurement (direct feedthrough).
         state_angles: indices of states that are angles.
         measurement_angles: indices of measurements that are angles; their innovation is wrapped.
-        delayed_feedthrough: H feeds d(k-1) through, the unknown input of the step that has ended,
-            instead of d(k). A gyro that averages over its sampling interval reads so what has
-            turned it since the last measurement.
+        delayed_feedthrough: H feeds through d(k-1), the unknown input of the step that has ended,
+            instead of d(k). An example is a gyro that averages over its sampling interval.
 
     Raises:
         ValueError: naming the argument whose shape or definiteness is wrong.
@@ -149,7 +148,7 @@ class LinearModel(_Model):
         )
 
     def check_known_input(self, u: np.ndarray | None) -> None:
-        """Refuse a known input that could only be ignored, or that B expects and does not get.
+        """Refuse a ``u`` of the wrong size, one that nothing uses, and a missing one that B needs.
 
         Raises:
             ValueError: saying which.
@@ -200,25 +199,26 @@ class NonlinearModel(_Model):
 
     Args:
         transition: ``f(x, u) -> (..., n)``; must broadcast over leading axes of ``x`` and ``u``.
-        measurement: ``h(x, u) -> (..., p)``; must broadcast, too.
+        measurement: ``h(x, u) -> (..., p)``; must broadcast like ``f``.
         Q: ``(..., n, n)`` process noise covariance, or a function of ``u``.
         R: ``(..., p, p)`` measurement noise covariance, a function of ``u``, or a `StateNoise` of
             ``(x, u)``.
         G: ``(..., n, q)`` unknown input to the state, ``df/dd``, or a function of ``(x, u)`` that
-            broadcasts; then give H, zero if need be, to tell how many unknown inputs there are.
+            broadcasts. A function needs H as well, zero if need be, which gives the number of
+            unknown inputs.
         H: ``(..., p, q)`` unknown input to the measurement, or a function of ``u``.
         state_angles: indices of states that are angles; the transition may wrap them.
         measurement_angles: indices of measurements that are angles; h may wrap them.
-        transition_jacobian: ``df/dx (x, u) -> (..., n, n)``; None: exact of a compiled f, of any
-            other by central differences.
-        measurement_jacobian: ``dh/dx (x, u) -> (..., p, n)``; None: as of the transition.
+        transition_jacobian: ``df/dx (x, u) -> (..., n, n)``; None: exact if ``f`` is compiled,
+            otherwise by central differences.
+        measurement_jacobian: ``dh/dx (x, u) -> (..., p, n)``; None: found in the same way.
         states: n, where Q and G are functions.
         measurements: p, where R and H are functions.
         delayed_feedthrough: H feeds d(k-1) through instead of d(k), see `LinearModel`.
 
     Functions run in NumPy unless they are decorated `@compiled`. They must be pure, as those of a
-    `LinearModel`; each is compared once, when it is first used: several rows with each alone. The
-    model is immutable.
+    `LinearModel`. At its first use each function is checked: several rows together must give the
+    same values as each row alone. The model is immutable.
 
     Raises:
         ValueError: naming the argument whose shape or definiteness is wrong.
@@ -256,7 +256,7 @@ class NonlinearModel(_Model):
             set_function(self, f"{name}_jacobian", (rows, self.n))
 
     def check_known_input(self, u: np.ndarray | None) -> None:
-        """Nothing to refuse: what the functions make of ``u`` is theirs."""
+        """Accept every known input: the model's functions decide how they use ``u``."""
 
     def input_matrix(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """G ``(..., n, q)``: how the unknown input moves the next state from ``x (..., n)``."""
@@ -265,13 +265,13 @@ class NonlinearModel(_Model):
     def linearise_transition(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """``f(x, u)`` and its Jacobian ``(..., n, n)``; differences step as x's covariance says."""
+        """``f(x, u)`` and its Jacobian ``(..., n, n)``; ``cov`` sets the steps of differences."""
         return self._linearise("transition", self.n, self.state_angles, x, u, cov)
 
     def linearise_measurement(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """``h(x, u)`` and its Jacobian ``(..., p, n)``; differences step as x's covariance says."""
+        """``h(x, u)`` and its Jacobian ``(..., p, n)``; ``cov`` sets the steps of differences."""
         return self._linearise("measurement", self.p, self.measurement_angles, x, u, cov)
 
     def _linearise(

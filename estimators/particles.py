@@ -1,8 +1,8 @@
 """The bootstrap particle filter: weighted particles for beliefs that are not Gaussian.
 
 Particles are rows, ``(..., N, n)``, and have log weights ``(..., N)``. A prediction moves them by
-the model and its noise, a measurement weighs them by its density: so posteriors may have several
-peaks, or be bent.
+the model and its noise; a measurement weights them by its density. So a posterior may have several
+peaks, or be curved.
 """
 
 from dataclasses import dataclass
@@ -29,19 +29,19 @@ from estimators.randomness import RandomKeys
 PARTICLES, DIFFUSION, RESAMPLING, JITTER = range(4, 8)
 """Uses of random numbers, beside those of the ensembles."""
 _NOWHERE = -1e300
-"""Log weight of a particle that cannot be: finite, and 0 as a weight."""
+"""Log weight of an impossible particle: finite, with a weight of 0."""
 _ABSURD = 38.6**2
 """Squared standard deviations at which a normal density is 0 in double precision."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ParticleBelief(Belief):
-    """The belief of a filter that carries weighted particles, whose moments it has.
+    """The belief of a filter of weighted particles, with their mean and covariance.
 
     Attributes:
         particles: ``(..., N, n)`` as rows.
-        log_weights: ``(..., N)`` whose exponentials sum to 1; about -1e300: such a particle cannot
-            be.
+        log_weights: ``(..., N)`` logarithms of weights that sum to 1; about -1e300 marks an
+            impossible particle.
         log_likelihood: ``(...)`` log density of the last measurement, given those before it; 0
             where none came.
     """
@@ -52,7 +52,7 @@ class ParticleBelief(Belief):
 
     @property
     def effective_size(self) -> np.ndarray:
-        """``(...)`` from 1 to N: how many particles of equal weight are worth as much.
+        """Effective number of particles ``(...)``, from 1 to N, the latter for equal weights.
 
         Source: Kong, Liu & Wong (1994).
         """
@@ -69,17 +69,17 @@ class ParticleBelief(Belief):
 
 
 class ParticleFilter(Filter[ParticleBelief]):
-    """The bootstrap filter: sampled, weighed by densities, resampled when few particles count.
+    """The bootstrap filter: sampled, weighted by densities, resampled when few particles count.
 
-    ``x_i ~ p(x | x_i-)``, ``w_i ~ w_i- N(y; h(x_i), R)``, and where ``1 / sum w_i^2`` falls below a
-    share of N, the next prediction begins with a systematic resampling: particle i is copied ``N
-    w_i`` times, rounded to either side so that it is so in expectation. The log-likelihood that the
-    belief records is ``log sum w_i- N(y; h(x_i), R)``; the exponential of its sum over a series is
-    unbiased without jitter.
+    ``x_i ~ p(x | x_i-)``, ``w_i ~ w_i- N(y; h(x_i), R)``. Where the effective size ``1 / sum
+    w_i^2`` falls below a share of N, the next prediction begins with a systematic resampling:
+    particle i is copied ``N w_i`` times in expectation, rounded up or down at random. The belief
+    records the log-likelihood ``log sum w_i- N(y; h(x_i), R)``. Without jitter, the exponential of
+    its sum over a series is an unbiased estimate of the likelihood.
 
-    A channel that no particle explains (its density is 0 to all digits for each of them, and it
-    lies as far outside of what they expect together) is left out: it would leave one particle of
-    them all.
+    A channel is left out if no particle explains it: its density underflows to 0 for every
+    particle, and the density of its innovation does, too. Such a channel would leave all weight on
+    a single particle.
 
     State angles are averaged on the circle.
 
@@ -90,12 +90,12 @@ class ParticleFilter(Filter[ParticleBelief]):
         model: Any model with noise in every measurement; an unknown input in it is ignored.
         particles: N, at least 2.
         threshold: Share of N, from 0 to 1, below which the effective size brings a resampling.
-        jitter: How far copies beyond the first of a particle are moved apart, in bandwidths ``N^(-1
-            / (n + 4))`` of the belief's covariance: where process noise would leave them together.
-            0: not at all.
+        jitter: Standard deviation of the noise that moves copies of a particle apart, in bandwidths
+            ``N^(-1 / (n + 4))`` of the belief's covariance. It is needed where process noise does
+            not move them apart; 0 adds none.
 
     Raises:
-        ValueError: if R is singular: no particle meets a measurement without noise.
+        ValueError: if R is singular: no particle fits a measurement without noise.
     """
 
     name = "pf"
@@ -127,7 +127,7 @@ class ParticleFilter(Filter[ParticleBelief]):
         return (process_root(self, u),)
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
-        """Weighted mean ``(..., p)`` of what particles expect, the rest ``(..., p, N)``, and R."""
+        """Weighted mean ``(..., p)`` and deviations ``(..., p, N)`` of measurements, and R."""
         model, weights = self.model, np.exp(belief.log_weights)
         expected = at_points(model.measurement, belief.particles, u)
         shares = weights[..., None] * np.isfinite(expected)
@@ -170,13 +170,13 @@ class ParticleFilter(Filter[ParticleBelief]):
         }
 
     def log_likelihood(self, predicted: Any, updated: Any) -> np.ndarray:
-        """The log density ``(...)`` of a measurement, as the belief has it."""
+        """The log density ``(...)`` of a measurement, as the belief records it."""
         return np.asarray(updated.log_likelihood)
 
     # --- pieces -----------------------------------------------------------------------------------
 
     def _believed(self, particles: np.ndarray, log_weights: np.ndarray) -> Changes:
-        """Arrays of a belief that particles and their weights make, before a measurement."""
+        """Arrays of a belief from particles and their weights, before a measurement."""
         weights = np.exp(log_weights)[..., None]
         mean, away = _about(weights, particles, self.model.state_angles)
         moments = {"mean": mean, "cov": symmetrise((weights * away).mT @ away)}
@@ -184,7 +184,7 @@ class ParticleFilter(Filter[ParticleBelief]):
         return moments | weighted | {"log_likelihood": np.zeros(mean.shape[:-1])}
 
     def _resampled(self, belief: Any, rng: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Particles, and log weights, of which enough count."""
+        """Particles and log weights, resampled where too few particles count."""
         batch, N, n = belief.mean.shape[:-1], self.particles, self.model.n
         few = belief.effective_size < self.threshold * N
         keyed = isinstance(rng, RandomKeys)
@@ -204,8 +204,7 @@ class ParticleFilter(Filter[ParticleBelief]):
 def systematic(weights: np.ndarray, offset: np.ndarray) -> np.ndarray:
     """Indices ``(..., N)`` of the particles that a systematic resampling keeps.
 
-    Particle i is chosen ``N w_i`` times, rounded to either side, and so in expectation over the
-    offset.
+    Particle i is chosen ``N w_i`` times in expectation over the offset, rounded up or down.
 
     Args:
         weights: ``(..., N)``, which sum to 1 but for rounding.
@@ -215,7 +214,7 @@ def systematic(weights: np.ndarray, offset: np.ndarray) -> np.ndarray:
     """
     N = weights.shape[-1]
     reached = np.cumsum(weights, -1)
-    # How many lie below each one's end?
+    # Number of chosen particles up to each particle
     ends = np.ceil(N * (reached / reached[..., -1:]) - offset[..., None])
     ends[..., -1] = N  # all, however near to 1 the offset is
     counts = np.diff(ends.astype(np.intp), axis=-1, prepend=0)
@@ -226,7 +225,7 @@ def systematic(weights: np.ndarray, offset: np.ndarray) -> np.ndarray:
 def _normalised(log_weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Log weights whose exponentials sum to 1, and the log ``(...)`` of their sum before.
 
-    One that is not a number cannot be; where none can, nothing is one.
+    A weight that is not a number counts as 0; if all are 0, the results are not numbers.
     """
     log_weights = np.fmax(log_weights, _NOWHERE)
     top = log_weights.max(-1)

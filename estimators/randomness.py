@@ -1,10 +1,11 @@
 """Random numbers as functions of a key, a step, a use, a component and a member alone.
 
 There is no state, so nothing has to be restarted or drawn in order: a number is the same whatever
-else is drawn, in whatever batch, and any step can be drawn again by itself. Each row has a key;
-those of its episodes, of their parts and of its filters are derived from it by numbers and names.
+else is drawn, in whatever batch, and any step can be drawn again by itself. Each row has a key. The
+keys of its episodes, of their parts and of its filters are derived from the row's key by numbers
+and names.
 
-What computes them is in `estimators.threefry`.
+The generator is in `estimators.threefry`.
 """
 
 from collections.abc import Sequence
@@ -27,7 +28,7 @@ def word(name: str) -> int:
 
 
 def key(seed: int) -> np.ndarray:
-    """The key ``(2,)`` of a whole number that is not negative, of any size."""
+    """The key ``(2,)`` of a seed, a whole number of any size that is not negative."""
     if seed < 2**64:
         return np.array([seed, 0], np.uint64)
     digest = blake2b(seed.to_bytes((seed.bit_length() + 7) // 8, "little"), digest_size=16).digest()
@@ -38,12 +39,13 @@ def key(seed: int) -> np.ndarray:
 class RandomKeys:
     """The random numbers of a batch of rows at one step.
 
-    Numbers of two kinds or purposes under one key need a ``use`` each, from 0 to below 2^16: they
-    are made of one word.
+    Under one key, numbers of different kinds or purposes need different values of ``use``, from 0
+    to below 2^16. With the same ``use`` they come from the same random words and are not
+    independent.
 
     Attributes:
         keys: ``(..., 2)`` words, a key a row.
-        step: ``(...)`` of which step they are.
+        step: ``(...)`` number of the step.
     """
 
     keys: np.ndarray
@@ -56,7 +58,7 @@ class RandomKeys:
 
     @property
     def words(self) -> list[np.ndarray]:
-        """Keys ``(..., 2)`` and steps ``(..., 1)``, as programs take them."""
+        """Keys ``(..., 2)`` and steps ``(..., 1)``, as compiled filters take them."""
         batch = self.keys.shape[:-1]
         if isinstance(self.step, np.ndarray) and self.step.shape == batch:
             return [self.keys, self.step[..., None]]
@@ -67,7 +69,7 @@ class RandomKeys:
         return RandomKeys(self.keys[rows], steps[rows])
 
     def of(self, first: Any, second: Any = 0) -> "RandomKeys":
-        """Keys derived from each by whole numbers ``(...)``, or by a name."""
+        """Keys derived from these by whole numbers ``(...)``, or by a name."""
         words = (word(part) if isinstance(part, str) else part for part in (first, second))
         first, second = (np.asarray(each).astype(np.uint64, copy=False) for each in words)
         return RandomKeys(threefry.derived(self.keys, first, second), self.step)
@@ -85,9 +87,9 @@ class RandomKeys:
         return self._flat(threefry.two_uniforms, 2, count, use)
 
     def members(self, members: int, count: int, use: int = 0) -> np.ndarray:
-        """Standard normal numbers ``(..., members, count)``; a member's do not depend on how many.
+        """Standard normals ``(..., members, count)``, unchanged if there are more members.
 
-        Members lie last in memory.
+        The array is a transposed view: in memory its axes are ``(..., count, members)``.
         """
         if not count or not members:
             return np.zeros((*self.keys.shape[:-1], members, count))
@@ -95,7 +97,7 @@ class RandomKeys:
         return threefry.of_members(self.keys, second, members=members, count=count).mT
 
     def _flat(self, function: Any, together: int, count: int, use: int) -> np.ndarray:
-        """Numbers ``(..., count)`` of a function that gives so many ``together`` of a counter."""
+        """Numbers ``(..., count)`` of a function that gives ``together`` for each counter."""
         counters = np.arange(-(-count // together), dtype=np.uint64)
         second = threefry.second_word(self.step, use)
         numbers = function(self.keys[..., None, :], counters, second[..., None])

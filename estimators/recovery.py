@@ -1,7 +1,8 @@
-"""Rows of a step that are not finite, or no covariance: computed once more in NumPy, or kept.
+"""Recovery of rows whose step is not finite, or gives an invalid covariance.
 
-Once more means with pseudo-inverses in place of inverses, from a covariance without negative
-eigenvalues, and without the channels that are not finite (`estimators.linalg.rescue`).
+Such rows are computed once more in NumPy: with pseudo-inverses in place of inverses, from a
+covariance without negative eigenvalues, and without channels that are not finite
+(`estimators.linalg.rescue`). A row that fails again keeps its values.
 """
 
 from typing import Any
@@ -22,7 +23,7 @@ from estimators.linalg import (
 from estimators.randomness import RandomKeys
 
 _CROSS = {"cov": "", "input_cov": "state_input_cov", "feedthrough_cov": "state_feedthrough_cov"}
-"""Covariances of a belief, and that of each with the state."""
+"""Covariances of a belief, and the name of each one's cross-covariance with the state."""
 _DIGITS = 1e4
 """An update that shrinks a variance by more than this may leave only rounding, of either sign."""
 _SHRUNK = 1e-4
@@ -34,12 +35,12 @@ _NEGATIVE = 1e-12
 
 
 def is_healthy(belief: Any, changed: dict[str, Any], shrinks: bool, R: Any = None) -> Any:
-    """Mask ``(...)``: is a step finite, and no variance perhaps nothing but rounding?
+    """Mask ``(...)`` of rows that are finite and whose variances cannot be mere rounding.
 
     Args:
-        belief: Before the step.
+        belief: The belief before the step.
         changed: Arrays that the step changes.
-        shrinks: Is variance subtracted? Then little of it may be left, or less than none.
+        shrinks: Is variance subtracted? The difference may then be mere rounding, or negative.
         R: Covariance of the measurements of an update.
     """
     after = belief.replaced(changed)
@@ -61,13 +62,13 @@ def is_healthy(belief: Any, changed: dict[str, Any], shrinks: bool, R: Any = Non
 
 
 def recovered(filter: Any, step: str, belief: Record, after: Record, data: Any) -> Record:
-    """A belief whose rows that are not ``healthy`` are examined, and computed again where lost.
+    """The belief ``after``, with rows that are not ``healthy`` checked, and recomputed where lost.
 
     Args:
         filter: The filter.
-        step: "predict", "update" or "step", the two together.
-        belief: Before the step.
-        after: The belief after it.
+        step: "predict", "update", or "step" for both together.
+        belief: The belief before the step.
+        after: The belief after the step.
         data: The step's `estimators.filter.Data`.
     """
     # Where each row has a model of its own, rows cannot be computed apart.
@@ -100,7 +101,7 @@ def rows_of(data: Any, rows: np.ndarray) -> Any:
 
 
 def _sound(belief: Any, step: str) -> np.ndarray:
-    """The rows ``(...)`` that are finite and covariances, and divided by no singular S."""
+    """Mask ``(...)`` of rows that are finite, with valid covariances and a regular S."""
     sound = _finite(belief)
     for name in _CROSS:
         if name in belief.names():
@@ -119,7 +120,7 @@ def _with_state(belief: Any, name: str) -> np.ndarray:
 
 
 def _clipped(belief: Any) -> Any:
-    """The belief without negative eigenvalues of its covariances; to cut them off adds to each."""
+    """The belief with negative eigenvalues of its covariances set to 0."""
     n = belief.cov.shape[-1]
     for name, cross in _CROSS.items():
         if name in belief.names():
@@ -154,7 +155,7 @@ def _attempt(filter: Any, step: str, belief: Any, data: Any) -> Any:
 
 
 def _without_rounding(filter: Any, before: Any, after: Any, data: Any) -> Any:
-    """An update without variances of which perfect measurements have left only rounding."""
+    """An update with 0 for variances of which noise-free measurements have left only rounding."""
     u, y, available, R, _ = data
     R = masked(filter._noise(before, u, R), available & np.isfinite(y))
     singular = lacks_rank(R)

@@ -31,17 +31,17 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
         R~ = R^1/2 diag(psi_y)^-1 R^T/2
         P~ = (P-)^1/2 diag(psi_x)^-1 (P-)^T/2
 
-    and the residuals taken anew, which lowers the loss each time. The first weights are those of
-    the residuals at the prediction, so that an outlier is seen as one before it moves the estimate.
-    The posterior covariance is that of the last update, ``(P~^-1 + C' R~^-1 C)^-1``, so it grows
-    with an outlier. Where every ``|zeta|`` is below ``gamma`` the update is the Kalman filter's. A
-    nonlinear model is linearised at the prediction.
+    and the residuals are computed again, which lowers the loss each time. The first weights are
+    those of the residuals at the prediction, so that an outlier is seen as one before it moves the
+    estimate. The posterior covariance is that of the last update, ``(P~^-1 + C' R~^-1 C)^-1``, so
+    it grows with an outlier. Where every ``|zeta|`` is below ``gamma`` the update is the Kalman
+    filter's. A nonlinear model is linearised at the prediction.
 
     With ``M = [C (P-)^1/2, R^1/2]`` the residuals of a weighted update are ``zeta = psi^-1 M' S~^-1
     e``, ``S~ = M diag(psi)^-1 M'``: P- and R need only be positive semidefinite.
 
-    Few iterations are better than many: the minimum itself blames whichever is the less certain,
-    and when the prediction is not much more certain than the measurement that is the prediction
+    Few iterations are better than many. At the minimum, the less certain of measurement and
+    prediction loses weight. An outlier enlarges P, so at the next outlier that is the prediction
     (``docs/estimators/robust.md``).
 
     Sources: Huber (1964), Robust estimation of a location parameter; Karlgaard & Schaub (2007),
@@ -79,7 +79,7 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
             S_weighted = S + (M * (inflation - 1.0)[..., None, :]) @ M.mT
             solved = solve(S_weighted, e[..., None])[..., 0]
             inflation = self._weighted(inflation * np.matvec(M.mT, solved))
-        # It is 1 / psi of the last update.
+        # `inflation` is 1 / psi of the last update.
         P = _reweighted(belief.cov, root_P, inflation[..., :n])
         noise = _reweighted(R, root_R, inflation[..., n:])
         mean, cov, _weighted = joseph_update(belief.mean, P, e, C, noise)

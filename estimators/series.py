@@ -7,8 +7,8 @@
     series = run(filter, prior, y)  # y (T, ..., p), NaN where no measurement came
     series.mean, series.cov, series.log_likelihood
 
-Times come first, then rows, then components. `run` needs nothing of a filter but ``init``,
-``predict`` and ``update``.
+Times come first, then rows, then components. `run` needs only ``init``, ``predict`` and ``update``
+of a filter.
 """
 
 from dataclasses import dataclass
@@ -31,9 +31,9 @@ class Series(Generic[Record]):
     """Beliefs of a filter over a series of T measurements.
 
     Attributes:
-        filter: Which filter.
-        predicted: Beliefs before each measurement, ``x(k|k-1)``; the first is the prior. Times lead
-            every array.
+        filter: The filter.
+        predicted: Beliefs before each measurement, ``x(k|k-1)``; the first of a new series is the
+            prior. Times lead every array.
         updated: Beliefs after each measurement, ``x(k|k)``.
         last: The belief after the last measurement, as the filter gave it: `run` continues from it.
     """
@@ -62,19 +62,20 @@ class Series(Generic[Record]):
     def log_likelihoods(self) -> np.ndarray:
         """``(T, ...)`` log density of each measurement, given those before it; 0 where none came.
 
-        ``filter.likelihood`` says what it is: "exact"; "diffuse", of the part of the measurements
-        that the unknown input cannot explain, in the directions in which nothing is supposed of it;
-        or "approximate", of the Gaussian with the filter's own innovation covariance.
+        ``filter.likelihood`` names the kind. "exact" is the density of a linear Gaussian model.
+        "diffuse" is the density integrated over the unknown input, without a prior in the
+        directions that measurements show. "approximate" is the Gaussian density with the filter's
+        innovation covariance; `pf` gives an estimate from its particles.
 
         Raises:
-            ValueError: if the filter gives no innovation covariance.
+            ValueError: for a `Delayed` filter.
         """
         filter: Any = self.filter
         return np.asarray(filter.log_likelihood(self.predicted, self.updated))
 
     @property
     def log_likelihood(self) -> np.ndarray:
-        """``(...)`` log density of all measurements: the sum of `log_likelihoods` over time."""
+        """``(...)`` log density of all measurements, the sum of `log_likelihoods` over time."""
         return self.log_likelihoods.sum(0)
 
 
@@ -91,32 +92,35 @@ def run(
 ) -> Series[Record]:
     """Filter a series of measurements.
 
-    The prior is at the first measurement; before every other one there is a prediction. A series
-    continues from a belief, ``series.last``, with a prediction before its first measurement, too:
-    the results are those of one run.
+    The prior holds at the first measurement; each later measurement follows a prediction. To
+    continue an earlier series, give its ``series.last`` as the prior. The first measurement then
+    follows a prediction, too, and the results are those of a single run.
 
     Args:
-        filter: Any filter, one of your own too: what has ``init``, ``predict`` and ``update``, and
-            gives a `Belief`.
-        prior: Of the state at the first measurement: mean ``(n,)`` or ``(..., n)``. Or the belief
-            after an earlier measurement.
+        filter: Any filter, also one of your own: an object with ``init``, ``predict`` and
+            ``update`` that gives a `Belief`.
+        prior: Prior of the state at the first measurement, with mean ``(n,)`` or ``(..., n)``; or
+            the belief after an earlier measurement.
         y: ``(T, ..., p)`` measurements, one series or a batch; a value that is not finite counts as
-            missing. For a `Delayed` filter ``(T, ..., ages, p)``, as they come.
+            missing. For a `Delayed` filter ``(T, ..., ages, p)``: at each time the measurements
+            that come then, by age in steps.
         u: ``(T, m)`` or ``(T, ..., m)`` known input at the time of each measurement, held over the
-            step that follows. The measurement gets the input at its own time, the prediction that
-            of the measurement before.
-        t: ``(T,)`` or ``(T, ...)`` times of the measurements, where steps are not all alike. The
-            last component of the known input is then the length of the step, which the model
-            follows (`sampled`; a function of u); that of a measurement is the step that led to it,
-            0 at the first. From a belief, u and t begin with its own: T + 1.
+            step that follows. A measurement uses the input at its own time; the prediction before
+            it uses the input at the previous measurement.
+        t: ``(T,)`` or ``(T, ...)`` times of the measurements, if steps differ in length. `run` then
+            appends the length of the step to the known input, and the model must use it (see
+            `sampled`, or give functions of u). A measurement has the length of the step before it,
+            0 at the first. If the series continues from a belief, u and t have T + 1 entries: the
+            first is at the belief's time.
         available: ``(T, ..., p)`` mask of the measurements that arrived; None: all that are finite.
         R: ``(T, ..., p, p)`` covariance of each measurement; None: the model's.
         rng: For filters that draw numbers: a seed, `RandomKeys` with a key a row, or a Generator.
-        first: How many measurements there were before: keys and seeds go on with the numbers of
-            this step.
+        first: Number of earlier measurements; keys and seeds give the random numbers of the steps
+            from there on.
 
     Raises:
-        ValueError: if a shape does not fit, times go back, or the model does not follow them.
+        ValueError: if a shape does not fit, times go back, or the model does not use the length of
+            a step.
     """
     y = as_array("y", y)
     if y.ndim < 2 or len(y) == 0:
@@ -182,8 +186,8 @@ def _known_inputs(
 ) -> tuple[Any, Any]:
     """Known inputs ``(T, ..., m)`` over the steps that follow measurements, and at measurements.
 
-    Where times are given the last component is the length of the step: that follows, and that led
-    to the measurement.
+    With times, the last component is the length of a step: of the one that follows, and of the one
+    before the measurement.
     """
     known = _over_time("u", u, T)
     if u is not None and known.ndim == 2:

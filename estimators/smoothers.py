@@ -1,17 +1,17 @@
 """Smoothers: estimates at every time from the measurements of a whole series.
 
-A smoother goes back through what a filter stored. With z the estimated quantities of one time, the
-state or the state and the unknown input, and ``zeta = D z+`` the part of the next that the past
-predicts, ``zeta- , P-``::
+A smoother goes back through the beliefs that a filter stored. Let z be the estimated quantities of
+one time: the state, or the state and the unknown input. ``zeta = D z+`` is the part of the next z
+that the past predicts, with mean ``zeta-`` and covariance ``P-``::
 
     J = cov(z, zeta) P-^-1     z^s = z + J (D z^s+ - zeta-)
     P^s = P + J (D P^s+ D' - P-) J'
 
 For a Kalman filter z is the state and D the identity (Rauch, Tung & Striebel). For a filter that
-estimates the unknown input of the very step, ``z = (x, d)``, ``D = [I, 0]`` and ``cov(z, zeta) =
-P_z [A, G]'``. For one to which d shows a step late, ``z = (x, d(k-1))`` and ``D = [I, -G]``: what
-is left of the next state without its input, of which nothing is supposed. Both are the
-least-squares solution for all states and inputs, given all measurements.
+estimates the unknown input of the same step, ``z = (x, d)``, ``D = [I, 0]`` and ``cov(z, zeta) =
+P_z [A, G]'``. For a filter that estimates d one step late, ``z = (x, d(k-1))`` and ``D = [I, -G]``:
+the next state without its input, about which nothing is assumed. All are the least-squares solution
+for all states and inputs, given all measurements.
 """
 
 from collections.abc import Callable
@@ -29,26 +29,27 @@ from estimators.series import Series
 
 
 def smooth(series: Series[Record], lag: int | None = None) -> Record:
-    """Beliefs at each time from all measurements of a series, or from those ``lag`` steps later.
+    """Beliefs at each time, given all measurements of a series or those up to ``lag`` steps later.
 
-    For a linear model without unknown input, or with one, this is exact. A nonlinear model is
-    linearised where the filter did so; `robust-kf` goes back through its own, larger predictions.
-    Members are moved by the regression of each on those that follow from it, which is the ensemble
-    Kalman smoother.
+    For a linear model, with or without an unknown input, the result is exact. A nonlinear model is
+    linearised where the filter linearised it. For `robust-kf` the smoother uses the filter's
+    enlarged prediction covariances. Members of an ensemble are smoothed by regression on their own
+    predictions for the next time, which is the ensemble Kalman smoother.
 
     Sources: Rauch, Tung & Striebel (1965), Maximum likelihood estimates of linear dynamic systems;
     Särkkä (2008), Unscented Rauch-Tung-Striebel smoother; Raanes (2016), On the ensemble
     Rauch-Tung-Striebel smoother and its equivalence to the ensemble Kalman smoother.
 
     Args:
-        series: What `run` gives.
-        lag: Steps after each time whose measurements count (fixed-lag smoothing); None: all.
+        series: Result of `run`.
+        lag: Number of steps after each time whose measurements are used (fixed-lag smoothing);
+            None: all.
 
     Returns:
-        The beliefs, times first, with what was smoothed in ``mean``, ``cov``, ``input_mean``,
-        ``input_cov``, ``state_input_cov`` and ``ensemble``, as far as the filter has them. An
-        unknown input that shows late stands where the filter has it: ``input_delay`` steps after it
-        acted.
+        The beliefs, times first. ``mean``, ``cov``, ``input_mean``, ``input_cov``,
+        ``state_input_cov`` and ``ensemble`` are smoothed, as far as the filter has them. A late
+        estimate of the unknown input stays where the filter has it, ``input_delay`` steps after the
+        input acted.
 
     Raises:
         TypeError: if the filter has no smoother.
@@ -85,7 +86,7 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
 def _swept(
     back: Callable[..., tuple[np.ndarray, ...]], steps: int | None, *filtered: np.ndarray
 ) -> list[np.ndarray]:
-    """Arrays of successive times, each smoothed from the next: from the last on, or by sweeps."""
+    """Arrays of successive times, each smoothed from the next: backwards or in sweeps."""
     arrays, later = [np.array(each) for each in filtered], len(filtered[0]) - 1
     one_by_one = [slice(k, k + 1) for k in reversed(range(later))]
     for now in one_by_one if steps is None else [slice(0, later)] * steps:
@@ -107,7 +108,7 @@ def _gains(
             A = joined([A, G], -1)
         else:
             A, D = joined([A, np.zeros(G.shape)], -1), joined([identity(n), -G], -1)
-            # A Kalman filter that was told the input's variance has it in its prediction.
+            # The prediction of a Kalman filter with ``input_cov`` contains it.
             if isinstance(filter, KalmanFilter) and filter.input_cov is not None:
                 cov = cov - congruence(G, filter.input_cov)
     known = np.isfinite(cov).all((-2, -1)) & np.isfinite(A).all((-2, -1))
@@ -120,8 +121,8 @@ def _gains(
 def _regression(A: np.ndarray, P: np.ndarray, cov: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """J ``(..., k, n)`` of z on ``A z`` plus noise, and what it leaves of P, the covariance of z.
 
-    The covariance of the sum is ``cov``. By a QR decomposition of roots: a vague prior would leave
-    nothing of the digits of a difference of covariances.
+    The covariance of the sum is ``cov``. J follows from a QR decomposition of roots: with a vague
+    prior, a difference of covariances would lose all digits.
     """
     n, k = A.shape[-2:]
     root = principal_root(P)

@@ -22,16 +22,16 @@ _DRAWN = (1, "u"), (1, "i")
 class StepProgram:
     """A step of a filter, traced for rows of some shapes.
 
-    It takes the arrays that it reads alone, and gives read-only ones. What is alike in all rows and
-    steps is made once a batch.
+    It takes only the arrays that it reads, and returns read-only arrays. Arrays that are equal in
+    all rows and steps are made once a batch.
 
     Args:
         filter: The filter.
-        step: "predict", "update" or "step", the two together.
-        inside: Is the model's answer computed in the program? Otherwise it is given.
+        step: "predict", "update", or "step" for both together.
+        inside: Does the program compute the model's arrays? Otherwise they are given.
         belief: A belief before the step.
         given: Known input, measurement, mask and covariance of the measurement, or None; the
-            model's answer; and keys and steps of a filter that draws.
+            model's arrays; and keys and steps for a filter that draws random numbers.
 
     Attributes:
         inside: As given.
@@ -98,7 +98,7 @@ class StepProgram:
 
 
 def _repeated(value: Any, batch: tuple[int, ...]) -> np.ndarray:
-    """An array for a batch, read-only, of one for all rows."""
+    """A read-only array for a batch, repeated from one row."""
     array = np.array(np.broadcast_to(value, batch + np.shape(value)), order="C")
     array.setflags(write=False)
     return array

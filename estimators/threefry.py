@@ -118,8 +118,8 @@ def of_members(key: Any, second: Any, *, members: int, count: int) -> Any:
     Args:
         key: ``(..., 2)``.
         second: ``(...)`` word of the step and the use.
-        members: How many.
-        count: Components of each.
+        members: Number of members.
+        count: Number of components of each member.
     """
     fours = (members + 3) // 4
     counters = np.stack(

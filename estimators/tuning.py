@@ -1,4 +1,4 @@
-"""Maximum likelihood estimates of numbers that a filter is built with: Q, R, the prior, others.
+"""Maximum likelihood estimates of a filter's parameters: Q, R, the prior and others.
 
 ::
 
@@ -8,8 +8,8 @@
     found = fit(build, {"q": 1.0, "r": 1.0}, y)
     print(found)  # estimates, 95 % intervals, and what the measurements cannot tell
 
-No truth is needed: a filter foretells each measurement, and the numbers that make its measurements
-likely are the estimate.
+No truth is needed: a filter predicts each measurement, and the estimate is the set of parameters
+that makes the measurements most likely.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -32,15 +32,15 @@ _LARGEST = 300.0
 _LITTLE = 0.1
 """Less information than this on a logarithm leaves its 95 % interval a factor of 490 either way."""
 _WORSE = 1.0
-"""What is less likely by more than this log-likelihood is not as likely."""
+"""A larger difference in log-likelihood counts as less likely."""
 _LEFT = 0.02
-"""As much log-likelihood may be left to gain where a search has converged."""
+"""Largest gain in log-likelihood that is left where a search has converged."""
 _INVOLVED = 0.1
 """Share of a direction above which it involves a parameter."""
 _SMOOTH, _ROUGH = 0.1, 0.5
 """Steps of the Hessian's differences in standard errors; the second where members are drawn."""
 _AWAY = np.arange(4.0, 40.0, 4.0)
-"""How far along a direction without information is looked whether there is some farther on."""
+"""Distances along a direction without information at which a better point is sought."""
 _SCALES = sorted(np.arange(-32.0, 33.0, 8.0), key=abs)
 """Logarithms of common factors of all positive parameters with which a search may begin."""
 
@@ -51,13 +51,14 @@ class Fit:
 
     Attributes:
         estimates: The most likely value of each, by name.
-        standard_errors: Of each; infinite where the measurements do not determine it, or the search
-            found no maximum.
-        intervals: 95 % interval of each, that of the logarithm of a positive parameter; infinite in
-            the same cases.
-        log_likelihood: Of all measurements, at the estimates.
-        undetermined: What the measurements cannot determine: a sentence for each direction.
-        converged: Whether the search found a maximum.
+        standard_errors: Standard error of each, by name; infinite where the measurements do not
+            determine the parameter, or the search found no maximum.
+        intervals: 95 % interval of each, by name, symmetric in the logarithm of a positive
+            parameter; infinite in the same cases.
+        log_likelihood: Log-likelihood of all measurements at the estimates.
+        undetermined: Combinations of parameters that the measurements cannot determine, a sentence
+            for each.
+        converged: True if the search found a maximum.
         filter: The filter built with the estimates.
         prior: The prior built with the estimates.
     """
@@ -92,21 +93,21 @@ def fit(
     signed: Iterable[str] = (),
     rng: RandomKeys | int = 0,
 ) -> Fit:
-    """Estimate parameters of a filter from measurements alone, by maximum likelihood.
+    """Estimate the parameters of a filter from measurements alone, by maximum likelihood.
 
-    The density of all measurements (`Series.log_likelihood`) is maximised by gradients (L-BFGS-B);
-    for filters that draw numbers, with the same numbers throughout, and where gradients lead to no
-    maximum, by a simplex (Nelder & Mead).
-    Standard errors are of the observed information: second derivatives there.
+    The density of all measurements (`Series.log_likelihood`) is maximised by gradients (L-BFGS-B).
+    A simplex (Nelder & Mead) replaces gradients that lead to no maximum. It is also used for
+    filters that draw random numbers, which are then the same throughout. Standard errors come from
+    the observed information, the second derivatives at the maximum.
 
     Source: Ljung (1999), System Identification, sec. 7.4; Harvey (1989), Forecasting, Structural
     Time Series Models and the Kalman Filter, sec. 3.4.
 
     Args:
-        build: Makes a filter and its prior of parameters, given by name.
+        build: Function that makes a filter and its prior from the parameters, given by name.
         start: Where the search begins, by name: positive numbers, which are searched as their
-            logarithms. If the measurements are likelier with all of them greater or smaller by a
-            power of e^8, it begins there.
+            logarithms. If the measurements are likelier with all of them multiplied by a power of
+            e^8, the search begins there.
         y: ``(T, ..., p)`` measurements, as `run` takes them; rows of a batch are independent series
             of the same parameters.
         u: Known inputs, as `run` takes them.
@@ -115,8 +116,8 @@ def fit(
         rng: Seed or keys of the numbers that a filter draws.
 
     Raises:
-        ValueError: if a start is missing or not positive, has no likelihood, or an argument does
-            not fit (see `run`).
+        ValueError: if a start is missing, is not positive or gives no likelihood, or an argument
+            does not fit (see `run`).
         TypeError: if ``build`` does not take these names, or gives no filter and prior.
     """
     if others := set(signed := tuple(signed)) - start.keys():
@@ -230,7 +231,7 @@ class _Search:
 
     def _minimum(self, start: np.ndarray) -> np.ndarray:
         """The parameters ``(k,)`` of least cost."""
-        from scipy.optimize import Bounds, minimize  # late: they take longer than the package
+        from scipy.optimize import Bounds, minimize  # late: the import is slow
 
         least = self.cost(start)
         worst = least + 100.0 * (1.0 + abs(least))  # what a search can step back from
@@ -248,8 +249,8 @@ class _Search:
     def _derivatives(self, step: float) -> tuple[np.ndarray, np.ndarray]:
         """First and second derivatives ``(k,)`` and ``(k, k)`` by central differences.
 
-        They are taken over a share of a standard error. The second are NaN where they are others
-        over a whole one: what bends in the small alone is rough, and no minimum.
+        Steps are a share of a standard error. A second derivative is NaN if it differs over a
+        whole standard error: curvature on a small scale alone is roughness, not a minimum.
         """
         best, least = self.best, self.least
 
@@ -302,8 +303,8 @@ def _covariance(
 ) -> tuple[np.ndarray, list[np.ndarray], bool]:
     """Covariance ``(k, k)`` of estimates, directions without information, and if it is a maximum.
 
-    A logarithm has units of its own. Others are measured by what is known of them if all else were:
-    there a direction is flat that is known 300 times less well for what is not.
+    Logarithms need no units. The unit of another parameter follows from its standard error with all
+    else known; a direction is flat if it is known 300 times less well.
     """
     finite = np.isfinite(information)
     information = np.where(finite, information, 0.0)

@@ -18,9 +18,9 @@ class ULISE(DelayedInputFilter):
     """ULISE: state and unknown input together, whatever the rank of H.
 
     What H shows of d(k) is estimated at once and drives the next prediction, as in `kf-umv-ui`; the
-    rest shows in the measurement after it, as in `kf-umv-ui-wdf`. With N the projector on the
-    directions of d(k-1) that its own measurement did not show (the others are in the prediction
-    ``x-`` already)::
+    rest shows in the next measurement, as in `kf-umv-ui-wdf`. Let d1(k-1) be what measurement k-1
+    has shown of d(k-1), which is in the prediction ``x-`` already, and N the projector on the other
+    directions. Then::
 
         D = (H' S^-1 H)^+ H' S^-1             F = (I - H D) C G N
         M = (F' S^-1 F)^+ F' S^-1             d(k-1) = d1(k-1) + M e
@@ -28,28 +28,30 @@ class ULISE(DelayedInputFilter):
         x = x- + L e                          P from x~ = (I - L C) x~- - L v
         d1(k) = D (I - C G M) e               x-+ = A x + B u + G d1
 
-    These are the estimates of the source, which splits H by its singular values and transforms the
-    measurements to match: least squares does not depend on coordinates. Written with projectors
-    they hold for any rank in any row, so that a channel of H that drops leaves its part of d(k) to
-    the next measurement, not to a prior. What H hardly shows of d(k) is noise of covariance
-    ``input_prior`` first, in D as well; how it then stands in the errors of x and d1 is carried on
-    in place of G, so that the next measurement still shows it without bias. Only what neither
-    measurement shows well is estimated from N(0, ``input_prior``). Covariances follow in Joseph
-    form.
+    with ``x-+`` the next prediction. The source splits H by its singular values and transforms the
+    measurements to match; its estimates are the same, because least squares does not depend on
+    coordinates. The form with projectors holds for any rank of H in any row. If a channel of H
+    drops, the next measurement shows its part of d(k), and no prior is needed.
 
-    The input is known whole one step late: ``input_mean`` is d(k-1) (``input_delay`` 1),
+    In directions that H hardly shows, d(k) first counts as noise of covariance ``input_prior``,
+    also in the formula of D. The belief keeps the effect of this noise on the errors of x and d1
+    (``input_reach``). At the next measurement that effect takes the place of G, so these directions
+    are still estimated without bias. Only directions that neither measurement shows well are
+    estimated from N(0, ``input_prior``). Covariances are computed in Joseph form.
+
+    The whole input is known one step late: ``input_mean`` is d(k-1) (``input_delay`` 1),
     ``feedthrough_mean`` is d1(k). With H = 0 this is `kf-umv-ui-wdf`; with rank H = q the states
-    are those of `kf-umv-ui`. With ``delayed_feedthrough`` nothing shows at once, and ``F = C G +
+    are those of `kf-umv-ui`. With ``delayed_feedthrough`` no input shows at once, and ``F = C G +
     H``.
 
     Source: Yong, Zhu & Frazzoli (2016), A unified filter for simultaneous input and state
     estimation of linear discrete-time stochastic systems.
 
     Args:
-        model: A `LinearModel` with rank(C2 G2) = q - rank(H): the measurements that H leaves clean
-            (C2) show the inputs that H does not (G2).
+        model: A `LinearModel` with rank(C2 G2) = q - rank(H). C2 belongs to the measurements
+            without feedthrough, G2 to the inputs that H does not show.
         input_prior: Covariance ``(q, q)`` of the unknown input where two measurements hardly show
-            it; a number stands for that number times identity. Its scale is the problem's: set it.
+            it; a number stands for that number times identity. Set it to the scale of the problem.
 
     Raises:
         ValueError: if the rank condition fails.
@@ -93,8 +95,8 @@ class ULISE(DelayedInputFilter):
 
     def _predict(self, belief: Any, u: Any, mean: Any, A: Any, Q: Any, *more: Any) -> Changes:
         (G,), n, q = more, self.model.n, self.model.q
-        # The directions of d that are not in d1 wait for the next measurement, and with them their
-        # share in the errors.
+        # Directions of d that are not in d1, and their share in the errors, wait for the next
+        # measurement.
         observed = belief.feedthrough_observed
         reach = belief.input_reach * (1.0 - waiting(belief))
         joint = symmetric_blocks(
@@ -121,7 +123,7 @@ class ULISE(DelayedInputFilter):
         return np.concatenate([now, late], -1)
 
     def _feedthrough(self, H: Any) -> tuple[Any, Any]:
-        """Direct share of d(k) and of d(k-1) in measurements ``(..., p, q)``."""
+        """Feedthrough matrices ``(..., p, q)`` of d(k) and of d(k-1)."""
         none = np.zeros(H.shape)
         return (none, H) if self.model.delayed_feedthrough else (H, none)
 

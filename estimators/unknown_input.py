@@ -24,23 +24,24 @@ from estimators.models import LinearModel
 from estimators.varying import resolve
 
 OBSERVABLE = 0.1
-"""A direction of the input is observable if its prior exceeds this share of the variance left."""
+"""Ratio of prior to remaining variance above which a direction of the input is observable."""
 
 
 class UnknownInputFilter(Filter[Any]):
-    """Base of filters that estimate an unknown input: its prior, and the directions observable.
+    """Base of filters that estimate an unknown input: its prior and its observable directions.
 
-    With ``input_prior = W W'`` and ``e = F d`` and noise of covariance S, the eigenvalues of ``W'
-    F' S^-1 F W`` are the prior variances of as many directions of ``d``, over those that the
-    measurement alone leaves them. Directions where this exceeds `OBSERVABLE` are estimated without
-    bias, the others from N(0, ``input_prior``), as by a Kalman filter: their effect on the
-    measurement is noise. The belief's ``input_observed`` is the projector on the former.
+    Let ``input_prior = W W'``, and let the innovation be ``e = F d`` plus noise of covariance S.
+    Each eigenvalue of ``W' F' S^-1 F W`` belongs to a direction of ``d``: it is the ratio of the
+    prior variance to the variance that the measurement alone leaves. Directions whose ratio exceeds
+    `OBSERVABLE` are estimated without bias; the belief's ``input_observed`` is the projector on
+    them. The other directions have the prior N(0, ``input_prior``), as in a Kalman filter: their
+    effect on the measurement is noise.
     """
 
     likelihood = "diffuse"
     reversible = True
     linear: ClassVar[bool] = False
-    """The filter needs a `LinearModel`."""
+    """True if the filter needs a `LinearModel`."""
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model)
@@ -76,13 +77,13 @@ class UnknownInputFilter(Filter[Any]):
         return driven(belief, mean, A, Q, *more) | self._prior_input(mean)
 
     def _effect(self, belief: Any, C: Any, H: Any) -> tuple[Any, Any]:
-        """F ``(..., p, q)`` of the input in a measurement; its drive ``(..., n, q)`` of the state."""
+        """F ``(..., p, q)`` of the input in the measurement, and G ``(..., n, q)`` in the state."""
         return H, np.zeros((self.model.n, self.model.q))
 
     def _update(
         self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any, *more: Any
     ) -> Changes:
-        """State and input together, of ``x = x- + G d`` and ``e = C x~- + F d + v``."""
+        """State and input together, from ``x = x- + G d`` and ``e = C x~- + F d + v``."""
         n, q = self.model.n, self.model.q
         F, G = self._effect(belief, C, *more)
         CP = C @ belief.cov
@@ -113,9 +114,9 @@ class UnknownInputFilter(Filter[Any]):
     def _solved(self, S: Any, b: Any, *inputs: Any) -> tuple[Any, Any]:
         """``S^-1 B``, and the share of the input's prior that is added to a singular S.
 
-        An unknown input that shows where S has nothing is seen there without noise: ``S + a F F'``
-        takes the place of S, from which the best unbiased estimate is the same (Rao, 1971, Unified
-        theory of linear estimation).
+        Where S has no variance, the unknown input is measured without noise. There ``S + a F F'``
+        replaces S, which gives the same best unbiased estimate (Rao, 1971, Unified theory of linear
+        estimation).
         """
         if not rescuing():
             return solve(S, b), 0.0
@@ -144,11 +145,11 @@ class UnknownInputFilter(Filter[Any]):
         return self._effect(belief, C, H)[0] @ self._root
 
     def log_likelihood(self, predicted: Any, updated: Any) -> np.ndarray:
-        """The diffuse log likelihood ``(...)`` of a measurement: integrated over the unknown input.
+        """The diffuse log likelihood ``(...)`` of a measurement, integrated over the unknown input.
 
-        Over all values alike in the directions that the measurement shows, in units of d, and over
-        the input's prior in the others. So it does not depend on ``input_prior`` where a
-        measurement shows all of d.
+        In the directions that the measurement shows, the integral has a flat prior in units of d;
+        in the others it has the input's prior. So the likelihood does not depend on ``input_prior``
+        where a measurement shows all of d.
 
         Source: de Jong (1991), The diffuse Kalman filter.
         """
@@ -193,21 +194,21 @@ class UMVFilter(UnknownInputFilter):
         x = x- + K (e - H d)     P = P- - K (S - H Pd H') K'     Pxd = -K H Pd
         x-+ = A x + B u + G d    P-+ = [A G] [[P, Pxd], [Pxd', Pd]] [A G]' + Q
 
-    computed in the equivalent Joseph form, which cannot lose definiteness. When a channel drops so
-    that the others hardly show a direction of ``d``, it has the prior N(0, ``input_prior``) for
-    that step: the state is corrected by the channels that remain and the next prediction is the
-    more uncertain.
+    with ``x-+`` and ``P-+`` the next prediction. The code uses the Joseph form, which cannot lose
+    definiteness. If a channel drops and the others hardly show a direction of ``d``, that direction
+    has the prior N(0, ``input_prior``) for the step. The other channels still correct the state,
+    and the next prediction is more uncertain.
 
     A nonlinear model is linearised as by the extended Kalman filter: A is the Jacobian of f at the
     estimate, C that of h at the prediction, and f gives the mean. What d adds is linear, ``G d``
-    and ``H d``: how a G that is a function of the state bends it is neglected.
+    and ``H d``; the Jacobians neglect that G may depend on the state.
 
     Sources: Gillijns & De Moor (2007b); Pan et al. (2010); Hermawan (2020), Table 2.5.
 
     Args:
         model: A model with rank(H) = q; a nonlinear one may give G as a function of ``(x, u)``.
         input_prior: Covariance ``(q, q)`` of the unknown input where a measurement hardly shows it;
-            a number stands for that number times identity. Its scale is the problem's: set it.
+            a number stands for that number times identity. Set it to the scale of the problem.
 
     Raises:
         ValueError: if the rank condition fails.
@@ -279,9 +280,9 @@ class DelayedInputFilter(UnknownInputFilter):
         return (F + H if self.model.delayed_feedthrough else F) * waiting(belief), drive
 
     def _covariance(self, belief: Any) -> np.ndarray:
-        """The state's covariance, with the input that an earlier prediction left open.
+        """The state's covariance, including an unknown input that no measurement has shown.
 
-        That is so if no measurement followed the prediction.
+        This is the input of an earlier prediction that no measurement followed.
         """
         open_input = congruence(belief.input_matrix, self._prior_cov(belief.input_observed))
         return belief.cov + open_input * waiting(belief)
@@ -293,7 +294,7 @@ def waiting(belief: DelayedInputBelief) -> np.ndarray:
 
 
 class NoFeedthroughFilter(DelayedInputFilter):
-    """Base of filters that know nothing of d(k) at k: H is 0, or feeds d(k-1) through."""
+    """Base of filters without d(k) in measurement k: H is 0, or feeds d(k-1) through."""
 
     def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
         super().__init__(model, input_prior)
@@ -322,12 +323,13 @@ class ExtendedUMVFilter(NoFeedthroughFilter):
         L = K + (I - K C) G M      P = (I - L C) P- (I - L C)' + L R L'
         x = x- + L e      x-+ = f(x, u)      P-+ = A P A' + Q
 
-    The first update after ``init`` has no d(k-1): it is a Kalman update. Where a measurement hardly
-    shows a direction of ``d``, because a channel dropped or C G lost rank at this state, that
-    direction has the prior N(0, ``input_prior``) for that step. Jacobians are taken at a prediction
-    that knows nothing of d(k-1): what an input does to them within one step is neglected.
+    with ``x-+`` and ``P-+`` the next prediction. The first update after ``init`` has no d(k-1) and
+    is a Kalman update. Where a measurement hardly shows a direction of ``d``, because a channel
+    dropped or C G lost rank at this state, that direction has the prior N(0, ``input_prior``) for
+    that step. Jacobians are taken at a prediction without d(k-1): its effect on them within the
+    step is neglected.
 
-    With ``delayed_feedthrough`` the measurement contains d(k-1) besides: ``F = C G + H``.
+    With ``delayed_feedthrough`` the measurement also contains d(k-1) directly: ``F = C G + H``.
 
     Sources: Kitanidis (1987); Gillijns & De Moor (2007a); Pan et al. (2010), the extended filter
     without feedthrough.
@@ -336,10 +338,10 @@ class ExtendedUMVFilter(NoFeedthroughFilter):
         model: A model with H = 0 and rank(C G) = q, or with ``delayed_feedthrough`` and rank(C G +
             H) = q; a nonlinear one may give G as a function of ``(x, u)``.
         input_prior: Covariance ``(q, q)`` of the unknown input where a measurement hardly shows it;
-            a number stands for that number times identity. Its scale is the problem's: set it.
+            a number stands for that number times identity. Set it to the scale of the problem.
 
     Raises:
-        ValueError: if H is not zero or the rank condition cannot hold.
+        ValueError: if H feeds d(k) through, or the rank condition cannot hold.
     """
 
     name = "ekf-ui-wdf"
@@ -355,9 +357,9 @@ class EndedUMVFilter(ExtendedUMVFilter):
         x(k) = A x(k-1) + B u(k-1) + G d(k-1) + w
         y(k) = C x(k) + H d(k-1) + v(k)      F = C G + H
 
-    With F the formulas are those of `ExtendedUMVFilter`, so that the belief is about x(k) with the
-    input in it. It is `UMVFilter` on the equivalent model of ``x' = x - G d(k-1)``, with ``G' = A
-    G`` and ``H' = C G + H``.
+    With this F the formulas are those of `ExtendedUMVFilter`; the belief is about x(k), which
+    d(k-1) has already moved. The filter equals `UMVFilter` on the equivalent model of ``x' = x - G
+    d(k-1)``, with ``G' = A G`` and ``H' = C G + H``.
 
     Sources: Gillijns & De Moor (2007b); Kitanidis (1987).
 
@@ -365,7 +367,7 @@ class EndedUMVFilter(ExtendedUMVFilter):
         model: A model with rank(C G + H) = q; a nonlinear one may give G as a function of ``(x,
             u)``.
         input_prior: Covariance ``(q, q)`` of the unknown input where a measurement hardly shows it;
-            a number stands for that number times identity. Its scale is the problem's: set it.
+            a number stands for that number times identity. Set it to the scale of the problem.
 
     Raises:
         ValueError: if the model feeds d(k) through, or the rank condition cannot hold.
@@ -378,7 +380,8 @@ class EndedUMVFilter(ExtendedUMVFilter):
 class DelayedUMVFilter(NoFeedthroughFilter):
     """KF-UMV-UI-WDF: unbiased, of minimum variance, for linear models without feedthrough.
 
-    The formulas of `ExtendedUMVFilter`, exact here, with ``x-+ = A x + B u``.
+    The formulas are those of `ExtendedUMVFilter` with the next prediction ``x-+ = A x + B u``, and
+    are exact here.
 
     Sources: Kitanidis (1987); Darouach & Zasadzinski (1997); Gillijns & De Moor (2007a).
 
@@ -387,7 +390,7 @@ class DelayedUMVFilter(NoFeedthroughFilter):
         input_prior: Covariance ``(q, q)`` of the unknown input where a measurement hardly shows it.
 
     Raises:
-        ValueError: if H is not zero or the rank condition fails.
+        ValueError: if H feeds d(k) through, or the rank condition fails.
     """
 
     name = "kf-umv-ui-wdf"

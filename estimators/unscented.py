@@ -19,9 +19,9 @@ class SigmaPoints(Filter[Any]):
     """Sigma points in place of the linearisation of `Filter`: a mix-in of the unscented filters.
 
     A function f of x ~ N(x^, P), ``P = L L'``, is evaluated at the 2 n + 1 points ``x^`` and ``x^
-    +- c L_i``, ``c = alpha sqrt(n + kappa)``. With ``f+-`` about the central ``f0 = f(x^)`` (angles
-    wrapped there) and ``a_i = (f+ - f-) / 2c``, ``s_i = (f+ + f- - 2 f0) / 2c^2``, ``m = sum s_i``,
-    the scaled transform is::
+    +- c L_i``, ``c = alpha sqrt(n + kappa)``. Its values are ``f0`` at ``x^``, and ``f+`` and
+    ``f-`` at the two points of each i; their angles are wrapped about ``f0``. With ``a_i = (f+ -
+    f-) / 2c``, ``s_i = (f+ + f- - 2 f0) / 2c^2`` and ``m = sum s_i`` the scaled transform is::
 
         mean f0 + m      cross-covariance L [a_i]'
         cov  sum a_i a_i' + c^2 sum s_i s_i' + (beta - alpha^2) m m'
@@ -30,9 +30,9 @@ class SigmaPoints(Filter[Any]):
     opposite sign. It is a covariance if ``beta >= -alpha^2 kappa / n``. A linear model needs no
     points: the transform is exact.
 
-    The measurement is linearised statistically: ``C = Pxy' (P-)^-1 = [a_i] L^-1``, and what C
-    leaves out, ``Pyy - C P- C'``, joins R. A Kalman update in Joseph form with these two is the
-    unscented update.
+    The measurement is linearised statistically: ``C = Pxy' (P-)^-1 = [a_i] L^-1``, and the rest of
+    the covariance, ``Pyy - C P- C'``, is added to R. A Kalman update in Joseph form with this C and
+    R is the unscented update.
     """
 
     alpha: float
@@ -135,8 +135,8 @@ class UnscentedKalmanFilter(SigmaPoints, ExtendedKalmanFilter):
 
     Args:
         model: A `LinearModel` or a `NonlinearModel`.
-        alpha: Distance of the points, times ``sqrt(n + kappa)`` in standard deviations. A small one
-            is nearly a Jacobian; 1 sees as far as the belief reaches.
+        alpha: Distance of the points, which is alpha times ``sqrt(n + kappa)`` standard deviations.
+            A small alpha nearly gives the Jacobian; 1 covers the spread of the belief.
         beta: Weight of the central point in the covariance; 2 is best for a Gaussian.
         kappa: Above -n; ``3 - n`` matches a Gaussian's fourth moment along each axis.
 
@@ -162,13 +162,13 @@ class UnscentedUMVFilter(SigmaPoints, NoFeedthroughFilter):
     """UKF-UMV: `ekf-ui-wdf` with sigma points in place of Jacobians; the input shows one step late.
 
     With ``C = Pxy' (P-)^-1``, ``K = Pxy Pyy^-1`` and R replaced by ``Pyy - C P- C'``, where Pyy
-    holds R::
+    includes R::
 
         F = C G      M = (F' Pyy^-1 F)^-1 F' Pyy^-1      d(k-1) = M e
         x = x- + (K + (I - K C) G M) e
 
-    The points lie about a prediction that knows nothing of d(k-1), so that an input which moves the
-    state beyond the range of ``P-`` within one step is seen through the wrong C.
+    The points lie about a prediction without d(k-1). So the estimate of an input that moves the
+    state beyond the spread of ``P-`` within one step uses the wrong C.
 
     Source: Zheng et al. (2019), unscented Kalman filter with unknown input, unbiased and of minimum
     variance.
@@ -183,8 +183,8 @@ class UnscentedUMVFilter(SigmaPoints, NoFeedthroughFilter):
         kappa: Spread of the sigma points, above -n.
 
     Raises:
-        ValueError: if H is not zero, the rank condition cannot hold, or variances could become
-            negative.
+        ValueError: if H feeds d(k) through, the rank condition cannot hold, or variances could
+            become negative.
     """
 
     name = "ukf-umv"
@@ -202,7 +202,7 @@ class UnscentedUMVFilter(SigmaPoints, NoFeedthroughFilter):
         self._set_points(alpha, beta, kappa)
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
-        """Next mean and covariance of a belief with the input that was left open, and Q."""
+        """Next mean and covariance, including an input that no measurement has shown, and Q."""
         return super().propagate(belief.replaced({"cov": self._covariance(belief)}), u)
 
     def _predict(self, belief: Any, u: Any, mean: Any, cov: Any, Q: Any, *more: Any) -> Changes:

@@ -1,4 +1,4 @@
-"""Matrices of a model that follow the known input or the state."""
+"""Matrices of a model that depend on the known input or the state."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -30,14 +30,14 @@ def resolve(value: Any, *arguments: Any) -> Any:
 
 
 def is_compiled(value: Any) -> bool:
-    """Can a program have it in it? Arrays, None, schedules and compiled functions."""
+    """Can a compiled program include it? Arrays, None, schedules and compiled functions can be."""
     while isinstance(value, FirstUse | StateNoise):
         value = value.function
     return not callable(value) or isinstance(value, Schedule | Compiled)
 
 
 class Frozen:
-    """A record whose arrays are read-only; those of its copies and pickles, too."""
+    """A record whose arrays are read-only, also in copies and pickles."""
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(
@@ -51,9 +51,9 @@ class Schedule(Frozen):
 
     Args:
         table: ``(k, n, m)``.
-        component: Which component of ``u``.
-        scale: Entries to a unit of it.
-        middle: The entry at 0, and half of one more.
+        component: Index of the component of ``u``.
+        scale: Table entries per unit of the component.
+        middle: Index of the entry at 0, plus 0.5.
     """
 
     table: np.ndarray
@@ -86,26 +86,26 @@ class Schedule(Frozen):
         return self.table.take(within.astype(np.intp), axis=0)
 
     def changed(self, change: Callable[[np.ndarray], np.ndarray]) -> "Schedule":
-        """A function of this schedule, such as its double."""
+        """A copy with ``change`` applied to the table, such as twice the table."""
         return replace(self, table=change(self.table))
 
 
 @dataclass(frozen=True, eq=False)
 class StateNoise:
-    """Measurement noise covariance R that follows the state: filters take it at the predicted mean.
+    """Measurement noise covariance R that depends on the state, evaluated at the predicted mean.
 
     Args:
         function: ``R(x, u) -> (..., p, p)``.
-        nominal: ``(p, p)``, where no state is at hand.
+        nominal: ``(p, p)`` covariance for uses without a state.
     """
 
     function: Function
     nominal: np.ndarray
 
     def __call__(self, u: np.ndarray | None) -> np.ndarray:
-        """The nominal one, whatever the known input."""
+        """The nominal covariance, whatever the known input."""
         return self.nominal
 
     def changed(self, change: Callable[[np.ndarray], np.ndarray]) -> "StateNoise":
-        """A function of this noise, such as its double."""
+        """A copy with ``change`` applied to R, such as twice the covariance."""
         return StateNoise(lambda x, u: change(self.function(x, u)), change(self.nominal))

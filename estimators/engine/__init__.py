@@ -1,9 +1,8 @@
 """Equations as NumPy functions: traced once, derived exactly, compiled in a fraction of a second.
 
-See docs/engine.md. `compiled` makes a function of arrays ``(..., n)`` run compiled; what follows
-are the words that such functions have besides NumPy's.
-
-It imports `estimators.checks` alone; filters, models and `vessel_gym` import it.
+See docs/engine.md. `compiled` compiles a function of arrays ``(..., n)``. The other names are
+functions that compiled code can use in addition to NumPy's. This package imports only
+`estimators.checks`; filters, models and `vessel_gym` import it.
 """
 
 from estimators.engine.compiled import Compiled, compiled, trace

@@ -29,7 +29,7 @@ class TracedArray(np.ndarray):
 
     @staticmethod
     def of(value: Any) -> "TracedArray":
-        """A scalar, a list or an array as one."""
+        """A scalar, list or array as a traced array."""
         array = np.empty((), object)
         if isinstance(value, Tracer):
             array[()] = value
@@ -66,7 +66,7 @@ class TracedArray(np.ndarray):
         return program_of(self.flat)
 
     def astype(self, dtype: Any, *_: Any, **__: Any) -> Any:
-        """As another kind of number."""
+        """The entries as another kind of number."""
         found = np.dtype(dtype)
         if found not in KINDS.values():
             raise NotTraceable(f"a traced function has float64, int64 and masks, not {found}")
@@ -78,7 +78,7 @@ class TracedArray(np.ndarray):
         return total / (self.size / np.size(total))
 
     def clip(self, low: Any = None, high: Any = None, *, min: Any = None, max: Any = None) -> Any:  # type: ignore[override]
-        """Within bounds."""
+        """The entries clipped to bounds."""
         low, high = low if min is None else min, high if max is None else max
         x = self if low is None else np.maximum(self, low)
         return x if high is None else np.minimum(x, high)
@@ -97,7 +97,7 @@ def _plain(value: Any) -> Any:
 
 
 def _wrapped(value: Any) -> Any:
-    """A result as an array of tracers, where there is one in it."""
+    """A result, as an array of tracers if it contains one."""
     if isinstance(value, tuple | list):
         return type(value)(map(_wrapped, value))
     if isinstance(value, np.ndarray) and value.dtype == object:
@@ -106,7 +106,7 @@ def _wrapped(value: Any) -> Any:
 
 
 def each_entry(function: Callable[..., Any], *operands: Any) -> Any:
-    """A function of scalars of each entry."""
+    """A function of scalars, applied to each entry."""
     found = np.frompyfunc(function, len(operands), 1)(*map(_plain, operands))
     return found if isinstance(found, Tracer) else TracedArray.of(found)
 
@@ -190,7 +190,7 @@ _REARRANGING = frozenset((
     "inner", "outer", "cross", "einsum", "norm", "cumsum", "diff", "copy", "shape", "ndim", "size",
     "block", "unstack", "polyval",
 ))  # fmt: skip
-"""NumPy's functions that move entries, or add and multiply them, as they do of any objects."""
+"""NumPy's functions that move, add or multiply entries; NumPy applies them to any objects."""
 
 
 def entries(value: Any, program: Program) -> list[Tracer]:

@@ -26,13 +26,12 @@ def trace(
 
     Args:
         function: Pure; it gets tracers of a row of each argument.
-        rows: The arguments; None stands for itself.
-        matrices: Do vectors and matrices stand for themselves (`MatrixTracer`), and not for their
-            entries?
+        rows: Shape and kind of a row of each argument; None for an argument that is None.
+        matrices: Are vectors and matrices traced as a whole (`MatrixTracer`), not entry by entry?
         sealed: See `Function`.
 
     Raises:
-        NotTraceable: if it does what a traced function cannot do.
+        NotTraceable: if the function uses an operation that cannot be traced.
     """
     program, arguments, given = Program(), list[Argument](), list[Any]()
     for row in rows:
@@ -71,7 +70,7 @@ def _output(program: Program, result: Any) -> tuple[list[Any], Argument]:
 
 
 class Compiled:
-    """A function of arrays that is traced for the shapes that it is called with; see `compiled`."""
+    """A function of arrays, traced for each set of shapes it is called with; see `compiled`."""
 
     def __init__(
         self, function: Callable[..., Any], axes: Sequence[int] | None, matrices: bool
@@ -97,14 +96,14 @@ class Compiled:
         return own[self]
 
     def __call__(self, *arrays: Any, **static: Any) -> Any:
-        """Results for arrays; of tracers, what is traced with its caller."""
+        """Results for arrays; for tracers, the function becomes part of the traced caller."""
         constants, function = self._last
         if static != constants or (results := function.call(*arrays)) is None:
             return self._call(arrays, static)
         return results if function.several else results[0]
 
     def _call(self, arrays: tuple[Any, ...], static: dict[str, Any]) -> Any:
-        """Results for arguments unlike the last ones."""
+        """Results for arguments of other shapes than at the last call."""
         if any(map(is_traced, arrays)):
             return self.function(*arrays, **static)
         axes = self._axes or (1,) * len(arrays)
@@ -148,18 +147,19 @@ def compiled(
 ) -> Any:
     """Compile a plain NumPy function of arrays ``(..., n)``, or a class of filters, at first use.
 
-    It must be pure, and is frozen when it is traced: what it reads of its surroundings counts as it
-    was then.
+    The function must be pure. Other values that it reads, such as globals and attributes, are
+    constants from the time at which it is traced.
 
     Args:
-        function: A class of filters, whose attribute ``compiled`` becomes True; or a function,
-            of positional arguments that are arrays, and named ones that are constants and can
-            be hashed. A method counts its object as a constant. It is traced with the batch's axes
-            gone, once for rows of the same shapes; called with tracers it is traced with its
-            caller.
-        axes: How many last axes of each argument are a row's: 0 for a number; None: 1 for all.
-        matrices: Whether its vectors and matrices are traced as such, in the words of
-            `estimators.engine.matrices`, and not entry by entry: for what is large.
+        function: A class of filters, whose attribute ``compiled`` becomes True. Or a function whose
+            positional arguments are arrays and whose keyword arguments are hashable constants; the
+            object of a method is a constant, too. The function is traced for one row, without batch
+            axes, once for each set of shapes. Called by a function that is being traced, it becomes
+            part of that function.
+        axes: Number of last axes of each argument that form a row, 0 for a number. None: 1 for
+            every argument.
+        matrices: True to trace vectors and matrices as a whole, with the operations of
+            `estimators.engine.matrices`, instead of entry by entry; for large ones.
     """
     if isinstance(function, type):
         function.compiled = True  # type: ignore[attr-defined]

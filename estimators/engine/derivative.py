@@ -19,7 +19,7 @@ _FLAT = frozenset((
     "floor", "ceil", "trunc", "rint", "greater", "greater_equal", "equal", "not_equal", "cast", "lookup",
     "bitwise_and", "bitwise_or", "bitwise_xor", "left_shift", "right_shift",
 ))  # fmt: skip
-"""Opcodes whose results do not change with their operands, but for jumps."""
+"""Opcodes whose results are piecewise constant in their operands."""
 
 
 _PARTIALS: dict[str, Callable[..., tuple[Any, ...]]] = {
@@ -46,11 +46,11 @@ _PARTIALS: dict[str, Callable[..., tuple[Any, ...]]] = {
     ),
     "fmod": lambda z, x, y: (1.0, -operation("trunc", x / y)),
 }
-"""Partial derivatives of a result, which comes first, to its operands; those left out are zero."""
+"""Partial derivatives of an opcode's result (first argument) by its operands; absent ones are 0."""
 
 
 Tangent = dict[int, Any]
-"""Derivatives to some of the seeds, by their place; the others are zero."""
+"""Derivatives by some of the seeds, by their index; the others are zero."""
 
 
 def jacobian(outputs: Any, inputs: Any) -> Any:
@@ -103,13 +103,14 @@ def linearise(
     """A function's value ``(k,)`` at a traced vector x ``(n,)``, and its Jacobian by x ``(k, n)``.
 
     Args:
-        function: Of vectors x and u, entry by entry (`estimators.engine.arrays.TracedArray`).
+        function: Function of vectors x and u, traced entry by entry
+            (`estimators.engine.arrays.TracedArray`).
         x: Traced.
         u: Traced, constant or None.
-        slopes: Its Jacobian, a function of the same; None: `jacobian` gives it.
+        slopes: Jacobian as a function of x and u; None: derived by `jacobian`.
 
     Raises:
-        NotTraceable: if it does what cannot be traced, or what has no derivative.
+        NotTraceable: if an operation cannot be traced or has no derivative.
     """
     x = x if isinstance(x, TracedArray) else x.scalars()
     u = u.scalars() if hasattr(u, "scalars") else u

@@ -25,7 +25,7 @@ _HALF_PI_LOW, _QUARTER_PI = 0.5 * _PI_LOW, 0.25 * np.pi
 
 
 def _of_arrays(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
-    """A conversion of tracers and of NumPy's numbers, entry by entry of arrays of tracers."""
+    """A conversion of tracers, of arrays of tracers entry by entry, and of NumPy's numbers."""
 
     def convert(x: Any) -> Any:
         return each_entry(function, x) if isinstance(x, TracedArray) else function(x)
@@ -71,13 +71,13 @@ def _power_of_two(k: Any) -> Any:
 
 
 def _scaled(y: Any, k: Any) -> Any:
-    """``y 2^k``, in two steps so that neither overflows before its time."""
+    """``y 2^k``, in two steps that overflow only if the result does."""
     half = operation("floor", 0.5 * k)
     return y * _power_of_two(half) * _power_of_two(k - half)
 
 
 def _high(x: Any) -> Any:
-    """A number without the lower half of its digits."""
+    """A number with the lower half of its digits set to 0."""
     return bits_float(float_bits(x) & np.uint64(0xFFFFFFFF00000000))
 
 
@@ -254,7 +254,7 @@ EXPANSIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "arctan": (1, _arctan), "arctan2": (2, _arctan2), "arcsin": (1, _arcsin), "arccos": (1, _arccos),
     "hypot": (2, _hypot), "tanh": (1, _tanh),
 }  # fmt: skip
-"""How many operands each has, and how it is computed."""
+"""Number of operands of each function, and its formula."""
 
 
 def sincos(angle: Any) -> tuple[Any, Any]:
@@ -273,14 +273,14 @@ def repeat(
 ) -> tuple[Any, ...]:
     """Result of ``count`` passes of ``carried = body(*carried)`` on numbers or arrays.
 
-    A loop in a compiled program, where Python's own would be unrolled.
+    It stays a loop in a compiled program, which unrolls Python's own loops.
 
     Args:
-        count: Passes at most.
-        body: Gives as many numbers and arrays as it takes, of the same shapes.
-        carried: What it takes at first.
-        active: Mask ``(...)`` of the rows, of what is carried, that need another pass. Others keep
-            what they carry, and the loop ends when there are none.
+        count: Largest number of passes.
+        body: Function that returns as many numbers and arrays as it takes, of the same shapes.
+        carried: Arguments of the first pass.
+        active: Function of the carried values that gives a mask ``(...)`` of the rows that need
+            another pass. The other rows keep their values, and the loop ends when no row needs one.
     """
     masked = active is not None
 

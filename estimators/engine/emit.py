@@ -36,7 +36,7 @@ _INTRINSICS = {"absolute": "fabs"} | {
 
 @cache
 def type_of(kind: str, width: int) -> str:
-    """The LLVM type of so many lanes of a kind; "m" is a mask in memory."""
+    """The LLVM type of ``width`` lanes of a kind; "m" is a mask in memory."""
     scalar = {"f": "double", "b": "i1", "m": "i8"}.get(kind, "i64")
     return scalar if width == 1 else f"<{width} x {scalar}>"
 
@@ -53,17 +53,17 @@ def literal(value: Any, kind: str, width: int) -> str:
 
 
 LITERAL = (0.0, 1.0, -1.0, 0.5, -0.5, 2.0, np.inf, -np.inf)
-"""Floats that are part of the code, and none of the numbers that it reads from memory."""
+"""Floats that are literals in the code; other constants are read from memory."""
 
 
 class Module:
     """Intrinsics, elementary functions and constants that the functions of one program share.
 
-    Constants are no part of the code: programs of models that differ in their numbers alone are
-    compiled once.
+    Constants are not part of the code, so models that differ only in their numbers share one
+    compiled program.
 
     Args:
-        places: Where the numbers of constants begin in memory, by value; others are literals.
+        places: Offset in memory of each constant's numbers, by value; other constants are literals.
     """
 
     def __init__(self, places: Mapping[int, int]) -> None:
@@ -72,7 +72,7 @@ class Module:
         self.functions: dict[str, str] = {}
 
     def elementary(self, opcode: str, width: int) -> str:
-        """An elementary function; its name."""
+        """Add an elementary function and return its name."""
         name = f"@{opcode}.{width}"
         if name not in self.functions:
             own = _elementary(opcode, width)
@@ -96,7 +96,7 @@ class Module:
 
 @cache
 def _elementary(opcode: str, width: int) -> Module:
-    """A module that has an elementary function in it."""
+    """A module that contains an elementary function."""
     (count, expansion), emitter = EXPANSIONS[opcode], Emitter(Program(), Module({}), width)
     lanes, T = emitter.own, type_of("f", width)
     results = expansion(*(lanes.value(f"%p{i}") for i in range(count)))
@@ -115,7 +115,7 @@ def _elementary(opcode: str, width: int) -> Module:
 
 
 class Lanes(Program):
-    """Numbers in machine code, ``width`` side by side, whose operations are emitted at once."""
+    """Numbers in machine code, ``width`` lanes each, whose operations are emitted immediately."""
 
     def __init__(self, emitter: "Emitter", width: int) -> None:
         super().__init__()
@@ -163,7 +163,7 @@ class Lanes(Program):
 
 
 class Emitter:
-    """Instructions of a program as lines of a function, with ``width`` rows side by side."""
+    """Instructions of a program as lines of a function, with ``width`` rows as lanes."""
 
     def __init__(self, program: Program, module: Module, width: int) -> None:
         self.program, self.module, self.width = program, module, width
@@ -178,7 +178,7 @@ class Emitter:
     # --- lines ------------------------------------------------------------------------------------
 
     def line(self, text: str) -> str:
-        """A line that gives a result; its name."""
+        """Add a line that computes a result, and return its name."""
         name = f"%v{next(self._numbers)}"
         self.lines.append(f"  {name} = {text}")
         return name
@@ -193,13 +193,13 @@ class Emitter:
         return f"{stem}{next(self._numbers)}"
 
     def lanes(self, width: int) -> Lanes:
-        """Numbers of so many lanes."""
+        """Numbers with ``width`` lanes."""
         if width not in self._lanes:
             self._lanes[width] = Lanes(self, width)
         return self._lanes[width]
 
     def call(self, intrinsic: str, kinds: str, width: int, *operands: str) -> str:
-        """A call of one of LLVM's intrinsics, whose operands are of these kinds."""
+        """A call of one of LLVM's intrinsics with operands of these kinds."""
         scalar = "f64" if kinds[0] == "f" else "i64"
         types = [type_of(kind, width) for kind in kinds]
         name = f"@llvm.{intrinsic}.{scalar if width == 1 else f'v{width}{scalar}'}"
@@ -239,7 +239,7 @@ class Emitter:
         )
 
     def spread(self, x: Tracer, width: int) -> Tracer:
-        """A number in so many lanes."""
+        """A number broadcast to lanes."""
         lanes: Any = x.program
         if lanes.width == width:
             return x
@@ -254,7 +254,7 @@ class Emitter:
     ) -> list[Tracer]:  # fmt: skip
         """Carried values after ``for i in range(first, count, step)``, while ``going``.
 
-        Few passes are unrolled.
+        A small number of passes is unrolled.
         """
         if (
             type(first) is type(count) is int
@@ -306,7 +306,7 @@ class Emitter:
             self.scalars[each.result] = self.own.add(each.opcode, operands, kind)
 
     def special(self, instruction: Instruction) -> None:
-        """An instruction that is more than one operation of scalars, by the method of its name."""
+        """Emit an instruction other than a scalar operation, by the method of its name."""
         getattr(self, f"_emit_{instruction.opcode}")(instruction)
 
     def _emit_sin(self, instruction: Instruction) -> None:
@@ -320,7 +320,7 @@ class Emitter:
     _emit_cos = _emit_sin
 
     def gather(self, one: Callable[[int], str], kind: str = "f") -> str:
-        """A vector of what a function gives for each lane."""
+        """A vector of a function's values for each lane."""
         if self.width == 1:
             return one(0)
         vector, T = "poison", type_of(kind, 1)

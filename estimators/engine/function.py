@@ -19,9 +19,9 @@ from estimators.engine.program import Instruction, Program, View, value_of
 from estimators.engine.tracer import KINDS, Tracer, cast, operation, where
 
 LANES = 8
-"""Rows side by side in a batch; a row alone has a program of its own."""
+"""Rows computed side by side in a batch; a single row has its own program."""
 FEW = 4
-"""Rows from which on vectors are worth it."""
+"""Least number of rows for which vectors are faster."""
 
 
 class Argument(NamedTuple):
@@ -37,19 +37,18 @@ class Argument(NamedTuple):
 
 
 class Function:
-    """A program, compiled for one row and for many when it is first needed for as many.
+    """A program with its machine code for one row and for many, each compiled at first need.
 
     Args:
-        program: What it computes; its instructions ``input`` and ``input_matrix`` read the
-            arguments.
-        arguments: Rows of what it takes.
+        program: The program; its instructions ``input`` and ``input_matrix`` read the arguments.
+        arguments: Shape and kind of a row of each argument.
         outputs: For each result its scalars or the view of a matrix, and an argument like it.
         several: Does the traced function give a tuple of results?
-        sealed: Takes the arguments that it reads alone, and gives read-only arrays.
+        sealed: Does it take only the arguments that it reads, and return read-only arrays?
 
     Attributes:
-        arguments: Rows of what `call` takes, by their numbers.
-        call: Results of arrays; None of arrays unlike the last ones, for which there is `compute`.
+        arguments: Shape and kind of a row of each argument of `call`, by its index.
+        call: Results for arrays like the last ones; None for others, which need `compute`.
         layout: Places of matrices in the scratch.
         several: As given.
     """
@@ -80,7 +79,7 @@ class Function:
         self.call: Callable[..., Any] | None = None  # for arrays like the last ones
 
     def compute(self, *arrays: Any) -> tuple[np.ndarray, ...]:
-        """Results of arrays that have one batch, or none where all rows share them."""
+        """Results for arrays of one batch; an array without batch axes is shared by all rows."""
         own, given, leading = list(self.arguments.values()), [], []
         for array, each in zip(arrays, own, strict=True):
             given.append(a := in_memory(array, each.kind))
@@ -133,7 +132,7 @@ class Function:
 
 
 def _placed(program: Program) -> tuple[dict[int, int], dict[int, Any], np.ndarray]:
-    """Constants of a program: begins of those in memory, those in the code, numbers in memory."""
+    """Constants of a program: offsets of those in memory, literals, numbers in memory."""
     places, literals, numbers = dict[int, int](), dict[int, Any](), list[float]()
     for value, x in program.constants.items():
         if program.kinds[value] != "f" or x in LITERAL or x != x:
@@ -152,7 +151,7 @@ def _laid_out(
 ) -> tuple[dict[int, int], int]:
     """Places of a program's matrices in its scratch, and its size.
 
-    A matrix that is needed no longer gives its place to another one of its size.
+    The place of a matrix that is no longer needed is used for another one of its size.
     """
     places: dict[int, int] = {}
     total, free = 0, defaultdict[int, list[int]](list)
@@ -261,7 +260,7 @@ class Driver(LinearEmitter):
         self.over(1, size, some, LANES)
 
     def _transposed(self, rows: Sequence[Tracer]) -> list[Tracer]:
-        """The columns of a square matrix: blocks change places, smaller ones from turn to turn."""
+        """Transpose a square matrix by swapping blocks, in ever smaller sizes."""
         n, names, T = len(rows), [self.own.name(row) for row in rows], type_of("f", len(rows))
         size = n // 2
         while size:

@@ -11,7 +11,7 @@ from estimators.engine.tracer import program_of
 
 
 def _matrices(*operands: Any) -> tuple[Program, Any, Any]:
-    """The program of two operands, and them as matrices."""
+    """The program of two operands, and the operands as matrices."""
     program = program_of(operands)
     return program, *map(partial(matrix, program), operands)
 
@@ -21,7 +21,7 @@ def _misfit(word: str, *operands: Any) -> ValueError:
 
 
 def _for_every_row(program: Program, values: np.ndarray) -> MatrixTracer:
-    """A matrix that is the same for all rows, but has the batch's axes."""
+    """A matrix that is the same for all rows, with the batch's axes."""
     return MatrixTracer(program, program.table(values), values.shape)
 
 
@@ -73,7 +73,7 @@ cholesky: Any = partial(_of_square, "cholesky")
 
 
 def rotated(a: Any) -> tuple[Any, Any]:
-    """``A V`` with orthogonal columns, and the rotation V: an SVD but for dividing.
+    """``A V`` with orthogonal columns, and the rotation V: an SVD without the last division.
 
     Source: Hestenes (1958), Inversion of matrices by biorthogonalization; de Rijk (1989) for its
     accuracy.

@@ -16,7 +16,7 @@ import numpy as np
 
 _KEPT = 90 * 86400.0  # seconds after their last use that objects are kept
 OPTIMISED = os.environ.get("VESSEL_GYM_OPTIMISE") != "0"
-"""If code is not optimised, it compiles seven times as fast, and batches are slower."""
+"""Is code optimised? Otherwise it compiles seven times as fast, but batches are slower."""
 _loaded: dict[bytes, int] = {}
 _rooms: list[np.ndarray] = []
 
@@ -24,12 +24,15 @@ _rooms: list[np.ndarray] = []
 def load(code: bytes, emit: Callable[[str], str]) -> int:
     """Address of the function of a module.
 
-    Objects are kept by the digest of the code, of this package and of the processor, each written
-    at once under a name of its own and then renamed: processes that compile the same need no lock.
+    Objects are kept under the digest of the code, of this package and of the processor. Each is
+    written under a unique name and then renamed, so processes that compile the same code need no
+    lock.
 
     Args:
-        code: All that the module depends on, this package's sources aside. A process loads it once.
-        emit: Gives its LLVM IR, where no object is kept, with a function of the name it is given.
+        code: All that the module depends on, apart from this package's sources. A process loads it
+            once.
+        emit: Function that returns the LLVM IR of a function with a given name; called if no object
+            is kept.
     """
     key = sha256(code).digest()
     if key not in _loaded:
@@ -120,7 +123,7 @@ def _numpy_functions() -> Any:
 
 
 def scratch(size: int) -> int:
-    """Address of so many numbers, where a line of the cache begins, as vectors of eight do."""
+    """Address of memory for ``size`` numbers, aligned to cache lines of eight numbers."""
     if not _rooms or len(_rooms[-1]) < size + 8:
         _rooms.append(np.empty(2 * size + 8))  # the former ones stay: calls have their addresses
     return -(-_rooms[-1].__array_interface__["data"][0] // 64) * 64
@@ -130,7 +133,7 @@ def scratch(size: int) -> int:
 
 
 def _keep(path: str, code: bytes) -> None:
-    """Write an object, after its digest, where others find it whole or not at all."""
+    """Write an object, after its digest, atomically for other processes."""
     own = f"{path}.{os.urandom(8).hex()}"
     with suppress(OSError):
         with open(own, "xb", opener=partial(os.open, mode=0o600)) as file:
@@ -139,7 +142,7 @@ def _keep(path: str, code: bytes) -> None:
 
 
 def _kept(path: str) -> bytes | None:
-    """An object; None where there is none or a damaged one, with which LLVM ends the process."""
+    """An object; None if it is missing or damaged, which would end the process in LLVM."""
     try:
         with open(path, "rb") as file:
             digest, code = file.read(32), file.read()
@@ -176,7 +179,7 @@ def folder() -> str:
 
 
 def _forget(place: Path) -> None:
-    """Remove objects that nobody has used for long."""
+    """Remove objects that have not been used for long."""
     for path in place.glob("*.o"):
         with suppress(OSError):
             if path.stat().st_mtime < time() - _KEPT:
@@ -184,7 +187,7 @@ def _forget(place: Path) -> None:
 
 
 def _own(place: Path) -> Path | None:
-    """A folder to which the user alone can write; None if there is none."""
+    """The folder if only the user can write to it, otherwise None."""
     user = os.getuid() if hasattr(os, "getuid") else None  # Windows: folders are the user's own
     found = place / f"vessel-gym-{user}"
     with suppress(OSError):

@@ -19,7 +19,7 @@ _HEAD = object.__basicsize__
 
 
 def in_memory(value: Any, kind: str = "") -> np.ndarray:
-    """An argument as an array in C order, of a type that the engine has: its own or a given one."""
+    """An argument as an array in C order, of a type of the engine: its own type or a given one."""
     array = np.asarray(value)
     kind = kind or array.dtype.kind
     if kind not in KINDS:
@@ -32,12 +32,12 @@ def in_memory(value: Any, kind: str = "") -> np.ndarray:
 
 @cache
 def invoker() -> Callable[..., tuple[np.ndarray, ...] | None]:
-    """The function ``(table, *arrays)`` that gives fresh arrays of results.
+    """The function ``(table, *arrays)`` that returns results in new arrays.
 
     A table of whole numbers has the address of the code, its arguments, the flags that fresh arrays
     keep, the numbers of arguments and results, and for each of these the address of its type, its
-    number of axes and its shape. It gives None unless there are as many arrays, in C order and of
-    such types and shapes.
+    number of axes and its shape. The function returns None if the number, order in memory, types or
+    shapes of arrays differ.
     """
     address = machine.load(b"invoker", lambda name: _TEXT.replace("@call(", f"@{name}("))
     # bytes: the collector of garbage may empty a structure of ctypes before the function reads it

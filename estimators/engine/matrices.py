@@ -1,9 +1,9 @@
 """Tracers of vectors and matrices, whose operations are single instructions however large they are.
 
-Filters' equations are functions of vectors ``(..., n)`` and matrices ``(..., n, m)`` in NumPy's
-words; traced, a name means what it means in NumPy for arrays with any leading axes. Everything else
-is refused while it is traced: a shape that does not fit, a mask where numbers belong, a function
-without an instruction of its own.
+Filters' equations are NumPy functions of vectors ``(..., n)`` and matrices ``(..., n, m)``. Traced,
+each function means the same as in NumPy for arrays with any leading axes. Tracing refuses
+everything else: a shape that does not fit, a mask in place of numbers, a function without an
+instruction.
 """
 
 import math
@@ -25,8 +25,8 @@ _Operators: Any = object  # which are set below, and unknown to a checker of typ
 class MatrixTracer(_Operators):
     """A vector or matrix of each row; entries of a mask are 1 and 0.
 
-    ``shape``, ``ndim`` and ``size`` are those of one row: ``shape[-1]`` means what it means in
-    NumPy, ``shape[0]`` not.
+    ``shape``, ``ndim`` and ``size`` are those of one row. So ``shape[-1]`` is the same as in NumPy,
+    but ``shape[0]`` is not.
     """
 
     __array_priority__ = 3000.0
@@ -36,10 +36,10 @@ class MatrixTracer(_Operators):
 
         Args:
             program: Its program.
-            value: Its value, or the one that it is a part of.
-            places: Which entry of the value stands where ``(n,)`` or ``(n, m)``; or the shape of
-                all of them.
-            kind: "b" of a mask.
+            value: Its value, or the value that contains it.
+            places: Indices ``(n,)`` or ``(n, m)`` of its entries in the value; or a shape for all
+                entries in order.
+            kind: "b" for a mask.
         """
         if isinstance(places, tuple):
             places = np.arange(math.prod(places)).reshape(places)
@@ -173,7 +173,7 @@ def columnwise(function: Any, *operands: Any) -> MatrixTracer:
 
     Args:
         function: Traced entry by entry.
-        operands: Matrices, of which it gets the columns; vectors ``(m,)`` and None as they are.
+        operands: Matrices, whose columns it gets; vectors ``(m,)`` and None are passed as they are.
     """
     program = program_of(operands)
     given: list[Any] = [
@@ -203,13 +203,14 @@ def columnwise(function: Any, *operands: Any) -> MatrixTracer:
 def along(function: Any, *rows: Any) -> tuple[Any, ...]:
     """Results ``(..., k)`` of a function of numbers for each entry of rows ``(..., k)``.
 
-    A compiled program has its instructions once, where Python's own loop would be unrolled; of one
-    row eight entries are computed side by side. It is no part of a `repeat`, and has no derivative.
+    A compiled program contains the instructions once, while it unrolls Python's own loops. For a
+    single row, eight entries are computed side by side. The function cannot be used in a `repeat`,
+    and has no derivative.
 
     Args:
-        function: Of as many numbers or arrays ``(...)`` as there are rows; it gives a sequence of
-            such, and may use others, which are the same for all entries.
-        rows: Of the same length.
+        function: Function of one number or array ``(...)`` from each row. It returns a sequence of
+            numbers or arrays, and may use other values that are the same for all entries.
+        rows: Rows of the same length.
     """
     program = program_of(rows) if any(map(is_traced, rows)) else None
     if program is None:
@@ -227,20 +228,20 @@ def split(row: MatrixTracer, count: int) -> MatrixTracer:
 
 
 def is_traced(value: Any) -> bool:
-    """Does a value stand for what differs from row to row: is a formula traced with it?"""
+    """Is a value a tracer, which stands for numbers that differ from row to row?"""
     return isinstance(value, MatrixTracer | Tracer | TracedArray)
 
 
 @cache
 def _result_kind(name: str, kinds: str) -> Any:
-    """The kind of what NumPy's function of that name gives for scalars of some kinds."""
+    """The kind of the result of NumPy's function of that name for scalars of some kinds."""
     program = Program()
     values = map(program.new, kinds)
     return SCALAR_FUNCTIONS[name](*map(partial(Tracer, program), values)).kind
 
 
 def entrywise(function: Any, *values: Any) -> Any:
-    """One of NumPy's functions entry by entry; what has one row or column is the same in all."""
+    """One of NumPy's functions entry by entry; a single row or column is repeated."""
     name, program = function.__name__, program_of(values)
     if name not in SCALAR_FUNCTIONS:
         raise NotTraceable(f"a traced formula cannot have np.{name} in it")

@@ -10,7 +10,7 @@ from estimators.engine.program import Columns, Instruction, Program, View
 from estimators.engine.tracer import Tracer, cast, constant
 
 CHUNK = 8
-"""Numbers in a vector, and partial sums of an inner product: part of its definition."""
+"""Numbers in a vector, and partial sums of an inner product, whose number defines its rounding."""
 Index = Any
 """A whole number, or the tracer of one."""
 
@@ -19,8 +19,8 @@ class Matrix:
     """A matrix in memory, whose entries are numbers of all rows that are side by side.
 
     Args:
-        emitter: Emits what is read and written.
-        view: Its place.
+        emitter: Emitter of the loads and stores.
+        view: Place of the matrix.
         count: Entries of a row of the matrix that are read and written together, as lanes of
             vectors.
     """
@@ -78,7 +78,7 @@ class MatrixEmitter(Emitter):
         return self.at("%scratch", (entry + self.places_of[value]) * self.width)
 
     def load(self, view: View | int, i: Index = 0, j: Index = 0, count: int = 1) -> Tracer:
-        """Neighbouring entries of a view from one on, or a scalar in as many lanes, as numbers."""
+        """Neighbouring entries of a view as numbers, or a scalar in as many lanes."""
         width = self.width * count
         if isinstance(view, int):
             return self.spread(cast(self.scalar(view), "f"), width)
@@ -93,7 +93,7 @@ class MatrixEmitter(Emitter):
         return Matrix(self, View(value, shape, start, (shape[1], 1)))
 
     def over(self, rows: int, columns: int, body: Callable[..., None], size: int = 1) -> None:
-        """A body for each entry, or for ``size`` neighbours in a row and for the rest."""
+        """Emit a body for each entry, or for each ``size`` neighbours in a row and for the rest."""
         whole = columns // size * size
 
         def row(i: Index) -> None:
@@ -106,7 +106,7 @@ class MatrixEmitter(Emitter):
     def total(
         self, first: Tracer, low: Index, high: Index, term: Callable[[Index, Tracer], Any]
     ) -> Tracer:
-        """Fold a term over indices, beginning with a number."""
+        """Accumulate a term over indices, beginning with a number."""
         return self.loop(low, high, lambda k, total: [term(k, total)], [first])[0]
 
     # --- entry by entry ---------------------------------------------------------------------------
@@ -158,7 +158,7 @@ class MatrixEmitter(Emitter):
         self.over(rows, columns, some, CHUNK if together else 1)
 
     def _emit_columns(self, instruction: Instruction) -> None:
-        """A function of columns: of a batch one after the other, of one row eight side by side."""
+        """A function of columns: one after the other in a batch, eight side by side for one row."""
         loop: Columns = instruction.attributes[0]
         views: Any = instruction.operands[: len(loop.parameters)]
         outer: Any = instruction.operands[len(loop.parameters) :]

@@ -15,7 +15,7 @@ _LONGEST = 100_000  # values of a program; LLVM needs a second for 20,000
 
 
 class NotTraceable(TypeError):
-    """A function does what cannot be traced; it can run in NumPy."""
+    """The function uses an operation that cannot be traced; it can run in NumPy."""
 
 
 class View(NamedTuple):
@@ -47,15 +47,15 @@ class Instruction(NamedTuple):
 
 
 def value_of(operand: int | View) -> int:
-    """The value of an operand, or the one that it is a part of."""
+    """The value of an operand, or the value that contains it."""
     return operand.value if isinstance(operand, View) else operand
 
 
 class Loop(NamedTuple):
     """Body of a ``repeat``: parameters that begin as its operands, and their values after a pass.
 
-    The first so many parameters are masks: the loop ends as soon as they are false in all rows that
-    are side by side.
+    The first ``masks`` parameters are masks: the loop ends as soon as they are false in all rows
+    computed side by side.
     """
 
     count: int  # type: ignore[assignment]
@@ -79,10 +79,10 @@ class Program:
     """Instructions as they were traced.
 
     Attributes:
-        kinds: Of each value, a letter.
-        sizes: Entries of each value that is a matrix.
-        constants: Scalars by value number,
-        tables: and matrices that are the same for all rows.
+        kinds: Letter of the kind of each value.
+        sizes: Number of entries of each value that is a matrix.
+        constants: Constant scalars by value number.
+        tables: Constant matrices, the same for all rows, by value number.
     """
 
     def __init__(self) -> None:
@@ -94,14 +94,14 @@ class Program:
         self._constants: dict[tuple[str, Any], int] = {}
 
     def new(self, kind: str, size: int | None = None) -> int:
-        """A new value: a scalar, or a matrix of so many entries."""
+        """A new value: a scalar, or a matrix of ``size`` entries."""
         self.kinds.append(kind)
         if size is not None:
             self.sizes[len(self.kinds) - 1] = size
         return len(self.kinds) - 1
 
     def constant(self, value: Any, kind: str) -> int:
-        """A constant scalar; zeros of either sign are two."""
+        """A constant scalar; 0.0 and -0.0 are different constants."""
         key = kind, struct.pack("<d", value) if kind == "f" else int(value)
         if key not in self._constants:
             self._constants[key] = self.new(kind)
@@ -121,7 +121,7 @@ class Program:
         self, opcode: str, operands: tuple[int | View, ...], kind: str, size: int | None = None,
         attributes: tuple[Any, ...] = (),
     ) -> int:  # fmt: skip
-        """An instruction's result, or what the same instruction gave before."""
+        """An instruction's result, or the earlier result of the same instruction."""
         key = opcode, operands, kind, size, attributes
         for block in self._blocks:
             if key in block:
@@ -165,7 +165,7 @@ class Program:
         return results, inside, outer
 
     def columns(self, views: Sequence[View], body: Callable[..., Sequence[int]]) -> int:
-        """The matrix of what a body, traced once, makes of each column of matrices."""
+        """The matrix of results of a body, traced once, for each column of matrices."""
         parameters = tuple(tuple(self.new("f") for _ in range(view.shape[0])) for view in views)
         results, inside, outer = self._block(body, parameters, "a function of columns")
         outer = sorted({*outer}.difference(*parameters))

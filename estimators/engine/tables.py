@@ -1,4 +1,4 @@
-"""Tables that are the same for all rows: their entries at an index, and what lies between them."""
+"""Tables that are the same for all rows: entries at an index, and interpolation."""
 
 from typing import Any
 

@@ -25,7 +25,7 @@ class Tracer(_Operators):
 
     __slots__ = ("kind", "program", "value")
     as_array: ClassVar[Callable[["Tracer"], Any]]
-    """Array of a tracer alone, whose functions it has, too; set by `estimators.engine.arrays`."""
+    """Class of a scalar's array, whose methods a tracer has; set by `estimators.engine.arrays`."""
     __array_priority__ = 1000.0
     ndim = 0
     shape = ()
@@ -74,7 +74,7 @@ class Tracer(_Operators):
         return getattr(self.as_array(), name)
 
     def conjugate(self) -> "Tracer":
-        """Itself: numbers are real."""
+        """The number itself, as all numbers are real."""
         return self
 
 
@@ -91,7 +91,7 @@ def constant(program: Program, value: Any) -> Tracer:
 
 
 def known(tracer: Tracer) -> Any:
-    """The value of a constant, None of what differs from row to row."""
+    """The value of a constant; None for a number that differs from row to row."""
     return tracer.program.constants.get(tracer.value)
 
 
@@ -138,7 +138,7 @@ _BITWISE = frozenset(("bitwise_and", "bitwise_or", "bitwise_xor"))
 _GIVE_MASKS = frozenset(("greater", "greater_equal", "equal", "not_equal"))
 _SHIFTS = frozenset(("left_shift", "right_shift"))
 _PROMOTING = frozenset(("add", "subtract", "multiply", *_GIVE_MASKS, *_BITWISE))
-"""Opcodes whose operands become of one kind."""
+"""Opcodes whose operands are converted to one kind."""
 
 
 def program_of(operands: Iterable[Any]) -> Any:
@@ -150,7 +150,7 @@ def program_of(operands: Iterable[Any]) -> Any:
 
 
 def _converted(opcode: str, operands: list[Tracer], kinds: set[str]) -> list[Any]:
-    """Operands as the kinds that an opcode has."""
+    """Operands, converted to the kinds that an opcode takes."""
     if opcode in _BITWISE and "f" in kinds:
         raise NotTraceable("&, | and ^ are of masks or whole numbers")
     if opcode in _SHIFTS:
@@ -193,7 +193,7 @@ _IDENTITIES = {
 
 
 def _simplified(opcode: str, operands: Sequence[Tracer], values: Sequence[Any]) -> Tracer | None:
-    """Simplify an operation with an identity element, to the bit: 0.0 is none of addition."""
+    """Simplify an operation with an identity element, bit for bit: for sums -0.0, not 0.0."""
     if opcode not in _IDENTITIES or (opcode in _BITWISE and operands[0].kind != "b"):
         return None
     identity = KINDS[operands[0].kind].type(_IDENTITIES[opcode])
@@ -221,7 +221,7 @@ def where(mask: Any, chosen: Any, other: Any) -> Any:
 
 
 def _larger(x: Tracer, y: Tracer, order: Tracer) -> Any:
-    """The operand that an order says, or the one that is NaN."""
+    """The operand that a comparison selects, or the one that is NaN."""
     return where(order | operation("isnan", x) if x.kind == "f" else order, x, y)
 
 
