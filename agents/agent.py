@@ -47,17 +47,22 @@ def load_agent(name: str | Path, env: Any) -> Agent:
     """An agent by name, or a trained one from its file.
 
     Args:
-        name: A controller that is registered for the environment's task, such as ``"autopilot"``
-            (see `agents.controllers`); ``"ppo"``, which was trained on the environment's default
-            estimates, comes with the package; ``"random"``; the path of a policy that
-            `agents.save_agent` or ``vessel-gym train`` wrote, or of the model beside it; or
-            ``"module:object"``, a controller of your own, made by calling the object with the
-            environment's `System`: the module is imported, which runs its code.
-        env: The environment (either face, wrapped or not) that it will fly.
+        name: One of these:
+
+            - a controller that is registered for the environment's task, such as ``"autopilot"``
+              (see `agents.controllers`);
+            - ``"ppo"``, which comes with the package, trained on the environment's default
+              estimates;
+            - ``"random"``;
+            - the path of a policy that `agents.save_agent` or ``vessel-gym train`` wrote, or of the
+              model beside it;
+            - ``"module:object"``, a controller of your own: the object is called with the
+              environment's `System`. The module is imported, which runs its code.
+        env: The environment in which the agent will act, single or vector, wrapped or not.
 
     Raises:
-        ValueError: if the name is none of these, or the policy is damaged, or for another
-            observation or vehicle.
+        ValueError: if the name is none of these, or if the policy is damaged or was trained on
+            another observation or vehicle.
         TypeError: for what is neither a name nor a path, or if ``"module:object"`` makes no agent.
     """
     if not isinstance(name, str | os.PathLike):

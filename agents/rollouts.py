@@ -33,15 +33,15 @@ class Rollout:
         seeds: ``(N,)``.
         score: ``(N,)`` the environment's own episode score in [0, 1]; the return where it has none.
         returns: ``(N,)`` sum of rewards.
-        length: ``(N,)`` steps flown.
-        terminated: ``(N,)`` whether the episode ended before its time.
-        end: ``(N,)`` why, in the environment's words; empty for the time limit and where it has
-            none.
-        history: what ``info`` held after reset and each step, ``(T + 1, N, ...)`` by key; rows
+        length: ``(N,)`` number of steps.
+        terminated: ``(N,)`` mask of the episodes that ended before the time limit.
+        end: ``(N,)`` end reason of the environment; empty for the time limit, and for an
+            environment without end reasons.
+        history: arrays of ``info`` after reset and each step, ``(T + 1, N, ...)`` by key; rows
             after an episode's end repeat its last values.
         env: The (closed) vector environment, for its system and spaces.
-        scenario: ``(N, k)`` array of the parameters of the episode that the task has drawn; None where
-            the environment is not ours.
+        scenario: ``(N, k)`` scenarios that the task has drawn; None for an environment of another
+            package.
     """
 
     env_id: str
@@ -57,12 +57,16 @@ class Rollout:
 
     @cached_property
     def core(self) -> Any:
-        """The core of the environment, or the `agents.wrapped.Wrapped` that stands for it."""
+        """The environment's `vessel_gym.core.Core`, or a substitute.
+
+        For an environment of another package the substitute is an `agents.wrapped.Wrapped`, which
+        has the attributes that metrics need.
+        """
         return core_of(self.env)
 
     @property
     def alive(self) -> np.ndarray:
-        """Mask ``(T + 1, N)`` of the times that an episode lived through, its end included."""
+        """Mask ``(T + 1, N)`` of the times up to an episode's end, which is included."""
         return np.arange(self.length.max() + 1)[:, None] <= self.length
 
 
@@ -75,21 +79,21 @@ def rollout(
     record: bool = True,
     ensembles: bool = False,
 ) -> Rollout:
-    """Fly one episode for each seed, all in one batch.
+    """Run one episode for each seed, all in one batch.
 
     Args:
         agent: An agent, or a name or path for `agents.load_agent`.
         env_id: A registered environment.
-        seeds: One seed an episode; see `agents.seeds` for which to use.
+        seeds: A seed for each episode; `agents.seeds` has seeds that no training uses.
         env_options: Passed to `gymnasium.make_vec`.
         reset_options: Passed to ``reset``.
         record: Keep the history of every numeric array in ``info``.
-        ensembles: Keep in the history the members of an estimator that has an ensemble, too; NaN at
-            an episode's end.
+        ensembles: Keep the members of an ensemble estimator in the history, too; they are NaN at an
+            episode's end.
 
     Raises:
-        ValueError: if there is no such environment, if there are no seeds, or if the agent cannot
-            fly it; as `acted`.
+        ValueError: if there is no such environment or no seed, if the agent cannot act in the
+            environment, or if it returns actions of another shape.
         TypeError: for an agent that cannot act, or arguments of another kind.
     """
     seeds = list(seeds)

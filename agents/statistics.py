@@ -1,16 +1,17 @@
-"""Means, shares kept and comparisons with their 95 % intervals.
+"""Means, shares kept (normalised scores) and comparisons, with their 95 % intervals.
 
-`docs/statistics.md` gives the reasons.
+For the reasons see docs/statistics.md.
 
-A figure is an array ``(runs, seeds)``: training runs, one for an agent that does not learn, by
-evaluation seeds, which are the same for everybody. Another study would train again and fly other
-seeds, so an interval is over both.
+`crossed_interval` and `normalise` take an array ``(runs, seeds)``, with a row for each training run
+and a column for each evaluation seed. An agent that does not learn has one row. All agents and
+estimators meet the same evaluation seeds. Another study would train again and use other seeds, so
+an interval covers the scatter of both.
 
 Sources: Hillis (2007), "A comparison of denominator degrees of freedom methods for multiple
 observer ROC analysis", for intervals over two crossed factors; Hall (1992), "On the removal of
-skewness by transformation", for prices; Schuirmann (1987), "A comparison of the two one-sided tests
-procedure", for equivalence; Hanley, Lippman-Hand (1983), "If nothing goes wrong, is everything all
-right?", for the rule of three; Clopper and Pearson (1934) for shares of yes and no.
+skewness by transformation", for skewed values; Schuirmann (1987), "A comparison of the two
+one-sided tests procedure", for equivalence; Hanley, Lippman-Hand (1983), "If nothing goes wrong, is
+everything all right?", for the rule of three; Clopper and Pearson (1934), for shares of trials.
 """
 
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Interval:
-    """A mean, a share of yes and no or a difference, and the ends of its 95 % interval."""
+    """A mean, a difference or a share of trials, and the ends of its 95 % interval."""
 
     mean: float
     low: float
@@ -45,30 +46,35 @@ class Interval:
         return self.low > 0.0 or self.high < 0.0
 
     def times(self, factor: float) -> "Interval":
-        """The interval of what is so many times as great."""
+        """The interval of the quantity times ``factor``."""
         low, high = sorted((factor * self.low, factor * self.high))
         return Interval(factor * self.mean, low, high)
 
 
 EQUIVALENT, UNDECIDED = "equivalent", "not decided"
+"""One of the six results of `verdict`, which defines them."""
 BETTER, HIGHER, LOWER, WORSE = "better", "higher", "lower", "worse"
-"""Verdicts on a difference; exactly one holds."""
+"""One of the six results of `verdict`, which defines them."""
 
 
 def verdict(differences: np.ndarray, margin: float, span: float, comparisons: int = 1) -> str:
-    """The verdict on paired differences ``(N,)``, more being better.
+    """The verdict on the mean of paired differences ``(N,)``; positive differences are better.
 
-    `EQUIVALENT` if the 95 % interval of the mean lies within the margin, and would do so after one
-    more episode that differs by the whole span: a disaster that is in none of N episodes may be in
-    3 / N of all (rule of three), so this takes at least 3 span / margin episodes. Else `BETTER` or
-    `WORSE` if the interval is beyond the margin, `HIGHER` or `LOWER` if it excludes zero, and
-    `UNDECIDED` if it does not.
+    `EQUIVALENT` if three conditions hold:
+
+    - the 95 % interval of the mean lies between -margin and margin;
+    - it would still do so after one more episode that differs by the whole span, up or down;
+    - N is at least 3 span / margin. A disaster that happens in none of N episodes may happen in up
+      to 3 / N of all episodes (rule of three), which changes the mean by up to 3 span / N.
+
+    Otherwise `BETTER` or `WORSE` if the interval lies beyond the margin, `HIGHER` or `LOWER` if it
+    excludes zero, and `UNDECIDED` if it contains zero.
 
     Args:
-        differences: Finite.
-        margin: Below this a difference does not matter.
-        span: By how much two episodes can differ, as 1 for scores in [0, 1].
-        comparisons: As `crossed_interval`.
+        differences: Finite numbers.
+        margin: Least difference that matters.
+        span: Largest possible difference of two episodes, such as 1 for scores in [0, 1].
+        comparisons: Number of intervals that hold at once, see `crossed_interval`.
     """
     found = mean_interval(differences, comparisons)
     if found is None:
@@ -90,15 +96,15 @@ def verdict(differences: np.ndarray, margin: float, span: float, comparisons: in
 def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None:
     """The mean of ``(runs, seeds)`` with its 95 % interval for other runs on other seeds.
 
-    The variance of the mean is that of a two-way layout without replication, of which both factors
-    are drawn anew: what the means of runs show, and what the means of seeds show beyond the rest. A
-    mean square that comes of few runs is known badly, so the quantile is Student's with
-    Satterthwaite's degrees of freedom (Hillis 2007). For one run this is Student's interval over
-    its seeds.
+    The variance of the mean is that of a two-way layout without replication, with runs and seeds as
+    random factors. It is the part from the means of runs, plus the part from the means of seeds
+    that exceeds the residual. A mean square of few runs is uncertain, so the quantile is Student's
+    with Satterthwaite's degrees of freedom (Hillis 2007). For one run the result is Student's
+    interval over its seeds.
 
     Args:
-        values: Finite, every run on every seed.
-        comparisons: How many intervals are to hold at once, at 95 % (Bonferroni).
+        values: Finite numbers for every run on every seed.
+        comparisons: Number of intervals that hold at once with 95 % probability (Bonferroni).
 
     Returns:
         The interval; None for fewer than two seeds, because one value has no spread.
@@ -161,8 +167,9 @@ def skewed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None
     """The mean of finite, independent values ``(N,)`` with an interval that follows their skewness.
 
     Student's t is transformed by Hall's (1992) cubic, which removes its skewness; the interval
-    reaches further towards the long tail. What no value shows, such as a disaster in one episode of
-    a hundred, is in no such interval. See `crossed_interval` for ``comparisons``.
+    reaches further towards the long tail. The interval cannot include an event that occurs in none
+    of the values, such as a disaster in one episode of a hundred. See `crossed_interval` for
+    ``comparisons``.
     """
     plain = crossed_interval(values[None], comparisons)
     if plain is None or np.ptp(values) == 0.0:
@@ -196,18 +203,17 @@ def share_interval(hits: float, trials: int) -> Interval:
 def normalise(scores: np.ndarray, floor: np.ndarray, ceiling: np.ndarray) -> np.ndarray:
     """Share kept ``(runs, seeds)``: ``floor`` is 0 and ``ceiling`` 1; nothing is clipped.
 
-    A row's mean is the run's ``(mean score - mean floor) / (mean ceiling - mean floor)``. Its
-    values by seed are that ratio's linearisation: they scatter as it does when seeds are drawn anew
-    for score, floor and ceiling together, so that an interval over them contains the error of the
-    scale.
+    The mean of a row is the run's ``(mean score - mean floor) / (mean ceiling - mean floor)``. The
+    value at a seed is a linearisation of this ratio in the score, floor and ceiling at that seed.
+    An interval over the row therefore includes the error of the scale.
 
     Args:
         scores: ``(runs, seeds)``, in any unit in which more is better.
-        floor: ``(seeds,)``, what the classical agent scores on dead reckoning at the same seeds.
-        ceiling: ``(seeds,)``, what it scores there on the truth.
+        floor: ``(seeds,)`` scores of the study's controller on dead reckoning at the same seeds.
+        ceiling: ``(seeds,)`` scores of the study's controller on the truth at the same seeds.
 
     Raises:
-        ValueError: if the ceiling is not above the floor, so that there is no such scale.
+        ValueError: if the mean ceiling is not above the mean floor.
     """
     low, high = floor.mean(), ceiling.mean()
     if not high > low:

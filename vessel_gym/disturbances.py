@@ -24,7 +24,8 @@ class Disturbance(Verified, verified=True):
     """Base class of disturbances that act on a vehicle over a step.
 
     The state moves as ``z+ = transition z + root n``. Over a step the vehicle receives ``effect(z,
-    state)`` and white increments ``white n'``; n and n' are standard normal.
+    state)`` and, for the increments in ``white_increments``, the product ``white n'``. n and n' are
+    standard normal.
 
     Attributes:
         names: Components of z.
@@ -236,7 +237,7 @@ class SurfaceWater(Disturbance, verified=True):
 
     @cached_property
     def modelled(self) -> "BandedSurfaceWater":  # type: ignore[override]
-        """Filters' model of this water, with wave bands in place of the field."""
+        """Filters' model of this water, with frequency bands of waves in place of the field."""
         return BandedSurfaceWater(*(getattr(self, each.name) for each in fields(SurfaceWater)))
 
     def draw(self, uniforms: np.ndarray) -> np.ndarray:
@@ -268,7 +269,7 @@ class SurfaceWater(Disturbance, verified=True):
 
 @dataclass(frozen=True)
 class BandedSurfaceWater(SurfaceWater, verified=True):
-    """A filter's model of `SurfaceWater`, with `WaveBands` that are at rest over ground."""
+    """A filter's model of `SurfaceWater`: frequency bands of waves, not carried by the current."""
 
     uniforms = 0
     modelled = None  # type: ignore[assignment]
@@ -278,12 +279,12 @@ class BandedSurfaceWater(SurfaceWater, verified=True):
 
     @cached_property
     def bands(self) -> WaveBands:
-        """The wave bands alone."""
+        """The frequency bands of the waves alone."""
         return WaveBands(self.height, self.period)
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
-        """Current, then wave bands."""
+        """Current, then the frequency bands of the waves."""
         return Process.joined(self.beside.process, self.bands.process(self.beside.dt))
 
     @cached_property

@@ -207,12 +207,14 @@ def advance(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Processes a step later, noise of the coming step, and exogenous input from both.
 
+    The parts are the disturbance and the bias of each sensor; s is the number of white increments.
+
     Args:
-        keys: ``(..., parts, 2)`` of the random numbers of each part.
+        keys: ``(..., parts, 2)`` keys of the random numbers of each part.
         step: ``(...)`` number of the coming step.
         z: ``(..., k)`` states of the processes.
         noise: ``(..., s + k)`` of the ended step: white increments, then noise of the processes.
-        counts: Normal numbers of each part.
+        counts: Number of normal random numbers that each part draws in a step.
         root: ``(s + k, m)`` root of the noise's covariance.
         transition: ``(k, k)`` of the processes.
         gains: ``(f, s + k)`` of white increments and processes.

@@ -33,9 +33,13 @@ class Seaway(Disturbance, verified=True):
     Wind (Blendermann 1994, a destroyer) and the drift of reflected waves (Faltinsen 1990) push her
     to leeward, which positions cannot distinguish from a current.
 
-    The current carries the ship and the waves, whose field is at rest in the water. The wind blows
-    over ground; ship and moving water meet the relative wind. Waves and wind run to the north,
-    unless ``direction`` is set.
+    The current carries the ship and the waves, whose field is at rest in the water. The wind is
+    given relative to the ground. Its force follows from the wind relative to the ship, which the
+    current carries. Waves and wind run to the north, unless ``direction`` is set.
+
+    `effect` and `effect_at` return eight components ``(..., 8)``: yaw increment [rad], current
+    north and east [m/s], surge and sway force [N], yaw and roll moment [N m], and sway velocity by
+    waves [m/s].
 
     Raises:
         ValueError: for a number out of range.
@@ -100,7 +104,10 @@ class Seaway(Disturbance, verified=True):
 
     @cached_property
     def believed(self) -> Sea:  # type: ignore[override]
-        """Default assumption of filters: a yaw rate without direction, a current with leeway."""
+        """Default assumption of filters, a `Sea` whose current includes the leeway.
+
+        The RMS of its yaw rate is that over all directions of the waves.
+        """
         beta = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
         yaw = self._rms(beta, 0.8 * self.ship.speed, self.dt)
         wave = max(np.sqrt((yaw**2).mean()), _LEAST / self.dt)
@@ -111,7 +118,7 @@ class Seaway(Disturbance, verified=True):
 
     @cached_property
     def modelled(self) -> "BandedSeaway":  # type: ignore[override]
-        """Filters' model of this sea, with wave bands in place of the field."""
+        """Filters' model of this sea, with frequency bands of waves in place of the field."""
         return BandedSeaway(*(getattr(self, each.name) for each in fields(Seaway)))
 
     @cached_property
@@ -121,7 +128,10 @@ class Seaway(Disturbance, verified=True):
 
     @cached_property
     def leeway(self) -> float:
-        """Sway [m/s] across wind and drift, with a steady heading and the speed that remains."""
+        """Sway speed [m/s] of the ship on a steady heading, with wind and waves abeam.
+
+        Rudder and surge speed are those of the equilibrium.
+        """
         state, c = np.zeros(len(STATE)), self.ship.vector()
         state[STATE.index("psi")] = self.direction + 0.5 * np.pi
         moving = [STATE.index("u"), STATE.index("v")]
@@ -146,7 +156,7 @@ class Seaway(Disturbance, verified=True):
         return np.concatenate([drawn, velocity], -1)
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Yaw increment [rad], and flow and loads `AROUND` the ship ``(..., 8)``, without waves."""
+        """Components ``(..., 8)`` of the effect, see `Seaway`, without waves."""
         none = np.zeros_like(state[..., 0])
         return self._acting((none, none, none), z[..., :2], state)
 
@@ -154,13 +164,14 @@ class Seaway(Disturbance, verified=True):
     def effect_at(
         self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray
     ) -> np.ndarray:
-        """Yaw increment, and flow and loads `AROUND` the ship ``(..., 8)``, in an episode's waves.
+        """Components ``(..., 8)`` of the effect, see `Seaway`, in an episode's waves.
 
-        Yaw increment and sway velocity of the waves are means over the coming step. In steps that
-        are long for the waves the means are smaller than momentary values, so that the heading
-        swings as far as in continuous time. The roll moment is constant over a step, which reduces
-        a wave's effect by the factor ``sinc(w_e dt / 2)``. So it is the moment in the middle of the
-        step, divided by that factor, and the roll is as large as in continuous time.
+        Yaw increment and sway velocity of the waves are means over the coming step. If a step is a
+        large part of the waves' period, these means are smaller than momentary values. The heading
+        therefore swings as far as in continuous time. The roll moment is constant over a step,
+        which reduces a wave's effect by the factor ``sinc(w_e dt / 2)``. The moment is therefore
+        that in the middle of the step, divided by this factor, and the roll is as large as in
+        continuous time.
         """
         x, y, psi, u = np.moveaxis(state[..., :4], -1, 0)
         sin_mu, cos_mu = sincos(self.direction)
@@ -247,10 +258,11 @@ class Seaway(Disturbance, verified=True):
 class BandedSeaway(Seaway, verified=True):
     """A filter's model of a `Seaway`, with `WaveBands` as the ship meets them.
 
-    The response to a band has the amplitude of all its waves together, and the phase at the band's
-    frequency. The phases are those at the ship and turn as she moves: motion changes the frequency
-    of encounter, but waves give no position. With phases at a fixed place, the filter would infer
-    positions from a sea that it can predict for half a minute.
+    `WaveBands` are three frequency bands of waves. The response to a band has the amplitude of all
+    its waves together, and the phase at the band's frequency. The phases are those at the ship and
+    turn as she moves. The ship's motion therefore changes the frequency of encounter, but the waves
+    give no position. With phases at a fixed place, the filter would infer positions from waves,
+    although it can predict waves for only half a minute.
     """
 
     names = (*WaveBands.names, "current north", "current east")  # type: ignore[assignment]
@@ -259,18 +271,19 @@ class BandedSeaway(Seaway, verified=True):
 
     @cached_property
     def bands(self) -> WaveBands:
-        """The wave bands alone."""
+        """The frequency bands of the waves alone."""
         return WaveBands(self.height, self.period)
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
-        """Rotating wave bands, then the current."""
+        """Rotating frequency bands of the waves, then the current."""
         return Process.joined(self.bands.process(self.dt), self._current)
 
     def response(self, beta: np.ndarray, speed: float) -> np.ndarray:
         """Complex response ``(3, ..., 3)`` to a unit of each band.
 
-        The last axis is sway velocity [m/s], yaw rate [rad/s] and roll moment [N m].
+        The first axis is the three bands. The last axis is sway velocity [m/s], yaw rate [rad/s]
+        and roll moment [N m].
 
         Args:
             beta: Direction of the waves relative to the heading [rad].
@@ -296,7 +309,7 @@ class BandedSeaway(Seaway, verified=True):
         return (np.sinc(half / np.pi) * np.exp(1j * half))[..., None] * self.response(beta, speed)
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Yaw increment [rad], and flow and loads `AROUND` the ship ``(..., 8)``."""
+        """Components ``(..., 8)`` of the effect, see `Seaway`, in the waves of the bands."""
         psi, u = state[..., 2], state[..., 3]
         total, response = [np.zeros_like(u)] * 3, self._interpolated(self.direction - psi, u)
         for band in range(BANDS):

@@ -107,9 +107,9 @@ LOSS = 120.0
 def lost_fix(sensors: Iterable[str], seconds: float) -> tuple[SensorFault, ...]:
     """Loss of the fix for `LOSS` seconds in each episode.
 
-    The loss begins at a time that is drawn uniformly. If an episode may last longer than `LOSS`,
-    the loss is over by ``seconds``. In a shorter episode, whose mission takes about half of the
-    time limit, the loss begins in the first half and lasts to the end.
+    The loss begins at a time that is drawn uniformly. If ``seconds`` is greater than `LOSS`, the
+    loss ends before the time ``seconds``. Otherwise the loss begins in the first half of this time
+    and lasts to the end of the episode.
 
     Args:
         sensors: Names of the sensors that give the fix.

@@ -1,6 +1,6 @@
 """Surroundings of a vehicle in an episode, and words for the components of its state.
 
-Images (`vessel_gym.rendering`) and pages (`agents.episode`) show all tasks in one way. A task
+Images (`vessel_gym.rendering`) and pages (`agents.episodes`) show all tasks in one way. A task
 describes the surroundings by `register_surroundings`; otherwise images show the vehicle alone.
 """
 
@@ -88,7 +88,7 @@ SURROUNDINGS: Registry[MakeSurroundings] = Registry("surroundings", lambda: None
 
 
 def register_surroundings(task_type: type) -> Callable[[M], M]:
-    """Decorator that registers a function of task and scenario ``(k,)`` for its `Surroundings`.
+    """Decorator that registers the function from task and scenario ``(k,)`` to `Surroundings`.
 
     Subclasses of the task inherit the function.
 

@@ -40,17 +40,18 @@ CONTROLLERS: Registry[Factory] = Registry("controller", _ours)
 def register_controller(task_type: type, name: str) -> Callable[[F], F]:
     """Decorator: register a class, or a function of a `System`, as a controller for a task class.
 
-    Subclasses of the task inherit it.
+    The class or function makes the controller from a `System`. Subclasses of the task class inherit
+    the controller.
 
     Args:
         task_type: The class of the task.
-        name: What `agents.load_agent`, commands and studies call it; ``"autopilot"`` is their
-            default.
+        name: Name of the controller for `agents.load_agent`, commands and studies; their default is
+            ``"autopilot"``.
 
     Raises:
         TypeError: for a task type that is no class.
-        ValueError: for a name that cannot be one, or that the task's controller from another module
-            has.
+        ValueError: for an empty or reserved name, a name with a colon, or a name that another
+            module has registered for this class.
     """
     if not isinstance(name, str) or not name or ":" in name or name in _TAKEN:
         raise ValueError(

@@ -1,4 +1,4 @@
-"""Episodes on several estimators, with equal waves and noise, as one page without a network.
+"""Episodes with several estimators and equal waves and noise, as one page that works offline.
 
 They may import rollouts, metrics and `vessel_gym`; studies and commands import them.
 """

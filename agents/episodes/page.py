@@ -29,7 +29,7 @@ class Episode:
     """One episode on several estimators, as a page that a notebook shows and `save` writes.
 
     Attributes:
-        page: What it shows, as JSON holds it.
+        page: Data of the page, in JSON's types.
     """
 
     page: dict[str, Any] = field(repr=False)

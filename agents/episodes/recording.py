@@ -18,7 +18,7 @@ from vessel_gym.rendering.scene import Chart, Scene, Series, ambients
 from vessel_gym.surroundings import surroundings_of
 
 COMPARED = ("ekf", "enkf", "dead-reckoning", "truth")
-"""Estimators beside the environment's own, as far as its models carry them."""
+"""Estimators beside the environment's own, if its models allow them."""
 TYPICAL = 40
 """Episodes of which the most typical one is shown where no seed is asked for."""
 CLOUDS, MEMBERS = 300, 40
@@ -34,15 +34,15 @@ def episode(
     seed: int | None = 0,
     env_options: dict[str, Any] | None = None,
 ) -> Episode:
-    """Fly one episode on several estimators, which meet equal starts, waves, losses and noise.
+    """Run one episode with each of several estimators, at equal starts, waves, losses and noise.
 
     Args:
-        env_id: A registered environment of ours, or your own.
-        estimators: The first is shown first; None: the environment's own, then those of `COMPARED`
-            that its models carry.
-        agent: As `rollout` takes it; it steers on each estimator afresh.
-        seed: Of the episode; None: that of the most typical of `TYPICAL` evaluation episodes, see
-            `typical_seed`. An environment of others, whose episodes run one by one, takes 0.
+        env_id: A registered environment of this package, or your own.
+        estimators: Estimators in the order of the page. None: the environment's own estimator, then
+            those of ``ekf``, ``enkf``, ``dead-reckoning`` and ``truth`` that its models allow.
+        agent: An agent as for `rollout`; it is reset for each estimator.
+        seed: Seed of the episode. None: of 40 evaluation episodes, the one whose scores lie nearest
+            to the means; in an environment of another package, 0.
         env_options: Passed to the environment.
 
     Raises:
@@ -109,7 +109,7 @@ def typical_page(
     """Data of the page of the `typical_seed`.
 
     Args:
-        agent: As `rollout` takes it; it steers on each estimator afresh.
+        agent: An agent as for `rollout`; it is reset for each estimator.
         env_id: A registered environment.
         worlds: Options of the environment by name of the estimator.
         seeds: Of which the typical one is shown.

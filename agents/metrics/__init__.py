@@ -1,11 +1,12 @@
-"""Metrics of episodes, registered by kind of task.
+"""Metrics of episodes, registered for classes of tasks.
 
-Every task has a score, a return, steps, the error of an estimated unknown input, NEES and failed
-updates, and, where the vehicle says which of its actuators steer, the costs of steering. A task
-adds what it is about; without that, it is also measured by how well each component of the state was
-estimated.
+Every task has these metrics: score, return, steps, RMS error of the estimated unknown input, NEES
+and failed updates. A vehicle with an attribute ``steering`` also has the costs of steering.
+`register_metrics` adds a task's own metrics. A task without its own has the RMS error of each
+estimated component of the state instead.
 
-They may import rollouts and statistics; studies, pages of episodes and commands import them.
+For contributors: `agents.metrics` may import rollouts and statistics; studies, pages of episodes
+and commands import `agents.metrics`.
 """
 
 import sys
@@ -66,18 +67,18 @@ TASK_METRICS: Registry[tuple[Metric, ...]] = Registry("metrics", _ours)
 
 
 def register_metrics(task_type: type, metrics: Sequence[Metric]) -> None:
-    """Register the metrics of a kind of task; subclasses inherit them.
+    """Register the metrics of a class of tasks; subclasses inherit them.
 
     Args:
         task_type: The class of the task.
-        metrics: Beside score, return, steps, the costs of steering, the input's error, NEES and
-            failed updates, which every task has; one with the key of one of these replaces it.
-            Those of the parent class and one's own are ``[*metrics(system), mine]``, with a system
-            of the parent.
+        metrics: The task's own metrics, besides those of every task (see `agents.metrics`). A
+            metric with the key of one of those replaces it. To extend the metrics of the parent
+            class, pass ``[*metrics(system), mine]`` with a system whose task is of that class.
 
     Raises:
         TypeError: for a task type that is no class.
-        ValueError: for two metrics of one key, or metrics registered elsewhere.
+        ValueError: for two metrics with one key, or if another module has registered metrics for
+            this class.
     """
     own = {m.key: m for m in metrics}
     if len(own) < len(metrics):
@@ -93,7 +94,8 @@ def register_metrics(task_type: type, metrics: Sequence[Metric]) -> None:
 def metrics(system: System | Wrapped) -> tuple[Metric, ...]:
     """Metrics of a system's task, in the order in which tables show them.
 
-    A task without registered metrics has those of every task, and the error of every estimate.
+    A task without registered metrics has those of every task, and the RMS error of each estimated
+    component of the state.
     """
     steering = STEERING if getattr(system.vehicle, "steering", ()) else ()
     if found := TASK_METRICS.of(system.task):
@@ -116,8 +118,8 @@ def metrics(system: System | Wrapped) -> tuple[Metric, ...]:
 def scores(rollout: Rollout) -> dict[str, np.ndarray]:
     """Every metric of every episode, ``(N,)`` by key.
 
-    Only times that an episode lived through count. A metric that an episode or an estimator does
-    not have is NaN, such as NEES without a covariance.
+    Times after the end of an episode do not count. A metric that does not exist for an episode or
+    an estimator is NaN, such as NEES without a covariance.
 
     Raises:
         ValueError: if the rollout kept no history, or a metric is not one value an episode.
@@ -140,8 +142,8 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
 def mean(metric: Metric, values: np.ndarray) -> Interval | None:
     """Mean of a metric ``(runs, seeds)`` with its 95 % interval.
 
-    Seeds that lack it in a run are left out. Shares of the episodes of one agent have Clopper and
-    Pearson's interval.
+    A seed at which any run lacks the metric is left out. Shares of the episodes of one agent have
+    Clopper and Pearson's interval.
     """
     values = values[:, np.isfinite(values).all(axis=0)]
     if metric.yes_or_no and len(values) == 1 and values.size:

@@ -76,10 +76,10 @@ def tails(
     """Tails of an error by key: 95th percentile, maximum, share of time beyond the margin.
 
     Args:
-        name: Of the error, with which the first two keys begin.
+        name: Name of the error, with which the first two keys begin.
         error: Function of a rollout: ``(T + 1, N)``, of either sign.
         margin: Function of the task, in the error's unit.
-        scale: The metric's units in one of the error.
+        scale: Factor from the error's unit to the metric's unit.
     """
 
     def size(rollout: Rollout) -> np.ndarray:

@@ -22,17 +22,16 @@ class Metric:
     """A metric of an episode.
 
     Attributes:
-        key: Its name in `scores` and in files.
-        label: Its name in tables.
-        unit: Empty where it has none.
-        better: ``"higher"``, ``"lower"``, ``"near 1"``, or ``""`` where it is not a matter of
-            better.
+        key: Name of the metric in `scores` and in files.
+        label: Name of the metric in tables.
+        unit: Unit of the metric; empty for none.
+        better: ``"higher"``, ``"lower"`` or ``"near 1"``; ``""`` where no value is better.
         decimals: Digits to print.
-        meaning: One sentence.
-        yes_or_no: True if each episode has 0 or 100 % of it.
-        of: Function of a `Rollout` that returns one value an episode, ``(N,)``, NaN where there is
-            none; or None if no episode has one.
-        cost: True for what the vehicle's owner pays, which stands beside the score.
+        meaning: Definition of the metric in one sentence.
+        yes_or_no: True if the value of an episode is either 0 or 100 %.
+        of: Function of a `Rollout` that returns one value for each episode, ``(N,)``, NaN where
+            there is none; or None if no episode has a value.
+        cost: True for a cost to the vehicle's owner, which tables show beside the score.
     """
 
     key: str
@@ -47,7 +46,7 @@ class Metric:
 
     @property
     def title(self) -> str:
-        """Its label and unit, as the head of a column."""
+        """Label and unit of the metric, as the head of a column."""
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
 
@@ -77,19 +76,19 @@ def rms_of(error: Callable[[Rollout], np.ndarray], scale: float = 1.0) -> PerEpi
 
     Args:
         error: Function of a rollout.
-        scale: Metric's units in one of the error's.
+        scale: Factor from the error's unit to the metric's unit.
     """
     return lambda rollout: scale * rms(error(rollout), rollout.alive)
 
 
 def rmse(*names: str, scale: float = 1.0) -> PerEpisode:
-    """RMS error of those components of the estimated state that have these names, together.
+    """Metric function for the RMS, over an episode, of the norm of the error in some components.
 
-    None where the estimator has none of them.
+    Its value is None where the estimator has none of these components.
 
     Args:
-        names: As the vehicle names its state.
-        scale: Metric's units in one of SI.
+        names: Names of components of the estimated state.
+        scale: Factor from SI units to the metric's unit.
     """
 
     def of(rollout: Rollout) -> np.ndarray | None:
@@ -109,7 +108,7 @@ def nees_in(*names: str) -> PerEpisode:
 
 
 def ended(end: str) -> PerEpisode:
-    """Share of episodes that ended in these words [%]: 0 or 100 for each."""
+    """Metric function for the share of episodes with this end reason [%]: 0 or 100 for each."""
     return lambda rollout: 100.0 * (rollout.end == end)
 
 
@@ -169,8 +168,8 @@ def nees_of(rollout: Rollout, *names: str) -> np.ndarray | None:
     """NEES ``(T + 1, N)``, or None for an estimator without a covariance of its own.
 
     Args:
-        rollout: with its history.
-        names: of components of the filter's state; none: all that the truth has, too.
+        rollout: Rollout with a history.
+        names: Components of the filter's state; without names, all that the true state also has.
     """
     core, h = rollout.core, rollout.history
     if core.estimator in ("", *WITHOUT_COVARIANCE):
@@ -183,7 +182,7 @@ def nees_of(rollout: Rollout, *names: str) -> np.ndarray | None:
 
 
 def _known(rollout: Rollout, names: tuple[str, ...]) -> tuple[int, ...]:
-    """Components of these names; without names, those that the truth has, too."""
+    """Components of these names; without names, those that the true state also has."""
     if names:
         return components(rollout, *names)
     absent = np.isnan(rollout.core.estimated(rollout.history["truth"])).all((0, 1))
@@ -193,11 +192,12 @@ def _known(rollout: Rollout, names: tuple[str, ...]) -> tuple[int, ...]:
 def consistency(rollout: Rollout, *names: str) -> float | None:
     """Share of times at which the mean NEES over the runs lies in its 95 % chi-square band.
 
-    About 0.95 for an estimator that is as good as it says; None for one that says nothing.
+    About 0.95 for an estimator with a correct covariance; None for one without a covariance of its
+    own.
 
     Args:
-        rollout: with its history.
-        names: of components of the filter's state; none: all that the truth has, too.
+        rollout: Rollout with a history.
+        names: Components of the filter's state; without names, all that the true state also has.
     """
     from scipy.special import chdtr
 

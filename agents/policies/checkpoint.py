@@ -61,9 +61,9 @@ class Policy:
 def save_agent(model: Any, path: str | Path) -> Path:
     """Save the policy of a model of stable-baselines3 for `agents.load_agent`.
 
-    It is loaded without pickle and computed without torch.
-
-    The statistics of a ``VecNormalize`` and the frames of a ``VecFrameStack`` over it go with it.
+    The policy is loaded without pickle and computed without torch. The statistics of a
+    ``VecNormalize`` around the model's environment, and the number of frames of a ``VecFrameStack``
+    around that, are saved with the policy.
 
     Args:
         model: A model of an algorithm for continuous actions, with its environment

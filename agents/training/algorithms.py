@@ -25,7 +25,7 @@ from vessel_gym.extras import require
 from vessel_gym.toml_file import TomlFile
 
 MEMORIES = ("none", "frames", "lstm")
-"""Memories of an agent: none, its last observations, or a recurrent network over all of them."""
+"""Memories of an agent, which are none, its last observations, or a recurrent network."""
 
 _CLASSES = ("PPO", "A2C", "CrossQ", "DDPG", "SAC", "TD3", "TQC", "TRPO")
 ALGORITHMS = {name.lower(): name for name in _CLASSES}
@@ -59,12 +59,12 @@ def hyperparameters(
     Args:
         env_id: A registered environment of a `vessel_gym.system.System`.
         memory: One of `MEMORIES`.
-        changed: Hyperparameters over these; ``policy_kwargs`` are merged.
+        changed: New values by name of the hyperparameter; ``policy_kwargs`` are merged.
         algorithm: One of `ALGORITHMS`.
 
     Raises:
-        ValueError: if the memory or algorithm is of no known kind, or a changed hyperparameter is
-            none, or of another kind.
+        ValueError: for an unknown memory or algorithm, a memory with an algorithm other than PPO,
+            or a changed hyperparameter with an unknown name or a value of another type.
     """
     one_of("memory", memory, MEMORIES)
     _, tuned = tuned_settings(algorithm, env_id)
@@ -85,20 +85,20 @@ def hyperparameters(
 
 
 def tuned_settings(algorithm: str, env_id: str) -> tuple[str, dict[str, Any]]:
-    """Settings of an algorithm that come with the package, as `read_settings`."""
+    """The package's settings of an algorithm, as `read_settings` returns them."""
     one_of("algorithm", algorithm, ALGORITHMS)
     return read_settings(Path(__file__).with_name(f"{algorithm}.toml"), env_id)
 
 
 def read_settings(path: Path, env_id: str) -> tuple[str, dict[str, Any]]:
-    """Settings of an environment in a TOML file, after the name of their table.
+    """Name of an environment's table in a TOML file, and the settings in that table.
 
-    It is the environment's own; else that of the environment whose task is the nearest base of its
-    task's class; else ``default``.
+    The table is the environment's own. Otherwise it is that of an environment whose task's class
+    is the nearest base class of this environment's task; otherwise ``default``.
 
     Raises:
-        ValueError: if there is neither, or the file is not TOML.
-        OSError: if it cannot be read.
+        ValueError: if the file has none of these tables, or is not TOML.
+        OSError: if the file cannot be read.
     """
     tables: Any = TomlFile(path).data
     name = env_id
@@ -145,9 +145,9 @@ def describe(
     settings: Mapping[str, Any] | None = None,
     algorithm: str = "ppo",
 ) -> dict[str, Any]:
-    """Everything that decides what `train` gives, as plain data.
+    """Description of a training: everything on which the result of `train` depends, as plain data.
 
-    Its arguments are those of `train`.
+    The arguments are those of `train`.
 
     Returns:
         The arguments, the hyperparameters, the versions of the libraries that compute, and a digest
@@ -195,24 +195,24 @@ def train(
     The policy is written whole or not at all.
 
     Args:
-        env_id: A registered environment; `hyperparameters` says with which settings.
+        env_id: A registered environment; `hyperparameters` returns its settings.
         path: Place of the policy (``.npz``); folders are made.
         env_options: Passed to `gymnasium.make_vec`.
         seed: Number of the training run; the environments' seeds follow by `agents.seeds`.
         steps: Environment steps in all; None: ``n_timesteps``.
-        progress: Called with (steps so far, steps in all, mean return of the last evaluation),
-            which is NaN before the first and without a folder. An algorithm ends after whole
-            rollouts, which the steps in all take into account.
-        memory: ``"none"``: the agent acts on the newest observation alone; ``"frames"``: on its
-            last ones, side by side, zeros before the first; ``"lstm"``: through a recurrent network
-            (``RecurrentPPO``).
-        settings: Hyperparameters by name over those of `hyperparameters`.
+        progress: Function of (steps so far, steps in all, mean return of the last evaluation). The
+            mean return is NaN before the first evaluation and without a folder. An algorithm ends
+            after whole rollouts, so the steps in all may exceed ``steps``.
+        memory: ``"none"``: the agent acts on the newest observation alone. ``"frames"``: it acts on
+            its last observations, side by side, with zeros before the first. ``"lstm"``: it has a
+            recurrent network (``RecurrentPPO``).
+        settings: New values of hyperparameters by name, in place of those of `hyperparameters`.
         algorithm: One of `ALGORITHMS`.
-        folder: Place of learning curves, evaluations, the best policy and checkpoints; then the
-            model of stable-baselines3 is saved, too, beside the policy (``.zip``). None: nowhere.
-        resume: Go on from the last checkpoint in the folder, in new episodes; begin anew where the
-            training broke off before the first. A checkpoint holds pickles, as all of
-            stable-baselines3's.
+        folder: Place of learning curves, evaluations, the best policy and checkpoints. With a
+            folder, the model of stable-baselines3 is also saved, beside the policy (``.zip``).
+            None: no such files.
+        resume: Go on from the last checkpoint in the folder, in new episodes; without a checkpoint,
+            begin anew. A checkpoint holds pickles, as all of stable-baselines3's.
         force: Replace an earlier training in the folder.
 
     Returns:
@@ -337,7 +337,10 @@ def _learn(
 def batch(
     described: dict[str, Any], num_envs: int, env_options: dict[str, Any] | None = None
 ) -> Any:
-    """Environments of the learner that `describe` described; ``env_options`` as described."""
+    """Environments of the learner, from the result of `describe`.
+
+    ``env_options`` are those given to `describe`; None: those in its result.
+    """
     from stable_baselines3.common.vec_env import VecFrameStack
 
     from agents.training.vec_env import StableBaselinesVecEnv

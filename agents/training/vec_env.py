@@ -17,19 +17,21 @@ from stable_baselines3.common.vec_env import VecEnv  # noqa: E402
 class StableBaselinesVecEnv(VecEnv):
     """A `gymnasium.vector.VectorEnv` as a ``VecEnv`` of stable-baselines3.
 
-    A finished environment's info holds its own last observation in ``terminal_observation``,
-    whether it was cut off by the time limit in ``TimeLimit.truncated``, and the episode's return,
-    length and score in ``episode`` (no Monitor wrapper is needed); also ``is_success``, where the
-    environment tells it, which stable-baselines3 gathers and an ``EvalCallback`` reports.
+    The info of a finished environment has its last observation in ``terminal_observation``, and the
+    return and length of the episode in ``episode``, so no Monitor wrapper is needed.
+    ``TimeLimit.truncated`` is True if the time limit ended the episode. ``score`` and
+    ``is_success`` are there if the environment has them; stable-baselines3's ``EvalCallback``
+    reports ``is_success``.
 
     Args:
         env: The vector environment, with ``SAME_STEP`` autoreset. A `VesselVectorEnv` may have any
-            autoreset mode: the adapter resets what has ended.
-        reward_scale: Factor of the rewards that are learned from; ``episode`` holds the return
-            without it.
+            autoreset mode: the adapter resets the environments whose episodes have ended.
+        reward_scale: Factor on the rewards for the learner; the return in ``episode`` is without
+            it.
 
     Raises:
-        ValueError: if it is another's, or wrapped, and its autoreset mode is not ``SAME_STEP``.
+        ValueError: if ``env`` is wrapped or of another class than `VesselVectorEnv`, and its
+            autoreset mode is not ``SAME_STEP``.
     """
 
     def __init__(self, env: gym.vector.VectorEnv, reward_scale: float = 1.0) -> None:
@@ -47,10 +49,10 @@ class StableBaselinesVecEnv(VecEnv):
         self._lengths = np.zeros(env.num_envs, int)
 
     def reset(self) -> np.ndarray:
-        """First observations ``(B, k)``; after `seed`, environment i has the seed ``seed + i``.
+        """First observations ``(B, k)``; after ``seed(s)``, environment i has the seed ``s + i``.
 
         Raises:
-            ValueError: if `set_options` was given several options: those of a batch are shared.
+            ValueError: if `set_options` received different options for the environments.
         """
         if len({repr(each) for each in self._options}) > 1:
             raise ValueError("the environments of a batch share their reset options: give one")
@@ -65,7 +67,7 @@ class StableBaselinesVecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Observations, rewards, dones and one info an environment."""
+        """Observations, rewards, dones, and an info for each environment."""
         observations, rewards, terminated, truncated, info = self.env.step(self._actions)
         self._returns += rewards
         self._lengths += 1

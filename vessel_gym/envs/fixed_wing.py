@@ -54,8 +54,9 @@ class FixedWingEnv(VesselEnv):
     """Fly a path round obstacles with an aircraft of your own, with an estimator in the loop.
 
     `PunaUAVEnv` documents spaces, rewards and arguments. The lengths of paths are in proportion to
-    the square of the cruise speed. Truncation is after 900 steps; a much faster aircraft needs
-    more: ``gym.make(..., max_episode_steps=...)`` with the number in ``system.task.horizon``.
+    the square of the cruise speed. Truncation is after 900 steps. A much faster aircraft needs
+    more: make the environment again with ``gym.make(..., max_episode_steps=horizon)``, with
+    ``horizon = env.unwrapped.system.task.horizon``.
 
     Args:
         vessel: Vehicle file of an aircraft (docs/vehicles.md), or the name of an aircraft of the

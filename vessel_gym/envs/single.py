@@ -23,7 +23,8 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         options: Fields of `vessel_gym.configuration.Options`, by name.
 
     Raises:
-        ValueError: for an unknown name, or a filter that cannot work with the model.
+        ValueError: for an invalid value, an unknown name (of an estimator, sensor suite,
+            disturbance or mode), or a filter that cannot work with the model.
         TypeError: for an unknown argument, an option that the estimator does not have, or sensors
             or faults of another class.
     """

@@ -121,8 +121,9 @@ def plan(
     """A short path between two poses that keeps clear of circular obstacles.
 
     The result is the `shortest` path if that keeps clear. Otherwise the planner returns the
-    shortest way along touches that passed the check of clearance, curvature and arrival; this way
-    is not provably the shortest. No path is shorter than the result's ``lower_bound``.
+    shortest way over a set of poses that are tangent to the obstacles' circles. The way has passed
+    a check of clearance, curvature and arrival, but is not provably the shortest path. No path is
+    shorter than the result's ``lower_bound``.
 
     Args:
         start: ``(3,)`` pose [m, m, rad].

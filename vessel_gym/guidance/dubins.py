@@ -1,7 +1,9 @@
 """Dubins paths: shortest paths of bounded curvature, also round circular obstacles.
 
-Poses are (x, y, theta) [m, m, rad], with theta from +x towards +y; L increases theta. With x north
-and y east, theta is a heading clockwise from north, and L turns to starboard.
+Poses are (x, y, theta) [m, m, rad], with theta from +x towards +y. A word such as LSR names the
+segments of a path. L is an arc on which theta increases, S a straight, and R an arc on which theta
+decreases. With x north and y east, theta is a heading clockwise from north, and L turns to
+starboard.
 """
 
 from vessel_gym.guidance.detours import NoPath, approach, plan

@@ -204,7 +204,7 @@ class Path:
 
     @property
     def word(self) -> str:
-        """One letter for each segment: L (heading increases), S or R (heading decreases)."""
+        """One letter for each segment, L (heading increases), S or R (heading decreases)."""
         return "".join("SLR"[int(side)] for side in np.sign(self.segments[:, 3]))
 
     def pose(self, s: np.ndarray | float) -> np.ndarray:

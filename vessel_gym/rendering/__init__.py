@@ -4,7 +4,8 @@ One layout serves every task. `vessel_gym.surroundings` describes the surroundin
 and `vessel_gym.rendering.scene` computes the contents of images, also for the pages of
 `agents.episodes`.
 
-This folder may import the core and surroundings; environments import it to render.
+For contributors: `vessel_gym.rendering` may import the core and surroundings; environments import
+it to render.
 """
 
 import os

@@ -206,7 +206,7 @@ class Sensors:
     def exact(
         self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray | None = None
     ) -> np.ndarray:
-        """Measurements without noise ``(..., p)``.
+        """Measurements without noise ``(..., p)``, from the sensors' functions ``reads``.
 
         Args:
             state: ``(..., n)`` of the vehicle.
@@ -243,7 +243,7 @@ class Sensors:
         return self.corrupted(exact, sd, steps, keys)
 
     def measured(self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray) -> np.ndarray:
-        """Measurements without noise ``(..., p)``; linear sensors are evaluated by one matrix."""
+        """Result of `exact`, computed faster: one matrix evaluates all linear sensors."""
         called = {own.start: reads for own, reads in self.called}
         zeros = np.zeros((*state.shape[:-1], self.size))
         parts = [
@@ -301,7 +301,7 @@ class Sensors:
             )  # fmt: skip
 
     def sd_at(self, exact: np.ndarray) -> np.ndarray:
-        """Standard deviations ``(..., p)`` at measurements without noise ``exact (..., p)``."""
+        """Standard deviations ``(..., p)`` at the noise-free measurements ``exact (..., p)``."""
         known = np.broadcast_to(self.sd, exact.shape)
         if not self._varying:
             return known
@@ -314,7 +314,7 @@ class Sensors:
         x: np.ndarray,
         u: np.ndarray | None,
     ) -> np.ndarray | StateNoise:
-        """R of a filter; a function of the expected measurements if any standard deviation is.
+        """R of a filter; it depends on the expected measurements if any standard deviation does.
 
         Args:
             expected: Function from a filter's states and known inputs to expected measurements

@@ -22,7 +22,7 @@ class Bias:
     """Slowly moving error of a sensor's first channels, which filters estimate as further states.
 
     Attributes:
-        names: Names of the filter's states, one for each channel.
+        names: Names of the filter's states, one for each of the channels with a bias.
         start: Standard deviations at the start.
         pace: Standard deviations of what a second adds to a random walk; 0 for a constant bias.
         slope: Standard deviations of a constant, unknown drift [per s], which has states of its
@@ -74,7 +74,7 @@ class Bias:
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of the states: biases, then drifts and constants, if there are any."""
+        """Names of the states, first biases, then drifts and constants if there are any."""
         drifts = tuple(f"drift of {name}" for name in self.names) if any(self.slope) else ()
         constants = tuple(f"constant {name}" for name in self.names) if any(self.constant) else ()
         return self.names + drifts + constants
@@ -120,7 +120,7 @@ class Sensor:
         dropout: Probability that a measurement is lost.
         outliers: Probability that a measurement is an outlier.
         outlier_scale: Noise of an outlier, relative to ordinary noise.
-        bias: Slowly moving error of the first channels.
+        bias: Slowly moving error of the first channels, as many as the `Bias` has names.
         range: Least and greatest value of each channel; no measurement arrives beyond them.
         angles: Indices of the channels that are angles [rad].
         scale: Size of each channel that counts as 1 in a raw observation; None: 1.
@@ -333,7 +333,7 @@ def columns(indices: Sequence[int]) -> Any:
 
 
 def plain(components: Sequence[int]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Function ``reads`` of a sensor that measures components of the state directly."""
+    """Make a function for ``reads`` of a sensor that measures these components of the state."""
     return linear(partial(_columns, columns(components)))
 
 

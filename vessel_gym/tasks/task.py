@@ -14,7 +14,7 @@ from vessel_gym.vehicles.vehicle import Vehicle
 from vessel_gym.verified import Verified
 
 FARTHEST = 1e5
-"""Farthest place [m]: a larger number is an error of the unit or the origin."""
+"""Farthest place [m]; a larger number is an error of the unit or the origin."""
 
 
 @dataclass(slots=True, eq=False)
@@ -28,7 +28,7 @@ class Estimate:
         sd: ``(B, m)`` standard deviations of all that the filter estimates, the state first; None
             unless observed.
         input_sd: ``(B, q)`` standard deviations of the unknown input; None unless observed.
-        scale: ``(m - n,)`` standard deviations that count as 1 behind those of the state; None
+        scale: ``(m - n,)`` divisors for the standard deviations in ``sd`` after the first n; None
             unless observed.
     """
 
@@ -41,11 +41,12 @@ class Estimate:
 
 
 class Task(Verified):
-    """Base class of missions; its defaults draw nothing, give no guidance and never end an episode.
+    """Base class of missions; by default without scenario, guidance, or end before the time limit.
 
     A subclass must define `score` and may override all else. Default observations are the estimate
-    or the measurements, the scenario and the actuators, divided by their scales. The truth enters
-    ``score`` alone; no argument of an ``observe`` method carries it.
+    or the measurements, the scenario and the actuators, divided by their scales. Only `score`
+    receives the truth, directly or through `reference` and `over`. No argument of an ``observe``
+    method contains the truth.
 
     A task may also have ``exogenous(scenario, step)``, which returns an addition ``(B, f)`` to the
     disturbance's increments and flows over the coming step.
@@ -61,7 +62,10 @@ class Task(Verified):
     success: str = ""
     """Entry of ``end_reasons`` that means success; empty if reaching the time limit is success."""
     commanding: ClassVar[slice | list[int] | None] = None
-    """Columns of a reference that hold `commanded`, for verified tasks; None: no commands."""
+    """Columns of the reference that hold the commands, for verified tasks.
+
+    With None, `commanded` returns the commands.
+    """
     BOUND = 10.0
     """Observations are scaled to be of order 1 and clipped to +-10."""
     prior_sd: ClassVar[tuple[float, ...]]
@@ -73,7 +77,7 @@ class Task(Verified):
 
     @property
     def perfect(self) -> float:
-        """Sum of the rewards of a perfect episode; default: 1 for each step of the horizon."""
+        """Sum of the rewards of a perfect episode, by default 1 for each step of the horizon."""
         return float(self.horizon)
 
     def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
@@ -199,7 +203,10 @@ class Task(Verified):
         return np.concatenate([scenario, actuators], -1)
 
     def over(self, reference: np.ndarray) -> np.ndarray:
-        """Is the mission complete ``(...)``? Default: never."""
+        """Mask ``(...)`` of the references ``(..., r)`` at which the mission is complete.
+
+        Default: never.
+        """
         return np.zeros(reference.shape[:-1], bool)
 
     def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
@@ -219,8 +226,9 @@ class Task(Verified):
             state: ``(B, n)`` true state of the vehicle, with the components ``vehicle.state_names``.
             exogenous: ``(B, f)`` true exogenous input over the coming step: ``vehicle.increments``,
                 then ``vehicle.ambient_flows``.
-            reference: ``(B, r)`` as `reference` returns it at the estimated state, or at the true
-                one if raw measurements are observed. A reward on it scores the estimate.
+            reference: ``(B, r)`` as `reference` returns it. It is evaluated at the estimated state,
+                so a reward that depends on it scores the estimate; if raw measurements are
+                observed, it is evaluated at the true state.
             over: ``(B,)`` as `over` returns it; with ``termination="task"``, at the true state.
             actuators: ``(B, a)`` after the step.
             action: ``(B, a)``, clipped to [-1, 1].
@@ -238,9 +246,14 @@ class Task(Verified):
 def three_numbers(name: str, value: object, what: str, within: str) -> np.ndarray:
     """A place or a pose ``(3,)`` from a reset option.
 
+    Args:
+        name: Name of the option, for error messages.
+        value: Value of the option.
+        what: Meaning of the three numbers, for error messages.
+        within: Place to which `FARTHEST` is relative, for error messages.
+
     Raises:
-        ValueError: if the value is not three finite numbers (the message adds ``what`` they must
-            be) or lies beyond `FARTHEST` (the message adds ``within`` what).
+        ValueError: if the value is not three finite numbers, or lies beyond `FARTHEST`.
     """
     three = numbers(value)
     if three is None or three.shape != (3,) or not np.isfinite(three).all():

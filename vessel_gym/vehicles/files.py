@@ -237,14 +237,17 @@ def _numbers(name: str, value: object, size: int, low: float, high: float) -> tu
 
 
 class Particulars:
-    """Base of a vehicle's parameters, checked as numbers of a vehicle file.
+    """Base class of a vehicle's parameters, which are checked like the numbers of a vehicle file.
 
     Raises:
         ValueError: naming an invalid number.
     """
 
     TABLES: ClassVar[dict[str, tuple[str, ...]]]
-    """Keys of a vehicle file by table; keys that are no fields of the class go to ``given``."""
+    """Keys of a vehicle file by table; keys that are no fields of the class go to `given`.
+
+    The field `given` is a tuple of pairs (name, number).
+    """
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     def __post_init__(self) -> None:
@@ -268,7 +271,7 @@ class Particulars:
 
 
 class FromFile:
-    """Base of vehicles whose first field is the parameters from a file.
+    """Base class of vehicles whose first field is the parameters from a file.
 
     Further fields are ``dt`` and, unless derived from the parameters, ``substeps``.
 

@@ -11,15 +11,21 @@ from vessel_gym.sensors import Sensor
 class Trims(NamedTuple):
     """Steady motions about which a nonlinear model is linearised; the known input selects one.
 
-    The known input's last component must be 1: its column of B holds the constant part of the
-    model.
+    At a known input u the model is linearised about motion number ``u[component] scale + middle``,
+    rounded down and limited to 0 to k - 1 (`estimators.Schedule`). The last component of u must be
+    1, because its column of B holds the constant part of the model.
     """
 
-    x: np.ndarray  # (k, n) estimated components of the vehicle's state
-    u: np.ndarray  # (k, m) known input
-    component: int  # of the known input, selects the motion
-    scale: float  # motions to a unit of that component
-    middle: float  # index of the motion at 0, plus one half: see `estimators.Schedule`
+    x: np.ndarray
+    """Estimated components of the vehicle's state in each motion ``(k, n)``."""
+    u: np.ndarray
+    """Known input in each motion ``(k, m)``."""
+    component: int
+    """Index of the component of the known input that selects the motion."""
+    scale: float
+    """Number of motions by which the selection moves when this component rises by 1."""
+    middle: float
+    """Index of the motion at which this component is 0, plus one half."""
 
 
 class Vehicle(Protocol):
@@ -67,7 +73,7 @@ class Vehicle(Protocol):
 
     @property
     def ambient_flows(self) -> tuple[str, ...]:
-        """Further components of the exogenous input: flows that carry the vehicle over a step."""
+        """Further components of the exogenous input, flows that carry the vehicle over a step."""
 
     @property
     def sensors(self) -> tuple[Sensor, ...]:
@@ -108,7 +114,7 @@ class Vehicle(Protocol):
             before: Actuators ``(B, a)`` at the beginning of the step.
             after: Actuators ``(B, a)`` at the end of the step.
             exogenous: Increments and flows ``(B, f)``.
-            parameters: ``(B, k)`` as of `parameters`.
+            parameters: ``(B, k)`` as `parameters` returns them.
         """
 
     @property
@@ -122,8 +128,8 @@ class Vehicle(Protocol):
     def estimated(self, kind: str) -> tuple[str, ...]:
         """Components of the state that filters with a model estimate, in their order.
 
-        The task's prior describes the components of the first model in ``kinds``; other models have
-        the first of these components.
+        The task's prior describes the components of the first model in ``kinds``. Another model may
+        have fewer, which must be the leading ones of these.
         """
 
     @property
@@ -158,8 +164,12 @@ class Vehicle(Protocol):
 
     @property
     def rates(self) -> Mapping[str, str]:
-        """States by the names of their rates, from which unmeasured rates are derived."""
+        """State of which each rate is the derivative, such as ``{"r": "psi"}``.
+
+        If no sensor measures a rate, the estimator ``measurement`` derives it from two measurements
+        of this state.
+        """
 
     @property
     def carried(self) -> np.ndarray | None:
-        """Effect ``(n, flows)`` of initial flows on the prior, if velocities are over ground."""
+        """Effect ``(n, flows)`` of initial flows on the prior; None for speeds relative to them."""

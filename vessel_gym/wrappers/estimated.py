@@ -49,8 +49,8 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         prior: Prior of the state. None: mean and covariance of initial states of copies of the
             environment.
         state: Function of (env, observation) that returns the true state ``(n,)``; None: the
-            observation is the state. Only the sensors, the oracle and ``info`` receive the true
-            state.
+            observation is the state. Only the sensors, the estimator "truth" and ``info`` receive
+            the true state.
         observation: Function of the state ``(n,)`` that returns an observation, an array or a
             dictionary; None: the state.
         passes: Keys of a dictionary, or components of an array, that pass to the agent unchanged,
