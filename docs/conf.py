@@ -264,7 +264,7 @@ def _docstrings_as_they_are_written(
 ) -> None:
     """Of an environment, which has a page, what stands above its headings; a colon in an attribute's is no type."""
     if what in ("attribute", "data", "property"):
-        lines.insert(0, "")
+        lines[:0] = ["..", ""]  # an empty comment, after which a colon marks no type
     first = next((i for i, line in enumerate(lines) if line.startswith("## ")), len(lines))
     del lines[first:]
     lines[:] = [re.sub(r"`*\bdocs/([\w/-]+)\.md`*", r":doc:`/\1`", line) for line in lines]
