@@ -189,7 +189,7 @@ def headline(study: str, environment: str, sea: str) -> str:
         f"Compared with the truth, the best filter lowers the autopilot's score by {lost[0]}, with"
         " `nominal`, `budget` (cheap) and `denied` sensors (120 s without a position fix). Held"
         f" measurements (`measurement`) lower it by {lost[1]}, and take {min(of):.1f} to"
-        f" {max(of):.1f} times the steering."
+        f" {max(of):.1f} times the steering of the best filter."
     )
 
 
@@ -254,7 +254,7 @@ def five(study: str) -> str:
         ("an underwater vehicle", "SegorogeniAUV-v0", "", False),
         ("an aircraft", "PunaUAV-v0", "", False),
         ("measurements with outliers", "SegorogeniAUV-v0", "bad sensors", False),
-        ("avoid on an underwater vehicle", "SegorogeniAUV-v0", "", True),
+        ("an underwater vehicle: avoid", "SegorogeniAUV-v0", "", True),
     ):
         found = Results(planned, of[of.condition == condition] if condition else of)
         ranking = Ranking(found, [environment])

@@ -3,7 +3,7 @@ An unknown push
 ===============
 
 A filter with an unknown input estimates the force on a boat together with her position and speed.
-It assumes nothing of the force.
+It assumes nothing about the force.
 """
 
 import matplotlib.pyplot as plt
