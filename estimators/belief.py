@@ -145,7 +145,7 @@ class InputBelief(Belief):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ObservedInputBelief(InputBelief):
-    """The belief of a filter that estimates the unknown input without bias where it is observed.
+    """The belief of a filter that estimates observed directions of the unknown input without bias.
 
     Attributes:
         input_observed: ``(..., q, q)`` projector on the directions of the unknown input that the
@@ -203,7 +203,7 @@ class FeedthroughBelief(ObservedInputBelief):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class EnsembleBelief(Belief):
-    """The belief of a filter that carries members, whose moments are its mean and covariance.
+    """The belief of an ensemble filter; its mean and covariance are those of the members.
 
     Attributes:
         members: ``(..., n, N)`` members as columns, as they are stored; ``ensemble`` gives them as

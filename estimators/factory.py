@@ -39,7 +39,7 @@ _FILTERS["enkf-sr"] = EnsembleTransformFilter
 
 
 def names() -> tuple[str, ...]:
-    """The filters that `make` knows."""
+    """Names of the filters that `make` builds."""
     return tuple(_FILTERS)
 
 

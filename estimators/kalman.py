@@ -38,7 +38,7 @@ def joseph_update(
 
 @compiled
 class ExtendedKalmanFilter(Filter[Belief]):
-    """Linearises the model at the mean; on a linear model it is the Kalman filter exactly.
+    """EKF: linearises the model at the mean; exact on a linear model.
 
     Jacobians that the model does not give are exact for compiled functions, and by central
     differences for others. An unknown input in the model is ignored.

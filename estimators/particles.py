@@ -36,7 +36,7 @@ _ABSURD = 38.6**2
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ParticleBelief(Belief):
-    """The belief of a filter of weighted particles, with their mean and covariance.
+    """The belief of a particle filter; its mean and covariance are weighted moments.
 
     Attributes:
         particles: ``(..., N, n)`` as rows.
@@ -69,7 +69,7 @@ class ParticleBelief(Belief):
 
 
 class ParticleFilter(Filter[ParticleBelief]):
-    """The bootstrap filter: sampled, weighted by densities, resampled when few particles count.
+    """Bootstrap particle filter: resamples when few particles carry most of the weight.
 
     ``x_i ~ p(x | x_i-)``, ``w_i ~ w_i- N(y; h(x_i), R)``. Where the effective size ``1 / sum
     w_i^2`` falls below a share of N, the next prediction begins with a systematic resampling:

@@ -37,7 +37,7 @@ def key(seed: int) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RandomKeys:
-    """The random numbers of a batch of rows at one step.
+    """Random numbers of a batch of systems at one step, from a key for each system.
 
     Under one key, numbers of different kinds or purposes need different values of ``use``, from 0
     to below 2^16. With the same ``use`` they come from the same random words and are not

@@ -15,7 +15,7 @@ from estimators.unknown_input import DelayedInputFilter, waiting
 
 @compiled
 class ULISE(DelayedInputFilter):
-    """ULISE: state and unknown input together, whatever the rank of H.
+    """ULISE: estimates state and unknown input together, whatever the rank of H.
 
     What H shows of d(k) is estimated at once and drives the next prediction, as in `kf-umv-ui`; the
     rest shows in the next measurement, as in `kf-umv-ui-wdf`. Let d1(k-1) be what measurement k-1

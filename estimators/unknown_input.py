@@ -186,7 +186,7 @@ def _share(S: np.ndarray, F: np.ndarray) -> np.ndarray:
 
 @compiled
 class UMVFilter(UnknownInputFilter):
-    """KF-UMV-UI: state and unknown input together, with direct feedthrough (rank H = q).
+    """KF-UMV-UI: estimates state and unknown input together; direct feedthrough, rank H = q.
 
     The input of a step is estimated from the same step's measurement (``input_delay`` 0)::
 
@@ -314,7 +314,7 @@ class NoFeedthroughFilter(DelayedInputFilter):
 
 @compiled
 class ExtendedUMVFilter(NoFeedthroughFilter):
-    """EKF-UI-WDF: the unknown input acts on the state only, and shows in the next measurement.
+    """EKF-UI-WDF (without direct feedthrough): the unknown input shows in the next measurement.
 
     With C the measurement's Jacobian at the prediction and ``G = df/dd`` at the estimate before it,
     step k estimates d(k-1) (``input_delay`` 1)::
@@ -378,7 +378,7 @@ class EndedUMVFilter(ExtendedUMVFilter):
 
 @compiled
 class DelayedUMVFilter(NoFeedthroughFilter):
-    """KF-UMV-UI-WDF: unbiased, of minimum variance, for linear models without feedthrough.
+    """KF-UMV-UI-WDF: unbiased, minimum variance, for linear models without direct feedthrough.
 
     The formulas are those of `ExtendedUMVFilter` with the next prediction ``x-+ = A x + B u``, and
     are exact here.

@@ -123,7 +123,7 @@ def published_scores(runs: int = 20) -> str:
         published = f"{row.published:g}" + "\\*" * row.reported_only
         rows.append((row.setting.name, ", ".join(row.filters), str(row.members), row.described,
                      mean_and_half(ours), f"{np.median(ours):.3f}", published))  # fmt: skip
-    return table(("system", "filter", "N", "options", "ours", "median", "published"), rows)
+    return table(("system", "filter", "N", "options", "our mean", "our median", "published"), rows)
 
 
 # --- grades of sensors ----------------------------------------------------------------------------

@@ -9,11 +9,12 @@ import pytest
 PAGE = Path(__file__).parents[2] / "docs" / "estimators" / "laws.md"
 INTRODUCTION = """# Laws and filters
 
-This page lists which filter obeys which law, for readers who ask how the filters are tested. The
-tests (`tests/estimators`) write it: they try every law with several sets of options and random
-systems. The filters above a list obey its laws. A filter that a list lacks differs by design, or
-has other or shorter tests. `huber-kf` and `robust-kf` obey the third list, and the law of state
-errors, with `gamma=np.inf` and `radius=0`. `enkf-sr` is another name of `etkf`.
+This page lists the laws (tested properties) of each filter, for readers who ask how filters are
+tested. The tests (`tests/estimators`) write the page: they try every law with several sets of
+options and random systems. The filters named above a list obey its laws. A filter missing from a
+list differs by design, or has other or shorter tests. `huber-kf` and `robust-kf` obey the third
+list, and the law of state errors, only with `gamma=np.inf` and `radius=0`. `enkf-sr` is another
+name of `etkf`.
 """
 
 _passed: dict[tuple[str, str], bool] = {}
