@@ -60,22 +60,23 @@ class Options:
             or a function of the model that returns a filter, also serves.
         estimator_options: Options of the estimator, which override the environment's tuning.
             ``model`` selects one of several models. ``assume`` sets the filter's assumptions about
-            the world (see `vessel_gym.estimation.Assumptions`). ``late`` is the use of late
+            the world (see `vessel_gym.estimation.Assumptions`). ``late`` sets the use of late
             measurements: ``"fused"`` at the time when they were taken (the default), ``"as new"``
             or ``"discarded"``.
         sensors: ``"clean"``, ``"nominal"``, ``"degraded"`` (10 % more drop-outs, and 5 % outliers
             of ten times the noise), ``"budget"`` (cheap instruments by their datasheets, with
-            biases that filters estimate) or ``"denied"`` (nominal, without the position fix for 120
-            s or to the end), see docs/sensor-suites.md. A list of `vessel_gym.sensors.Sensor` also
-            serves; it may include entries of ``system.vehicle.sensors``.
-        disturbance: ``"calm"``, ``"moderate"``, ``"rough"`` or another name of the environment's,
-            or a `vessel_gym.disturbances.Disturbance`.
-        mismatch: Relative spread of the true parameters around the filter's, 0 to 0.25.
+            biases that filters estimate) or ``"denied"`` (nominal, but the position fix is lost for
+            120 s, or to the end of a shorter episode), see docs/sensor-suites.md. A list of
+            `vessel_gym.sensors.Sensor` also serves; it may include entries of
+            ``system.vehicle.sensors``.
+        disturbance: ``"calm"``, ``"moderate"``, ``"rough"``, another key of
+            ``system.disturbances``, or a `vessel_gym.disturbances.Disturbance`.
+        mismatch: Relative standard deviation of the true parameters from the filter's, 0 to 0.25.
         observe: Content of an observation. ``"mean"`` is the estimate, ``"mean+std"`` also its
             standard deviations. ``"measurement"`` is raw measurements and their mask.
-        termination: Source of the decision that the mission is complete. ``"belief"``, the default
-            where estimates are observed, is the estimate. ``"task"``, the default where
-            measurements are observed, is the truth. Limits of the task and time end any episode.
+        termination: What decides that the mission is complete: ``"belief"``, the estimate (default
+            where estimates are observed), or ``"task"``, the truth (default where measurements are
+            observed). Limits of the task and time end any episode.
         guidance: With True, an observation describes the mission relative to the estimated
             position, or to the last measured one. With False, it contains the estimate or the
             measurements, the mission's parameters (such as the path) and the actuators. The
