@@ -2,7 +2,7 @@
 A detour
 ========
 
-The shortest path of a vehicle that cannot turn tighter than 100 m, and a path round three obstacles.
+The shortest path with turns of at least 100 m radius, and a path round three obstacles.
 """
 
 import matplotlib.pyplot as plt

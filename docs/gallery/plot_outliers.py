@@ -2,8 +2,8 @@
 Measurements with outliers
 ==========================
 
-One measurement in twelve is far off. The Kalman filter follows it. Huber's loss limits how far
-outliers move the estimate.
+One measurement in twelve is far off. The Kalman filter follows it. In ``huber-kf``, Huber's loss
+limits how far outliers move the estimate.
 """
 
 import matplotlib.pyplot as plt

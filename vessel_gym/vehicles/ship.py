@@ -67,7 +67,7 @@ class Ship(FromFile, Simulated, verified=True):
     """Number of standard normal numbers that `parameters` needs."""
 
     def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
-        """True coefficients ``(B, k)``: the filter's, with a relative spread of uncertain ones."""
+        """True coefficients ``(B, k)``; mismatch is their relative standard deviation."""
         c = np.tile(self.ship.vector(), (len(normals), 1))
         c[:, UNCERTAIN] *= 1.0 + mismatch * np.clip(normals, -2.0, 2.0)
         return c

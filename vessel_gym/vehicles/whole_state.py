@@ -118,7 +118,7 @@ class WholeState(Simulated, verified=True):
         return np.concatenate([before + added, after + added, rest], -1)
 
     def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
-        """True coefficients ``(B, k)``: the filter's, with a relative spread of uncertain ones."""
+        """True coefficients ``(B, k)``; mismatch is their relative standard deviation."""
         return self.body.vector(1.0 + mismatch * np.clip(normals, -2.0, 2.0))
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
