@@ -16,7 +16,7 @@ from estimators.checks import short_repr
 
 @runtime_checkable
 class Agent(Protocol):
-    """Acts on observations alone."""
+    """Interface of agents, which act on observations alone."""
 
     def reset(self, num_envs: int) -> None:
         """Begin new episodes in ``num_envs`` environments: forget everything."""
@@ -28,7 +28,7 @@ class Agent(Protocol):
 
 
 class RandomAgent:
-    """Uniform actions from a seeded stream."""
+    """Agent of uniform random actions, repeatable by its seed."""
 
     def __init__(self, action_size: int, seed: int = 0) -> None:
         self._size, self._seed = action_size, seed

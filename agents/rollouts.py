@@ -26,7 +26,7 @@ Arrays = dict[str, np.ndarray]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Rollout:
-    """One episode a seed: N episodes of at most T steps.
+    """One episode for each seed: N episodes of at most T steps.
 
     Attributes:
         env_id: The environment.

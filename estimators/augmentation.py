@@ -12,7 +12,7 @@ from estimators.varying import is_compiled, resolve
 
 
 def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearModel":
-    """A model without feedthrough, of which states n + 1 to n + q are the unknown input.
+    """A model without feedthrough, whose states n + 1 to n + q are the unknown input.
 
     ``(x, d)+ = [A, G; 0, 0] (x, d) + [0; I] d(k+1)`` and ``y = [C, H] (x, d)``. So filters that
     need H = 0 can use a model with feedthrough: their input of the step before is the d that acts

@@ -62,7 +62,7 @@ class MonitorState(NamedTuple):
 
 
 class FaultMonitor(ABC):
-    """Base of fault monitors, which test the innovations of a filter sensor by sensor.
+    """Base of fault monitors, which test a filter's innovations sensor by sensor.
 
     Args:
         sensors: Number of channels of a measurement, each a sensor by itself; or names with the
@@ -215,7 +215,7 @@ def normal_deviate(values: np.ndarray, degrees: np.ndarray) -> np.ndarray:
 
 
 class CusumMonitor(FaultMonitor):
-    """CUSUM test of the mean of each channel: finds a lasting bias sooner than a window does.
+    """CUSUM test of the mean of each channel: detects a lasting bias sooner than a window.
 
     With ``w = S^-1 e`` of the innovation e, ``z = w / sqrt(diag S^-1)`` is standard normal in each
     channel. Two sums are kept, ``g+ = max(0, g+ + z - k)`` and ``g- = max(0, g- - z - k)``, with k

@@ -42,7 +42,7 @@ Data = tuple[Any, Any, Any, Any, Any]
 
 
 class Filter(ABC, Generic[Record]):
-    """A filter is immutable configuration; a `Belief` is its state.
+    """Base of filters: immutable configuration, whose state is a `Belief`.
 
     A filter of your own defines ``_predict`` and ``_update``. Each returns a dictionary of the
     belief's arrays that change, for any leading axes. The filter runs in NumPy, or compiled if its

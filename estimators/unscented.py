@@ -16,7 +16,7 @@ from estimators.varying import resolve
 
 
 class SigmaPoints(Filter[Any]):
-    """Sigma points in place of the linearisation of `Filter`: a mix-in of the unscented filters.
+    """Mix-in of the unscented filters: sigma points in place of the linearisation of `Filter`.
 
     A function f of x ~ N(x^, P), ``P = L L'``, is evaluated at the 2 n + 1 points ``x^`` and ``x^
     +- c L_i``, ``c = alpha sqrt(n + kappa)``. Its values are ``f0`` at ``x^``, and ``f+`` and

@@ -64,7 +64,7 @@ def huber_iterations() -> str:
         _, found = over_kf(model, model, condition, 0, *arms)
         cells = (*(f"{mean:.2f}" for mean, _ in found), f"{max(half for _, half in found):.3f}")
         rows.append((f"{intensity:g}", label, *cells))
-    return table(("q", "measurements", *map(str, counts), "widest half interval"), rows)
+    return table(("q", "measurements", *map(str, counts), "largest half-width"), rows)
 
 
 def robust_losses() -> str:

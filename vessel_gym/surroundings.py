@@ -1,4 +1,4 @@
-"""Surroundings of a vehicle in an episode, and words for the components of its state.
+"""Surroundings of a vehicle in an episode, and names and units of its state's components.
 
 Images (`vessel_gym.rendering`) and pages (`agents.episodes`) show all tasks in one way. A task
 describes the surroundings by `register_surroundings`; otherwise images show the vehicle alone.

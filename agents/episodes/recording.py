@@ -34,7 +34,7 @@ def episode(
     seed: int | None = 0,
     env_options: dict[str, Any] | None = None,
 ) -> Episode:
-    """Run one episode with each of several estimators, at equal starts, waves, losses and noise.
+    """Run one episode with each estimator, at equal starts, waves, noise and lost measurements.
 
     Args:
         env_id: A registered environment of this package, or your own.

@@ -11,9 +11,9 @@ INTRODUCTION = """# Laws and filters
 
 This page lists the laws (tested properties) of each filter, for readers who ask how filters are
 tested. The tests (`tests/estimators`) write the page: they try every law with several sets of
-options and random systems. The filters named above a list obey its laws. A filter missing from a
+options and random systems. Each list holds for the filters above it. A filter missing from a
 list differs by design, or has other or shorter tests. `huber-kf` and `robust-kf` obey the third
-list, and the law of state errors, only with `gamma=np.inf` and `radius=0`. `enkf-sr` is another
+list, and the last law of the second, only with `gamma=np.inf` and `radius=0`. `enkf-sr` is another
 name of `etkf`.
 """
 

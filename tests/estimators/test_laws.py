@@ -187,7 +187,9 @@ def test_the_update_is_least_squares_without_a_prior_of_the_input(case: Case, se
 
 @pytest.mark.parametrize("seed", SEEDS)
 @every_case("unknown-input", "linear")
-def test_the_prediction_propagates_all_knowledge_of_state_and_input(case: Case, seed: int):
+def test_the_prediction_propagates_joint_mean_and_covariance_of_state_and_input(
+    case: Case, seed: int
+):
     system, filter, predicted = _after_some_steps(case, seed)
     model, rng = system.model, np.random.default_rng(seed)
     u = rng.normal(size=system.m)
