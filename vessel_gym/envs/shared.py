@@ -51,9 +51,9 @@ def documented(environment: E) -> E:
         dict(_ITEM.findall(own.pop("Arguments"))),
         cleandoc(Options.__doc__ or "").partition("Raises:")[0],
     )
-    items = [
-        f"- ``{name}``: {text} {here.get(name, '')}" for name, text in _ARGUMENT.findall(general)
-    ]
+    texts = dict(_ARGUMENT.findall(general))
+    texts |= dict.fromkeys({"termination"} & here.keys(), "")  # it has no effect there
+    items = [f"- ``{name}``: {text} {here.get(name, '')}" for name, text in texts.items()]
     values = {
         "id": system.name,
         "estimator": system.estimator,

@@ -85,8 +85,8 @@ class Channel(Track, verified=True):
         Args:
             uniforms: Random numbers for side and angle of the leg, and offset and heading error at
                 the start.
-            options: ``{"waypoints": [(north, east), ...]}`` sets the channel's axis [m], counted
-                from the first waypoint.
+            options: ``{"waypoints": [(north, east), ...]}`` sets the channel's axis [m], relative
+                to the first waypoint.
 
         Raises:
             ValueError: for an unknown option, or an invalid route, see
