@@ -1,6 +1,6 @@
 """The turning circle trial of the thesis: follow the heading of a ship with a constant rudder.
 
-Rudder angle, time step, switch of d and prior variance are inferred;
+Rudder angle, time step, switch of d and prior variance are inferred or our choice;
 docs/environments/thesis-corvette.md states what the thesis prints instead.
 """
 
@@ -35,12 +35,10 @@ class TurningTrial(TurningCircle, verified=True):
 
     pace: float = 1.6  # for steps of 0.8 s
     horizon: int = SAMPLES - 1
-    helm: float = float(
-        np.deg2rad(28.0)
-    )  # rad, inferred: with more the ship hardly turns faster; the thesis prints 35 deg
-    prior_variance: float = (
-        1e-3  # filter's variance of sway, yaw rate and heading; inferred: equal to Q's
-    )
+    # rad, our choice: with more the ship hardly turns faster; the thesis prints 35 deg
+    helm: float = float(np.deg2rad(28.0))
+    # of sway, yaw rate and heading in the filter, inferred: equal to Q's
+    prior_variance: float = 1e-3
 
     uniforms = 0
     commanding: ClassVar[slice | list[int]] = [3, 4]
