@@ -46,19 +46,12 @@ def distances(segments: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Distances ``(...)`` of arcs and straights ``(..., 5)`` from points ``(..., 2)``."""
     x, y, heading, curvature, length = (segments[..., i] for i in range(5))
     east, north = points[..., 0], points[..., 1]
-    straight, cos, sin, dx, dy = (
-        curvature == 0.0,
-        np.cos(heading),
-        np.sin(heading),
-        east - x,
-        north - y,
-    )
+    straight, dx, dy = curvature == 0.0, east - x, north - y
+    cos, sin = np.cos(heading), np.sin(heading)
     ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
-    line = np.hypot(ahead - np.minimum(np.maximum(ahead, 0.0), length), left)
-    radius, side = (
-        1.0 / np.where(straight, 1.0, np.maximum(abs(curvature), 1e-300)),
-        np.where(curvature > 0.0, 1.0, -1.0),
-    )
+    line = np.hypot(ahead - np.clip(ahead, 0.0, length), left)
+    radius = 1.0 / np.where(straight, 1.0, np.maximum(abs(curvature), 1e-300))
+    side = np.where(curvature > 0.0, 1.0, -1.0)
     beside = radius - side * left  # from the point to the centre
     abreast = whole(np.arctan2(ahead, beside)) * radius <= length
     end_x, end_y, _ = follow_on(length, x, y, heading, curvature)
@@ -176,12 +169,8 @@ def plans(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray)
     errors: dict[int, ValueError] = {}
     if clear.all():
         return segments, length, errors
-    size = (
-        np.fmax.reduce(
-            abs(np.concatenate([discs, goal[:, None]], 1) - start[:, None])[..., :2], (1, 2)
-        )
-        / radius
-    )
+    offsets = np.concatenate([discs, goal[:, None]], 1) - start[:, None]
+    size = np.fmax.reduce(abs(offsets[..., :2]), (1, 2)) / radius
     far = ~clear & (size > _FAR)
     for s in np.nonzero(far)[0].tolist():
         errors[s] = ValueError(
@@ -197,10 +186,8 @@ def plans(start: np.ndarray, goal: np.ndarray, radius: float, discs: np.ndarray)
                 " for less margin"
             )
     rest = np.array([s for s in np.nonzero(~clear)[0].tolist() if s not in errors], int)
-    found, together = (
-        [(np.nonzero(clear)[0], segments[clear], length[clear])],
-        max(_BATCH // discs.shape[1], 1),
-    )
+    found = [(np.nonzero(clear)[0], segments[clear], length[clear])]
+    together = max(_BATCH // discs.shape[1], 1)
     for part in np.split(rest, range(together, len(rest), together)):
         way, bound, failed = _around(start[part], goal[part], radius, discs[part], length[part])
         errors |= {int(part[s]): error for s, error in failed.items()}
@@ -216,17 +203,11 @@ def _around(
 ) -> Plans:
     """Plans of scenes in which the shortest path, of length ``direct``, is blocked."""
     scale, origin = np.array([radius, radius, 1.0]), start * [1.0, 1.0, 0.0]
-    here, there, rounds = (
-        start - origin,
-        (goal - origin) / scale,
-        (discs - origin[:, None]) / radius,
-    )
+    here, there = start - origin, (goal - origin) / scale
+    rounds = (discs - origin[:, None]) / radius
     bound = string(here, there, rounds) * radius
-    length, rest, found = (
-        np.full(len(start), np.inf),
-        np.nonzero(bound < np.inf)[0],
-        np.zeros((len(start), 1, 5)),
-    )
+    length, found = np.full(len(start), np.inf), np.zeros((len(start), 1, 5))
+    rest = np.nonzero(bound < np.inf)[0]
     for count in TOUCHES:
         if not len(rest):
             break

@@ -33,7 +33,7 @@ def arc_from_origin(goal: np.ndarray) -> np.ndarray:
 def point_at(s: np.ndarray, arc: np.ndarray) -> tuple[np.ndarray, ...]:
     """x, y, z [m], heading [rad] and slope [m/m] ``(...)`` of the path at ``s`` metres in plan."""
     length, depth, curvature = arc[..., 1], arc[..., 2], _curvature(arc)
-    on = np.minimum(np.maximum(s, 0.0), length)
+    on = np.clip(s, 0.0, length)
     beyond, t = s - on, on / length
     heading = curvature * on
     x = np.sin(heading) / curvature + beyond * np.cos(heading)

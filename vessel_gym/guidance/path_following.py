@@ -74,16 +74,25 @@ def _closest(
 
     x is ahead, y to the side of positive curvature.
     """
-    straight = curvature == 0.0
-    radius, side = (
-        1.0 / np.where(straight, 1.0, abs(curvature)),
-        np.where(curvature > 0.0, 1.0, -1.0),
-    )
+    straight, side = curvature == 0.0, np.where(curvature > 0.0, 1.0, -1.0)
+    radius = 1.0 / np.where(straight, 1.0, abs(curvature))
     full = 2.0 * np.pi * radius
     beyond = np.arctan2(x, radius - side * y) * radius - low
     s = low + (beyond - full * np.floor(beyond / full))
     end = np.where(s - high < low + full - s, high, low)
-    return np.where(straight, np.minimum(np.maximum(x, low), high), np.where(s <= high, s, end))
+    return np.where(straight, np.clip(x, low, high), np.where(s <= high, s, end))
+
+
+def _mean_curvature(
+    begin: np.ndarray, curvature: np.ndarray, first: np.ndarray, last: np.ndarray, apart: np.ndarray
+) -> np.ndarray:
+    """Mean curvature [1/m] of a path's pieces from ``first`` to ``last``, ``apart`` metres."""
+    mean = np.zeros_like(first)
+    for k in range(1, begin.shape[-1] - 1):
+        ends = np.minimum(begin[..., k + 1], last)
+        covered = np.maximum(ends - np.maximum(begin[..., k], first), 0.0)
+        mean = mean + curvature[..., k] * covered / apart
+    return mean
 
 
 @compiled
@@ -105,7 +114,7 @@ def locate(
         curvature) [m], heading of the path there [rad], two mean curvatures ahead [1/m], remaining
         path [m], and distance from the path [m].
     """
-    x, y = (np.minimum(np.maximum(pose[..., i], -_FAR), _FAR) for i in range(2))
+    x, y = (np.clip(pose[..., i], -_FAR, _FAR) for i in range(2))
     rx, ry, angle, curvature, begin, first, last, exists = _pieces(segments)
     low = np.maximum(first, window[..., 0, None] - begin)
     high = np.minimum(last, window[..., 1, None] - begin)
@@ -113,46 +122,24 @@ def locate(
     s = _closest(dx * cos + dy * sin, dy * cos - dx * sin, curvature, low, high)
     ax, ay, at = follow_on(s, rx, ry, angle, curvature)
     turned = 1.0 - np.cos(pose[..., 2, None] - at)
-    cost = (
-        (x[..., None] - ax) ** 2
-        + (y[..., None] - ay) ** 2
-        + 2.0 * window[..., 2, None] ** 2 * turned
-    )
+    off = (x[..., None] - ax) ** 2 + (y[..., None] - ay) ** 2
+    cost = off + 2.0 * window[..., 2, None] ** 2 * turned
     cost = np.where(exists & (low <= high), cost, np.inf)
     points = np.stack([begin + s, ax, ay, at], -1)
     least = cost[..., 0]
-    start = np.stack(
-        [np.zeros_like(begin[..., 0]), segments[..., 0], segments[..., 1], segments[..., 2]], -1
-    )
+    start = np.concatenate([np.zeros_like(begin[..., :1]), segments[..., :3]], -1)
     point = np.where((least < np.inf)[..., None], points[..., 0, :], start)
     for k in range(1, cost.shape[-1]):
         closer = cost[..., k] < least
-        least, point = (
-            np.where(closer, cost[..., k], least),
-            np.where(closer[..., None], points[..., k, :], point),
-        )
+        least = np.where(closer, cost[..., k], least)
+        point = np.where(closer[..., None], points[..., k, :], point)
     progress, px, py, heading = (point[..., i] for i in range(4))
     near, far = progress + ahead[..., 0], progress + ahead[..., 1]
-    soon = later = np.zeros_like(progress)
-    for k in range(1, cost.shape[-1] - 1):
-        begins, ends, curved = begin[..., k], begin[..., k + 1], curvature[..., k]
-        covered = np.maximum(np.minimum(ends, near) - np.maximum(begins, progress), 0.0)
-        soon = soon + curved * covered / ahead[..., 0]
-        covered = np.maximum(np.minimum(ends, far) - np.maximum(begins, near), 0.0)
-        later = later + curved * covered / (ahead[..., 1] - ahead[..., 0])
+    soon = _mean_curvature(begin, curvature, progress, near, ahead[..., 0])
+    later = _mean_curvature(begin, curvature, near, far, ahead[..., 1] - ahead[..., 0])
     across = (y - py) * np.cos(heading) - (x - px) * np.sin(heading)
-    return np.stack(
-        [
-            progress,
-            across,
-            heading,
-            soon,
-            later,
-            begin[..., -1] - progress,
-            np.hypot(x - px, y - py),
-        ],
-        -1,
-    )
+    rest, distance = begin[..., -1] - progress, np.hypot(x - px, y - py)
+    return np.stack([progress, across, heading, soon, later, rest, distance], -1)
 
 
 ANYWHERE = np.array([-np.inf, np.inf, PER_RAD])

@@ -14,10 +14,7 @@ from estimators.engine import compiled, repeat
 from vessel_gym.guidance.touches import HAIR, all_touches, meets, reaches, touch, turning_on
 from vessel_gym.guidance.words import CURVATURES, whole, word_pieces
 
-_SHARES = (
-    1.03,
-    np.inf,
-)  # multiples of the lower bound of a length: touches below the first are joined first
+_SHARES = 1.03, np.inf  # multiples of lower bounds; touches below the first are joined first
 _SLIDE = 1e-4  # rad, the smallest slide of a touch; the error of the length is of second order
 TOUCHES, DISCS = 8, 4  # numbers of both in one compiled function
 
@@ -61,26 +58,20 @@ def join(
 
     def clear(lengths: np.ndarray, discs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lengths, infinite for ways across one of the next discs, and the rotated discs."""
-        met = [meets(a, [a[..., 6]], extents[..., 0, :1], discs[..., :DISCS, :])]
-        met += [
-            meets(a, bends, extents[..., k, :], discs[..., :DISCS, :])
-            for k, bends in enumerate(CURVATURES.tolist(), 1)
-        ]
-        rest = np.concatenate([discs[..., DISCS:, :], discs[..., :DISCS, :]], -2)
+        next_discs = discs[..., :DISCS, :]
+        met = [meets(a, [a[..., 6]], extents[..., 0, :1], next_discs)]
+        for k, bends in enumerate(CURVATURES.tolist(), 1):
+            met.append(meets(a, bends, extents[..., k, :], next_discs))
+        rest = np.concatenate([discs[..., DISCS:, :], next_discs], -2)
         return np.where(np.stack(met, -1), np.inf, lengths), rest
 
     lengths, _ = repeat(discs.shape[-2] // DISCS, clear, lengths, discs)
-    length, bends, chosen = (
-        lengths[..., 0],
-        np.stack([a[..., 6], none, none], -1),
-        extents[..., 0, :],
-    )
+    length, chosen = lengths[..., 0], extents[..., 0, :]
+    bends = np.stack([a[..., 6], none, none], -1)
     for way, turns in enumerate(CURVATURES, 1):
         better = lengths[..., way] < length
-        length, bends = (
-            np.where(better, lengths[..., way], length),
-            np.where(better[..., None], turns, bends),
-        )
+        length = np.where(better, lengths[..., way], length)
+        bends = np.where(better[..., None], turns, bends)
         chosen = np.where(better[..., None], extents[..., way, :], chosen)
     return length, bends, chosen
 
@@ -128,20 +119,14 @@ def _search(
     """
     nowhere = np.tile([-1.0, 0.0, 0.0, 0.0], (len(discs), 1))
     first, last = np.concatenate([start, nowhere], -1), np.concatenate([goal, nowhere], -1)
-    near, ahead = free_length(first[scene], nodes), free_length(nodes, last[scene])
-    within, least = near + ahead, np.full(len(discs), np.inf)
+    ahead, least = free_length(nodes, last[scene]), np.full(len(discs), np.inf)
+    within = free_length(first[scene], nodes) + ahead
     np.fmin.at(least, scene, within)
-    shortest, way, ends = (
-        np.minimum(join(first, last, discs)[0], limit),
-        *np.full((2, len(scene)), np.inf),
-    )
-    best = shortest.copy()
+    shortest = np.minimum(join(first, last, discs)[0], limit)
+    best, (way, ends) = shortest.copy(), np.full((2, len(scene)), np.inf)
     for share in _SHARES:
-        i = np.nonzero(
-            (within < best[scene] * (1.0 + HAIR))
-            & (within <= share * least[scene])
-            & (way == np.inf)
-        )[0]
+        promising = (within < best[scene] * (1.0 + HAIR)) & (within <= share * least[scene])
+        i = np.nonzero(promising & (way == np.inf))[0]
         way[i] = join(first[scene[i]], nodes[i], discs[scene[i]])[0]
         ends[i] = join(nodes[i], last[scene[i]], discs[scene[i]])[0]
         np.minimum.at(best, scene[i], way[i] + ends[i])
@@ -150,14 +135,39 @@ def _search(
         np.hypot(*(nodes[kept, i] - p[scene[kept], i] for i in (0, 1))) for p in (first, last)
     )
     kept = kept[np.lexsort((straight, scene[kept]))]
-    scene, nodes, way, ends, ahead = scene[kept], nodes[kept], way[kept], ends[kept], ahead[kept]
-    best, by = _relaxed(shortest, np.full(len(discs), -1), scene, np.arange(len(way)), way + ends)
-    before, fresh, poses = (
-        np.full(len(way), -1),
-        np.ones(len(way), bool),
-        np.ascontiguousarray(nodes[:, :3]),
-    )
-    while True:  # Bellman and Ford
+    scene, nodes, way, ends, ahead = (each[kept] for each in (scene, nodes, way, ends, ahead))
+    best, by, before = _bellman_ford(scene, nodes, discs, shortest, way, ends, ahead)
+    none = np.zeros((0, 7))
+    return [
+        _back(before, by[s], first[s], last[s], nodes) if best[s] < limit[s] else none
+        for s in range(len(discs))
+    ]
+
+
+def _bellman_ford(
+    scene: np.ndarray,
+    nodes: np.ndarray,
+    discs: np.ndarray,
+    best: np.ndarray,
+    way: np.ndarray,
+    ends: np.ndarray,
+    ahead: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Shortest ways: their lengths and last touches by scene, and all touches' predecessors.
+
+    Args:
+        scene: ``(n,)`` scenes of the touches, sorted.
+        nodes: ``(n, 7)`` touches.
+        discs: ``(S, m, 3)``.
+        best: ``(S,)`` upper bounds of the lengths.
+        way: ``(n,)`` lengths from the start to the touches without another touch between.
+        ends: ``(n,)`` lengths from the touches to the goal without another touch between.
+        ahead: ``(n,)`` lower bounds of the lengths from the touches to the goal.
+    """
+    number, by, before = np.arange(len(way)), np.full(len(discs), -1), np.full(len(way), -1)
+    fresh, poses = np.ones(len(way), bool), np.ascontiguousarray(nodes[:, :3])
+    while True:
+        best, by = _relaxed(best, by, scene, number, way + ends)
         fresh &= way + ahead < best[scene]
         u, v = _pairs(scene, np.nonzero(fresh)[0])
         room = np.minimum(way[v], best[scene[v]] - ahead[v]) - way[u]
@@ -165,17 +175,10 @@ def _search(
         close = free_length(poses[u], poses[v]) < room
         u, v, known = u[close], v[close], way
         if not len(u):
-            break
-        way, before = _relaxed(
-            way, before, v, u, way[u] + join(nodes[u], nodes[v], discs[scene[u]])[0]
-        )
+            return best, by, before
+        through = way[u] + join(nodes[u], nodes[v], discs[scene[u]])[0]
+        way, before = _relaxed(way, before, v, u, through)
         fresh = way < known
-        best, by = _relaxed(best, by, scene, np.arange(len(way)), way + ends)
-    none = np.zeros((0, 7))
-    return [
-        _back(before, by[s], first[s], last[s], nodes) if best[s] < limit[s] else none
-        for s in range(len(discs))
-    ]
 
 
 def _pairs(scene: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -250,10 +253,8 @@ def _taut(
     """
     n, left = ways.shape[1] - 1, np.zeros(len(ways), int)
     while True:
-        a, b = (
-            np.concatenate([ways[:, :-1], ways[:, :-2]], 1),
-            np.concatenate([ways[:, 1:], ways[:, 2:]], 1),
-        )
+        a = np.concatenate([ways[:, :-1], ways[:, :-2]], 1)
+        b = np.concatenate([ways[:, 1:], ways[:, 2:]], 1)
         length, bends, extents = join(a, b, discs[:, None])
         number = np.arange(n - 1)
         without = length[:, n:] < length[:, : n - 1] + length[:, 1:n] + HAIR
@@ -276,10 +277,49 @@ def _picked(rows: np.ndarray, index: np.ndarray) -> np.ndarray:
     return found
 
 
+def _meeting(
+    pose: np.ndarray, option: np.ndarray, other: np.ndarray, edge: np.ndarray
+) -> np.ndarray:
+    """Touch ``(..., 7)`` beside ``other`` whose arc meets the arc of a pose.
+
+    Args:
+        pose: ``(..., 7)`` touch, in which a turning circle begins or ends.
+        option: ``(...)`` 0 or 1: one of the two left turns that touch the disc, 2 or 3: right ones.
+        other: ``(..., 7)`` a touch of the disc, on the side to keep.
+        edge: ``(..., 4)`` edge of the disc.
+    """
+    turn, sin, cos = np.where(option < 2.0, 1.0, -1.0), np.sin(pose[..., 2]), np.cos(pose[..., 2])
+    x, y = pose[..., 0] - turn * sin, pose[..., 1] + turn * cos
+    circle = np.stack([x, y, np.zeros_like(x) + 2.0, other[..., 4] * turn], -1)
+    bearings = turning_on(circle, edge)
+    bearing = np.where((option == 0.0) | (option == 2.0), bearings[..., 0], bearings[..., 1])
+    return touch(edge, other[..., 3], other[..., 4], bearing)
+
+
+def _legs(
+    count: np.ndarray, touches: Sequence[np.ndarray], discs: np.ndarray
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Length of the first ``count`` of three legs, and the straights between opposite turns."""
+
+    def leg(i: np.ndarray, total: np.ndarray, *straights: np.ndarray) -> tuple[np.ndarray, ...]:
+        here, there = (_picked(np.stack(ends, -2), i) for ends in (touches[:3], touches[1:]))
+        length, bends, extents = join(here, there, discs)
+        straight = np.where(bends[..., 0] * bends[..., 2] < 0.0, extents[..., 1], np.inf)
+        return i + 1.0, total + length, *straights[1:], straight
+
+    zeros = [np.zeros_like(count)] * 5
+    _, total, *straights = repeat(3, leg, *zeros, active=lambda i, *_: i < count)
+    return total, straights
+
+
 def _best_slide(
-    touches: Sequence[np.ndarray], alone: np.ndarray, first: np.ndarray, edges: np.ndarray, discs: np.ndarray,
+    touches: Sequence[np.ndarray],
+    alone: np.ndarray,
+    first: np.ndarray,
+    edges: np.ndarray,
+    discs: np.ndarray,
     step: np.ndarray,
-) -> tuple[np.ndarray, ...]:  # fmt: skip
+) -> tuple[np.ndarray, ...]:
     """Best slide that shortens a way: forwards if possible, otherwise backwards.
 
     Args:
@@ -298,11 +338,8 @@ def _best_slide(
     """
     a, b, c, d = touches
     moving, following = np.where(first[..., None], c, b), np.where(first[..., None], b, c)
-    edge, next_edge, zero = (
-        _picked(edges, moving[..., 3]),
-        _picked(edges, following[..., 3]),
-        np.zeros_like(step),
-    )
+    edge, next_edge = _picked(edges, moving[..., 3]), _picked(edges, following[..., 3])
+    zero, last = np.zeros_like(step), np.where(alone, 2.0, 8.0)
 
     def candidate(
         number: np.ndarray, best: np.ndarray, sign: np.ndarray, *kept: np.ndarray
@@ -311,62 +348,44 @@ def _best_slide(
         as_is, own = number == 0.0, np.where(number <= np.where(alone, 1.0, 4.0), 1.0, -1.0)
         pose = touch(edge, moving[..., 3], moving[..., 4], moving[..., 5] + own * step)
         option = number - np.where(number > 4.0, 5.0, 1.0)
-        turn, sin, cos = (
-            np.where(option < 2.0, 1.0, -1.0),
-            np.sin(pose[..., 2]),
-            np.cos(pose[..., 2]),
-        )
-        centre = pose[..., 0] - turn * sin, pose[..., 1] + turn * cos
-        bearings = turning_on(
-            np.stack([*centre, zero + 2.0, following[..., 4] * turn], -1), next_edge
-        )
-        bearing = np.where((option == 0.0) | (option == 2.0), bearings[..., 0], bearings[..., 1])
-        met = np.where(
-            alone[..., None], c, touch(next_edge, following[..., 3], following[..., 4], bearing)
-        )
-        pair = np.where(first[..., None], met, pose), np.where(first[..., None], pose, met)
-        low, high = (
-            np.where(as_is[..., None], old, new) for old, new in zip((b, c), pair, strict=True)
-        )
+        met = np.where(alone[..., None], c, _meeting(pose, option, following, next_edge))
+        low = np.where(as_is[..., None], b, np.where(first[..., None], met, pose))
+        high = np.where(as_is[..., None], c, np.where(first[..., None], pose, met))
         allowed = (sign == 0.0) | (sign == own)
         legs = np.where(allowed, np.where(alone, 2.0, 3.0), 0.0)
-
-        def leg(i: np.ndarray, total: np.ndarray, *straights: np.ndarray) -> tuple[np.ndarray, ...]:
-            here, there = (
-                _picked(np.stack(ends, -2), i) for ends in ((a, low, high), (low, high, d))
-            )
-            length, bends, extents = join(here, there, discs)
-            straight = np.where(bends[..., 0] * bends[..., 2] < 0.0, extents[..., 1], np.inf)
-            return i + 1.0, total + length, *straights[1:], straight
-
-        _, total, s0, s1, s2 = repeat(
-            3, leg, zero, zero, zero, zero, zero, active=lambda i, *_: i < legs
-        )
+        total, straights = _legs(legs, (a, low, high, d), discs)
         better = as_is | (allowed & (total < best))
         best = np.where(better, total * np.where(as_is, 1.0 - 1e-12, 1.0), best)
-        middle = (
-            np.where(better[..., None], new, old)
-            for new, old in zip((low, high), kept, strict=False)
-        )
-        straights = (
-            np.where(better, new, old) for new, old in zip((s0, s1, s2), kept[2:], strict=True)
-        )
+        shorter = better[..., None]
+        middle = np.where(shorter, low, kept[0]), np.where(shorter, high, kept[1])
+        straights = [np.where(better, *pair) for pair in zip(straights, kept[2:], strict=True)]
         return number + 1.0, best, np.where(better & ~as_is, own, sign), *middle, *straights
 
-    last = np.where(alone, 2.0, 8.0)
-    return repeat(
-        9,
-        candidate,
-        zero,
-        zero,
-        zero,
-        b,
-        c,
-        zero,
-        zero,
-        zero,
-        active=lambda number, *_: number <= last,
-    )[2:]
+    present = zero, zero, zero, b, c, zero, zero, zero
+    return repeat(9, candidate, *present, active=lambda number, *_: number <= last)[2:]
+
+
+def _next_place(
+    place: np.ndarray,
+    failed: np.ndarray,
+    count: np.ndarray,
+    before: np.ndarray,
+    after: np.ndarray,
+    step: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Next place of `_slid` and failures in a row, past pairs that cannot slide together.
+
+    Returns:
+        Place, failures, and mask of ways in which every slide failed; both begin anew there.
+    """
+    i = np.floor(place / 3.0)
+    for k, movable, straight in ((1.0, i > 0.0, before), (2.0, i < count - 1.0, after)):
+        together = movable & (straight * straight < 4.0 * step)
+        skipped = (place == 3.0 * i + k) & ~together
+        place, failed = place + skipped, failed + skipped
+    done = failed >= 3.0 * count
+    place = np.where(done | (place >= 3.0 * count), 0.0, place)
+    return place, np.where(done, 0.0, failed), done
 
 
 @compiled(axes=(2, 0, 2, 2, 0))
@@ -407,33 +426,12 @@ def _slid(
         for n in range(1, way.shape[-2]):
             row = np.where((changed == n - 1.0)[..., None], b, way[..., n, :])
             rows.append(np.where((changed == n - 2.0)[..., None], c, row))
-        before, after = (
-            np.where(alone, straights[1], before),
-            np.where(alone | first, straights[2], after),
-        )
+        before = np.where(alone, straights[1], before)
+        after = np.where(alone | first, straights[2], after)
         failed, place = np.where(sign == 0.0, failed + 1.0, 0.0), place + 1.0
-        i = np.floor(place / 3.0)
-        for k, movable, straight in ((1.0, i > 0.0, before), (2.0, i < count - 1.0, after)):
-            skipped = (place == 3.0 * i + k) & ~(
-                movable & (straight * straight < 4.0 * step)
-            )  # the two cannot slide together
-            place, failed = place + skipped, failed + skipped
-        done = failed >= 3.0 * count
-        place, failed = (
-            np.where(done | (place >= 3.0 * count), 0.0, place),
-            np.where(done, 0.0, failed),
-        )
+        place, failed, done = _next_place(place, failed, count, before, after, step)
         return np.stack(rows, -2), np.where(done, 0.5 * step, step), place, failed, before, after
 
     zero = np.zeros_like(step)
-    return repeat(
-        10**6,
-        attempt,
-        way,
-        step,
-        zero,
-        zero,
-        zero,
-        zero,
-        active=lambda way, step, *_: step > _SLIDE,
-    )[0]
+    begin = way, step, zero, zero, zero, zero
+    return repeat(10**6, attempt, *begin, active=lambda way, step, *_: step > _SLIDE)[0]

@@ -33,15 +33,7 @@ def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.
         ValueError: for invalid waypoints, a change of course above `SHARPEST`, a leg too short for
             its arcs, a route longer than `LONGEST`, or legs within the clearance of each other.
     """
-    points = numbers(waypoints)
-    if points is None or points.ndim != 2 or points.shape[1] != 2:
-        raise ValueError(
-            f"waypoints must be rows (north, east), metres, got {short_repr(waypoints)}"
-        )
-    if not 2 <= len(points) <= WAYPOINTS:
-        raise ValueError(f"waypoints must be 2 to {WAYPOINTS}, got {len(points)}")
-    if not np.isfinite(points).all():
-        raise ValueError(f"waypoints must be finite, got {short_repr(waypoints)}")
+    points = _checked(waypoints)
     with np.errstate(over="ignore"):
         points = points - points[0]
         legs = np.diff(points, axis=0)
@@ -52,8 +44,8 @@ def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.
             f" {length.sum():.4g} m"
         )
     if not length.all():
-        first = 1 + int(length.argmin())
-        raise ValueError(f"waypoints {first} and {first + 1} are the same place")
+        at = int(length.argmin())
+        raise ValueError(f"waypoints {at + 1} and {at + 2} are the same place")
     course = np.arctan2(legs[:, 1], legs[:, 0])
     turn = wrap(np.diff(course))
     if (np.abs(turn) > SHARPEST).any():
@@ -71,17 +63,33 @@ def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.
             f" {length[at] - straight[at]:.0f} m for its arcs of {radius:.0f} m radius"
         )
     for i, j in combinations(range(len(legs)), 2):
-        apart = np.inf if j == i + 1 else _apart(points[i], points[i + 1], points[j], points[j + 1])
-        if apart <= clearance:
+        if j > i + 1 and (apart := _apart(*points[[i, i + 1, j, j + 1]])) <= clearance:
             raise ValueError(
                 f"legs {i + 1} and {j + 1} of the route come within {apart:.0f} m of each other,"
                 f" nearer than {clearance:.0f} m"
             )
-    lengths = np.zeros(2 * len(legs) - 1)
+    lengths, curvatures = np.zeros((2, 2 * len(legs) - 1))
     lengths[::2], lengths[1::2] = straight, radius * np.abs(turn)
-    curvatures = np.zeros(len(lengths))
     curvatures[1::2] = np.sign(turn) / radius
     return points, chain(np.array([0.0, 0.0, course[0]]), curvatures, lengths)
+
+
+def _checked(waypoints: object) -> np.ndarray:
+    """Waypoints ``(k, 2)`` as given.
+
+    Raises:
+        ValueError: for what is not 2 to `WAYPOINTS` rows of finite numbers.
+    """
+    points = numbers(waypoints)
+    if points is None or points.ndim != 2 or points.shape[1] != 2:
+        raise ValueError(
+            f"waypoints must be rows (north, east), metres, got {short_repr(waypoints)}"
+        )
+    if not 2 <= len(points) <= WAYPOINTS:
+        raise ValueError(f"waypoints must be 2 to {WAYPOINTS}, got {len(points)}")
+    if not np.isfinite(points).all():
+        raise ValueError(f"waypoints must be finite, got {short_repr(waypoints)}")
+    return points
 
 
 def _apart(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> float:

@@ -38,11 +38,8 @@ def meets(
     sin, cos, crosses = np.sin(heading), np.cos(heading), x != x
     for k, bend in enumerate(bends):
         extent, straight = extents[..., k], isinstance(bend, float) and bend == 0.0
-        bx, by, radius = (
-            bend * sin,
-            -bend * cos,
-            abs(bend),
-        )  # from the centre to the beginning of the arc
+        bx, by = bend * sin, -bend * cos  # from the centre to the beginning of the arc
+        radius = abs(bend)
         x, y, side = x - bx, y - by, np.where(bend > 0.0, 1.0, -1.0)
         if straight:
             ex, ey = extent * cos, extent * sin
@@ -53,16 +50,14 @@ def meets(
         for d in range(discs.shape[-2]):
             dx, dy, room = discs[..., d, 0] - x, discs[..., d, 1] - y, discs[..., d, 2]
             if straight:
-                along = np.minimum(np.maximum(dx * cos + dy * sin, 0.0), extent)
+                along = np.clip(dx * cos + dy * sin, 0.0, extent)
                 hit = (dx - along * cos) ** 2 + (dy - along * sin) ** 2 < room**2
             else:
                 apart, inner = dx * dx + dy * dy, radius - room
-                circle = (apart < (radius + room) ** 2) & ~(
-                    (inner >= 0.0) & (apart <= inner * inner)
-                )  # False for NaN
-                beyond_half = (
-                    side * (bx * dy - by * dx) < 0.0
-                )  # the circle's nearest point, from the arc's beginning
+                within = (inner >= 0.0) & (apart <= inner * inner)
+                circle = (apart < (radius + room) ** 2) & ~within  # False for NaN
+                # the circle's nearest point, from the arc's beginning
+                beyond_half = side * (bx * dy - by * dx) < 0.0
                 before_end = side * (dx * ey - dy * ex) > 0.0
                 passed = np.where(
                     beyond_half, (extent >= np.pi) & before_end, (extent >= np.pi) | before_end
@@ -125,10 +120,8 @@ def _tangent(
     dx, dy, wider = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1], bend - b[..., 2] * b[..., 3]
     square = dx * dx + dy * dy - wider * wider
     exists = square > 0.0
-    total, length = (
-        np.where(exists, square + wider * wider, 1.0),
-        np.sqrt(np.where(exists, square, 0.0)),
-    )
+    total = np.where(exists, square + wider * wider, 1.0)
+    length = np.sqrt(np.where(exists, square, 0.0))
     cos, sin = (dx * length - dy * wider) / total, (dy * length + dx * wider) / total
     heading = np.arctan2(sin, cos)
     begin = np.stack([a[..., 0] + bend * sin, a[..., 1] - bend * cos, heading], -1)
@@ -173,11 +166,8 @@ def string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> np.ndarray
     discs[..., 2] = np.maximum(discs[..., 2], 0.0)
     rounds = circles(start, goal, 0.0, discs + [0.0, 0.0, HAIR])
     scene, i, j, heading, line = tangents(rounds, discs)
-    scenes, owner, count = (
-        np.tile(scene, 2),
-        np.concatenate([i, j]),
-        len(scene),
-    )  # first the ends that leave circles, then those that arrive
+    count, scenes = len(scene), np.tile(scene, 2)
+    owner = np.concatenate([i, j])  # first the ends that leave circles, then those that arrive
     circle, headings = rounds[scenes, owner], np.tile(heading, 2)
     turned = circle[:, 3] * headings % _FULL  # grows along the circle
     group = scenes * rounds.shape[1] + owner
@@ -193,15 +183,11 @@ def string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> np.ndarray
     if not len(sources):
         return np.full(len(discs), np.inf)
     number = np.arange(2 * count)
-    heads, ways = (
-        np.stack([number, number], -1),
-        np.zeros((2 * count, 2)),
-    )  # heads of a line and of an arc; the node itself for none
+    heads = np.stack([number, number], -1)  # of a line and of an arc; the node itself for none
+    ways = np.zeros((2 * count, 2))
     heads[:count, 0], ways[:count, 0] = number[count:], line
-    heads[order[linked], 1], ways[order[linked], 1] = (
-        following[linked],
-        (angle * circle[order, 2])[linked],
-    )
+    heads[order[linked], 1] = following[linked]
+    ways[order[linked], 1] = (angle * circle[order, 2])[linked]
     graph = csr_array(
         (ways.ravel(), heads.ravel(), np.arange(0, 4 * count + 1, 2)), shape=(2 * count, 2 * count)
     )
@@ -217,10 +203,8 @@ def string(start: np.ndarray, goal: np.ndarray, discs: np.ndarray) -> np.ndarray
 @compiled(axes=(1, 0, 0, 0))
 def touch(edge: np.ndarray, disc: np.ndarray, side: np.ndarray, bearing: np.ndarray) -> np.ndarray:
     """Touches ``(..., 7)`` on edges of `reaches` ``(..., 4)``, by bearings from the centres."""
-    x, y = (
-        edge[..., 0] + edge[..., 2] * np.cos(bearing),
-        edge[..., 1] + edge[..., 2] * np.sin(bearing),
-    )
+    x = edge[..., 0] + edge[..., 2] * np.cos(bearing)
+    y = edge[..., 1] + edge[..., 2] * np.sin(bearing)
     return np.stack(
         [x, y, bearing + side * (0.5 * np.pi), disc, side, bearing, side * edge[..., 3]], -1
     )
@@ -262,9 +246,7 @@ def turning_on(circle: np.ndarray, edge: np.ndarray) -> np.ndarray:
         exists, 2.0 * distance * reach, 1.0
     )
     middle = np.arctan2(dy, dx) + np.where(sign > 0.0, 0.0, np.pi)
-    half = np.where(
-        exists, np.arccos(np.minimum(np.maximum(np.where(exists, cos, 0.0), -1.0), 1.0)), np.nan
-    )
+    half = np.where(exists, np.arccos(np.clip(np.where(exists, cos, 0.0), -1.0, 1.0)), np.nan)
     return np.stack([middle - half, middle + half], -1)
 
 
@@ -277,15 +259,8 @@ def _between(circle: np.ndarray, edge: np.ndarray) -> tuple[np.ndarray, np.ndarr
     bearings, sides = [], []
     for out in _SIDES:
         for sign in _SIDES:
-            centres = np.stack(
-                [
-                    circle[..., 0],
-                    circle[..., 1],
-                    1.0 + out * circle[..., 2],
-                    sign + 0.0 * circle[..., 3],
-                ],
-                -1,
-            )
+            radius, outside = 1.0 + out * circle[..., 2], sign + 0.0 * circle[..., 3]
+            centres = np.stack([circle[..., 0], circle[..., 1], radius, outside], -1)
             bearings.append(turning_on(centres, edge))
             sides += [sign * out * circle[..., 3]] * 2
     return np.concatenate(bearings, -1), np.stack(sides, -1)
@@ -320,9 +295,8 @@ def all_touches(
         discs.shape[1], 1
     )
     dx, dy = (discs[:, None, :, i] - discs[:, :, None, i] for i in (0, 1))
-    gap = (
-        np.hypot(dx, dy) - discs[:, :, None, 2] - discs[:, None, :, 2]
-    )  # passed at its narrowest place
+    # a gap is passed at its narrowest place
+    gap = np.hypot(dx, dy) - discs[:, :, None, 2] - discs[:, None, :, 2]
     narrow = np.where((gap > 0.0) & (gap < 1.0), np.arctan2(dy, dx), np.nan)
     bearing, side = (
         each.reshape(narrow.shape[:2] + (-1,))
@@ -330,10 +304,8 @@ def all_touches(
     )
     left = np.concatenate([spread, narrow], -1)
     ways = np.ones_like(left)
-    bearing, side = (
-        np.concatenate([bearing, left, left], -1),
-        np.concatenate([side, ways, -ways], -1),
-    )
+    bearing = np.concatenate([bearing, left, left], -1)
+    side = np.concatenate([side, ways, -ways], -1)
     number = np.arange(discs.shape[1])[:, None] + 0.0
     others, clear = _placed(edges[:, :, None], number, side, bearing, discs[:, None, None])
     return np.concatenate([scene, np.nonzero(clear)[0]]), np.concatenate([touches, others[clear]])

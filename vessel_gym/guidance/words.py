@@ -129,10 +129,8 @@ def word_pieces(start: np.ndarray, goal: np.ndarray, radius: np.ndarray) -> np.n
     reach = abs(start[..., 0]) + abs(start[..., 1]) + abs(goal[..., 0]) + abs(goal[..., 1])
     hair = 1e-12 * (10.0 + reach / radius)
     x, y, sine, cosine = dx * cos + dy * sin, dy * cos - dx * sin, np.sin(a), np.cos(a)
-    left, right = (
-        (x, y, a, sine, cosine, hair),
-        (x, -y, -a, -sine, cosine, hair),
-    )  # R is the mirror image of L
+    left = x, y, a, sine, cosine, hair
+    right = x, -y, -a, -sine, cosine, hair  # R is the mirror image of L
     words = [_lsl(*left), _lsr(*left), _lsr(*right), _lsl(*right), _lrl(*left), _lrl(*right)]
     return np.stack(words, -2)
 
@@ -176,12 +174,8 @@ class Path:
     rows of length 0.
     """
 
-    segments: (
-        np.ndarray
-    )  # (k, 5): x, y [m] and heading [rad] at the beginning, curvature [1/m], length [m]
-    lower_bound: float = (
-        0.0  # m, no path between these poses and round the given obstacles is shorter
-    )
+    segments: np.ndarray  # (k, 5): initial x, y [m], heading [rad], curvature [1/m], length [m]
+    lower_bound: float = 0.0  # m, no path between the poses round the obstacles is shorter
 
     def __post_init__(self) -> None:
         segments = finite_array("segments of a path", self.segments, "k", 5)
@@ -212,21 +206,17 @@ class Path:
 
         The heading is not wrapped: it follows the turns from the start continuously.
         """
-        s = np.asarray(np.clip(as_array("s", s), 0.0, self.length))
-        k = self._index(s)
+        s, k = self._at(s)
         row = self.segments[k]
-        return np.stack(
-            follow_on(s - self.ends[k] + row[..., 4], *(row[..., i] for i in range(4))), -1
-        )
+        along = s - self.ends[k] + row[..., 4]
+        return np.stack(follow_on(along, *(row[..., i] for i in range(4))), -1)
 
     def curvature(self, s: np.ndarray | float) -> np.ndarray:
         """Curvature [1/m] at arc lengths ``s`` [m], positive for L.
 
         At a joint, the curvature is that of the segment that ends there.
         """
-        return self.segments[
-            self._index(np.asarray(np.clip(as_array("s", s), 0.0, self.length))), 3
-        ]
+        return self.segments[self._at(s)[1], 3]
 
     def sample(self, spacing: float) -> np.ndarray:
         """Poses ``(n, 3)`` from end to end, evenly spaced by at most ``spacing`` [m].
@@ -240,12 +230,13 @@ class Path:
                 f"spacing of samples must give {_MOST_SAMPLES} at most, got {spacing:g} for"
                 f" {self.length:g} m"
             )
-        return self.pose(
-            np.linspace(0.0, self.length, 1 + max(int(np.ceil(self.length / spacing)), 1))
-        )
+        count = max(int(np.ceil(self.length / spacing)), 1)
+        return self.pose(np.linspace(0.0, self.length, 1 + count))
 
-    def _index(self, s: np.ndarray) -> np.ndarray:
-        return np.minimum(np.searchsorted(self.ends, s), len(self.ends) - 1)
+    def _at(self, s: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        """Arc lengths clipped to the path, and indices of their segments."""
+        s = np.asarray(np.clip(as_array("s", s), 0.0, self.length))
+        return s, np.minimum(np.searchsorted(self.ends, s), len(self.ends) - 1)
 
 
 def chain(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> Path:
@@ -360,10 +351,8 @@ def checked(
     Raises:
         ValueError: for poses that are not finite or a radius that is not positive.
     """
-    start, goal = (
-        finite_array("pose start", start, "...", 3),
-        finite_array("pose goal", goal, "...", 3),
-    )
+    start = finite_array("pose start", start, "...", 3)
+    goal = finite_array("pose goal", goal, "...", 3)
     turn = as_array("turn radius", radius)
     if not (np.isfinite(turn) & (turn > 0.0)).all():
         raise ValueError(f"the turn radius must be positive and finite, got {turn.min()}")

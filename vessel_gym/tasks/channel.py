@@ -11,7 +11,6 @@ from estimators.engine import compiled, sincos
 from vessel_gym.checks import check_numbers, one_of
 from vessel_gym.guidance.path_following import COLUMNS, locate, pose_along
 from vessel_gym.guidance.routes import SEGMENTS, WAYPOINTS, route
-from vessel_gym.tasks.steering import wrapped
 from vessel_gym.tasks.track import HEADING, Track, in_frame
 
 OFFSET, ERROR, LENGTH = 1, 2, 3
@@ -53,9 +52,7 @@ class Channel(Track, verified=True):
     leg: float = 40.0  # length of the straight channel, ship lengths
     margin_beams: float = 2.0  # beams by which the ship's middle may be off the axis
     turn: float = 4.0  # ship lengths, radius of the arcs between waypoints
-    angle: float = (
-        0.25 * np.pi
-    )  # rad between north, along which waves run, and the straight channel; either side
+    angle: float = 0.25 * np.pi  # rad, of a straight channel from north, along which waves run
     spread: float = float(np.deg2rad(10.0))  # rad, largest deviation from that angle
     offset: float = 0.5  # largest initial offset, share of the margin
     error: float = 0.05  # rad, largest initial error of the heading
@@ -111,15 +108,10 @@ class Channel(Track, verified=True):
         heading = np.copysign(self.angle + self.spread * centred[..., 1], centred[..., 0])
         zero, length = np.zeros_like(heading), np.zeros_like(heading) + self.leg * self.ship.length
         sin, cos = sincos(heading)
-        start = [
-            heading,
-            self.offset * self.margin * centred[..., 2],
-            self.error * centred[..., 3],
-            length,
-        ]
+        offset, error = self.offset * self.margin * centred[..., 2], self.error * centred[..., 3]
         points = [length * cos, length * sin] * (WAYPOINTS - 1)
         path = [zero, zero, heading, zero, length, *[zero] * (COLUMNS * (SEGMENTS - 1))]
-        return np.stack([*start, *points, *path], -1)
+        return np.stack([heading, offset, error, length, *points, *path], -1)
 
     def prior(self, scenario: np.ndarray) -> Gaussian:
         """Prior of (x, y, psi, u, v, r): mean ``(B, 6)`` and covariance ``(6, 6)``."""
@@ -154,9 +146,7 @@ class Channel(Track, verified=True):
     @compiled(axes=(1, 0))
     def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
         """State ``(..., 6)`` on the axis at service speed; its velocities are 0."""
-        along = np.minimum(
-            np.maximum(step * (self.dt * self.ship.speed), 0.0), scenario[..., LENGTH]
-        )
+        along = np.clip(step * (self.dt * self.ship.speed), 0.0, scenario[..., LENGTH])
         x, y, direction = pose_along(along, scenario[..., _PATH:])
         zero = np.zeros_like(x)
         return np.stack([x, y, direction, zero, zero, zero], -1)
@@ -186,10 +176,8 @@ class Channel(Track, verified=True):
 
     def on_track(self, scenario: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances along and to starboard of the axes [m], of positions ``(T, B, 2)``."""
-        along, off = np.moveaxis(
-            np.array([self._nearest(scenario, now)[..., :2] for now in place]), -1, 0
-        )
-        return along, off
+        found = np.array([self._nearest(scenario, now)[..., :2] for now in place])
+        return found[..., 0], found[..., 1]
 
     def observe_mission(
         self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
@@ -203,9 +191,7 @@ class Channel(Track, verified=True):
 
     # --- how it is scored -------------------------------------------------------------------------
 
-    COURSE_TOLERANCE = (
-        0.05  # rad between axis and course over ground that halve its share of the reward
-    )
+    COURSE_TOLERANCE = 0.05  # rad between course over ground and axis that halve its share
 
     @property
     def distance_tolerance(self) -> float:
@@ -218,8 +204,8 @@ class Channel(Track, verified=True):
 
     @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
-        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
-        action: np.ndarray, score_state: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray,
+        actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward ``(...)``, end ``(...)`` and score state ``(..., 3)``, from the truth.
 
@@ -230,10 +216,7 @@ class Channel(Track, verified=True):
         scenario, farthest = self.scenario_of(reference), score_state[..., 0]
         place = self._nearest(scenario, state[..., :2])
         along, off, direction = (place[..., i] for i in range(3))
-        psi, u, v = (state[..., i] for i in range(2, 5))
-        sin, cos = sincos(psi)
-        north, east = u * cos - v * sin + exogenous[..., 1], u * sin + v * cos + exogenous[..., 2]
-        aside = wrapped(np.arctan2(east, north) - direction)
+        aside = self.course_error(state, exogenous, direction)
         length, aground = scenario[..., LENGTH], np.abs(off) > self.margin
         covered = np.maximum(farthest, np.minimum(along, length))
         value = 0.7 + 0.3 / (1.0 + (aside / self.COURSE_TOLERANCE) ** 2)

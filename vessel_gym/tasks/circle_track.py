@@ -55,11 +55,8 @@ class CircleTrack(Track, TurningCircle, verified=True):
     @compiled(axes=(1, 0, 1))
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Reference ``(..., 8)`` at a step ``(...)`` for a ship in a state ``(..., 6)``."""
-        rate, curvature, slower = (
-            scenario[..., RATE],
-            scenario[..., CURVATURE],
-            scenario[..., SPEED] - self.ship.speed,
-        )
+        rate, curvature = scenario[..., RATE], scenario[..., CURVATURE]
+        slower = scenario[..., SPEED] - self.ship.speed
         lead, ramp = self._lengths(scenario)
         along, off, direction, bent = self._nearest(
             scenario, state[..., :2], self._nominal_distance(scenario, step)
@@ -70,9 +67,8 @@ class CircleTrack(Track, TurningCircle, verified=True):
         rate_now = bent * speed
         rate_ahead = share_ahead * curvature * (self.ship.speed + share_ahead * slower)
         heading, surge = self.steady_course(rate_now, direction)
-        return np.stack(
-            [heading, rate_now, rate_ahead, rate, off, direction, surge, state[..., 2]], -1
-        )
+        own = heading, rate_now, rate_ahead, rate, off, direction, surge, state[..., 2]
+        return np.stack(own, -1)
 
     def _lengths(self, scenario: np.ndarray) -> tuple[float, np.ndarray]:
         """Lengths [m] of the straight and of the clothoid."""
@@ -87,9 +83,8 @@ class CircleTrack(Track, TurningCircle, verified=True):
         """
         elapsed = np.maximum(step * self.dt, 0.0)
         ramping = np.clip(elapsed - self.lead, 0.0, self.ramp)
-        turning = 0.5 * ramping * ramping / self.ramp + np.maximum(
-            elapsed - self.lead - self.ramp, 0.0
-        )
+        circling = np.maximum(elapsed - self.lead - self.ramp, 0.0)
+        turning = 0.5 * ramping * ramping / self.ramp + circling
         return elapsed * self.ship.speed + (scenario[..., SPEED] - self.ship.speed) * turning
 
     @compiled(axes=(1, 1, 0))
@@ -116,10 +111,8 @@ class CircleTrack(Track, TurningCircle, verified=True):
         # The circle: among the rounds, take the nearest point that is closest to the guess.
         forward, sideways, turned = _clothoid(ramp, ramp, curvature)
         sin, cos = sincos(turned)
-        x, y = (
-            ahead - (lead + forward - sin / curvature),
-            aside - (sideways + cos / curvature),
-        )  # relative to the circle's centre
+        # x and y relative to the circle's centre
+        x, y = ahead - (lead + forward - sin / curvature), aside - (sideways + cos / curvature)
         expected = turned + curvature * (guess - (lead + ramp))
         round_to = expected + wrapped(np.arctan2(x * curvature, -y * curvature) - expected)
         along = lead + ramp + (round_to - turned) / curvature
@@ -132,9 +125,8 @@ class CircleTrack(Track, TurningCircle, verified=True):
             sin, cos = sincos(direction)
             x, y = ahead - lead - forward, aside - sideways
             missing, off = x * cos + y * sin, y * cos - x * sin
-            length = np.clip(
-                length + missing / np.maximum(1.0 - off * curvature * length / ramp, 0.2), 0.0, ramp
-            )
+            slope = np.maximum(1.0 - off * curvature * length / ramp, 0.2)
+            length = np.clip(length + missing / slope, 0.0, ramp)
         return (
             np.where(on_circle, along, np.where(ahead <= lead, ahead, lead + length)),
             np.where(on_circle, np.sign(curvature) * off_circle, off),
@@ -179,11 +171,8 @@ class CircleTrack(Track, TurningCircle, verified=True):
 
     def path(self, scenario: np.ndarray) -> np.ndarray:
         """Track ``(k, 2)`` of a scenario ``(4,)``, one circle long."""
-        lead, circle = (
-            self.ship.speed * (self.lead + self.ramp),
-            2.0 * np.pi / abs(scenario[CURVATURE]),
-        )
-        along = np.linspace(0.0, lead + circle, 200)
+        lead = self.ship.speed * (self.lead + self.ramp)
+        along = np.linspace(0.0, lead + 2.0 * np.pi / abs(scenario[CURVATURE]), 200)
         return self.track(np.tile(scenario, (len(along), 1)), along)[0]
 
     # --- what the agent sees ----------------------------------------------------------------------
@@ -197,9 +186,7 @@ class CircleTrack(Track, TurningCircle, verified=True):
     # --- how it is scored -------------------------------------------------------------------------
 
     DISTANCE_TOLERANCE = 10.0  # m from the track that halve the reward
-    COURSE_TOLERANCE = (
-        0.05  # rad between track and course over ground that halve its share of the reward
-    )
+    COURSE_TOLERANCE = 0.05  # rad between course over ground and track that halve its share
     COURSE_SHARE = 0.6  # share of the course in the factor of course and yaw rate
     FAR = 3.0  # ship lengths from the track at which the turn is lost
     ENOUGH = 0.85  # share of the nominal progress that earns the full reward
@@ -210,8 +197,8 @@ class CircleTrack(Track, TurningCircle, verified=True):
 
     @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
-        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
-        action: np.ndarray, score_state: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray,
+        actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward in [0, 1] ``(...)``, end ``(...)`` and score state ``(..., 8)``, from the truth.
 
@@ -220,11 +207,9 @@ class CircleTrack(Track, TurningCircle, verified=True):
         the yaw rate. Neither loitering nor ending early pays.
         """
         scenario, before, farthest = score_state[..., :4], score_state[..., 4], score_state[..., 5]
-        psi, u, v, r = (state[..., i] for i in range(2, 6))
+        u, v, r = (state[..., i] for i in range(3, 6))
         along, off, direction, bent = self._nearest(scenario, state[..., :2], before)
-        sin, cos = sincos(psi)
-        north, east = u * cos - v * sin + exogenous[..., 1], u * sin + v * cos + exogenous[..., 2]
-        aside = wrapped(np.arctan2(east, north) - direction)
+        aside = self.course_error(state, exogenous, direction)
         turning = (r - bent * np.sqrt(u * u + v * v)) / scenario[..., RATE]
         speed = self.ship.speed + bent / scenario[..., CURVATURE] * (
             scenario[..., SPEED] - self.ship.speed

@@ -33,10 +33,8 @@ _ARRIVED, _MISSED, _OFF, _SURFACED, _DEEP, _PITCHED = range(1, len(END_REASONS))
 def to_body_axes(vector: Vector, roll: np.ndarray, pitch: np.ndarray, yaw: np.ndarray) -> Vector:
     """A vector (north, east, down) in body axes (ahead, to starboard, below)."""
     north, east, down = vector
-    ahead, aside = (
-        north * np.cos(yaw) + east * np.sin(yaw),
-        east * np.cos(yaw) - north * np.sin(yaw),
-    )
+    ahead = north * np.cos(yaw) + east * np.sin(yaw)
+    aside = east * np.cos(yaw) - north * np.sin(yaw)
     below = ahead * np.sin(pitch) + down * np.cos(pitch)
     return (
         ahead * np.cos(pitch) - down * np.sin(pitch),
@@ -114,9 +112,8 @@ class Dive(Task, verified=True):
     def _checked(self, value: object) -> np.ndarray:
         """A goal within the vehicle's reach."""
         goal = three_numbers("goal", value, "metres north, east and down", "of the start each way")
-        angle, length, depth = (
-            arc_to(goal) if np.hypot(goal[0], goal[1]) > 0.0 else (0.0, 0.0, goal[2])
-        )
+        moves = np.hypot(goal[0], goal[1]) > 0.0
+        angle, length, depth = arc_to(goal) if moves else (0.0, 0.0, goal[2])
         if abs(angle) > self.widest:
             widest, wanted = np.rad2deg([self.widest, abs(angle)])
             raise ValueError(
@@ -232,21 +229,14 @@ class Dive(Task, verified=True):
 
     # --- how it is scored -------------------------------------------------------------------------
 
-    TRACKING = (
-        0.7  # share of the score that following the path is worth; arriving is worth the rest
-    )
+    TRACKING = 0.7  # share of the score for following the path; the rest is for arriving
     TRACK_TOLERANCE = 0.25  # m off the path that halve the reward of a metre
-    FIN_PRICE = (
-        1.0 / 3.0
-    )  # of effort; full rate takes a fin from limit to limit in 0.7 s, a ship's rudder in 14 s
-    GOAL_TOLERANCE = (
-        0.5  # m off the goal that still count as arrived, and halve the reward of arriving
-    )
+    FIN_PRICE = 1.0 / 3.0
+    """Price of effort: full rate takes fins over in 0.7 s, and a ship's rudder in 14 s."""
+    GOAL_TOLERANCE = 0.5  # m off the goal, still arrived, that halve the reward of arriving
     LOST = 5.0  # m off the path at which the episode ends
     PITCH_LIMIT = np.deg2rad(75.0)  # rad: Euler angles have their pole at 90 deg
-    HOTEL = (
-        2.0  # power of everything but the propeller, relative to the propeller's at cruise speed
-    )
+    HOTEL = 2.0  # power of all but the propeller, relative to the propeller's at cruise speed
     FASTEST = 3.0  # largest progress that counts, relative to cruise speed
 
     def scenario_of(self, reference: np.ndarray) -> np.ndarray:
@@ -271,8 +261,8 @@ class Dive(Task, verified=True):
 
     @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
-        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
-        action: np.ndarray, score_state: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray,
+        actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward in [0, 1] ``(...)``, end ``(...)`` and score state ``(..., k)``, from the truth.
 
@@ -281,24 +271,19 @@ class Dive(Task, verified=True):
         nothing. Arriving pays by the distance to the goal, and by the energy of a dive at cruise
         speed over the energy used, so that waiting costs. Ending early forgoes the rest.
         """
-        scenario, position, farthest = (
-            self.scenario_of(reference),
-            self.position(state),
-            score_state[..., 0],
-        )
-        length, depth, speed = scenario[..., 1], scenario[..., 2], self.auv.cruise_speed
+        scenario, position = self.scenario_of(reference), self.position(state)
+        farthest, speed = score_state[..., 0], self.auv.cruise_speed
+        length, depth = scenario[..., 1], scenario[..., 2]
         place = locate(position, scenario, 0.0)
         off = np.hypot(place[..., 1], place[..., 2] / np.sqrt(1.0 + place[..., 4] ** 2))
-        fresh = np.clip(
-            np.minimum(place[..., 0], length) - farthest, 0.0, self.FASTEST * speed * self.dt
-        )
+        most = self.FASTEST * speed * self.dt
+        fresh = np.clip(np.minimum(place[..., 0], length) - farthest, 0.0, most)
         energy = score_state[..., 1] + self.dt * self.power(actuators)
         fins, before = actuators[..., :-1], score_state[..., 2:]
         rates = (fins - before[..., : fins.shape[-1]]) / (self.auv.fin_rate * self.dt)
         smooth = smoothness(rates, before[..., fins.shape[-1] :], self.FIN_PRICE)
-        tracking = (
-            self.TRACKING * fresh / length * (smooth / (1.0 + (off / self.TRACK_TOLERANCE) ** 2))
-        )
+        quality = smooth / (1.0 + (off / self.TRACK_TOLERANCE) ** 2)
+        tracking = self.TRACKING * fresh / length * quality
 
         goal = np.stack(point_at(length, scenario)[:3], -1)
         miss = np.sqrt(((position - goal) ** 2).sum(-1))
@@ -312,11 +297,8 @@ class Dive(Task, verified=True):
         end = np.where(down > depth + self.margin, _DEEP, end)
         end = np.where(np.abs(pitch) > self.PITCH_LIMIT, _PITCHED, end)
         end = np.where(over, np.where(miss <= self.GOAL_TOLERANCE, _ARRIVED, _MISSED), end)
-        return (
-            reward,
-            end,
-            np.concatenate([np.stack([farthest + fresh, energy], -1), fins, rates], -1),
-        )
+        covered = np.stack([farthest + fresh, energy], -1)
+        return reward, end, np.concatenate([covered, fins, rates], -1)
 
 
 # --- six degrees of freedom -----------------------------------------------------------------------
@@ -338,22 +320,18 @@ class SpatialDive(Dive, verified=True):
         "look ahead": 2.5, "look to starboard": 2.5, "look below": 2.5,
         "current ahead": 0.25, "current to starboard": 0.25, "current below": 0.25,
         "heading error": 0.25, "pitch error": 0.25, "remaining": 10.0, "curvature": 0.1,
-        "surge error": 0.25, "sway": 0.25, "heave": 0.25, "roll rate": 0.5, "pitch rate": 0.5, "yaw rate": 0.5,
-        "roll": 0.25, "pitch": 0.5,
+        "surge error": 0.25, "sway": 0.25, "heave": 0.25,
+        "roll rate": 0.5, "pitch rate": 0.5, "yaw rate": 0.5, "roll": 0.25, "pitch": 0.5,
     }  # fmt: skip
 
     def errors(
         self, state: np.ndarray, flow: np.ndarray, reference: np.ndarray
     ) -> list[np.ndarray]:
         """Components of ``observed``; vectors to path, ahead, and of the current come first."""
-        progress, cross, depth, heading, slope, north, east, down = (
-            reference[..., i] for i in range(8)
-        )
-        angle, length = reference[..., 8], reference[..., 9]
-        motion, (roll, pitch, yaw) = (
-            [state[..., i] for i in range(6)],
-            (state[..., i] for i in range(9, 12)),
-        )
+        progress, cross, depth, heading, slope = (reference[..., i] for i in range(5))
+        north, east, down, angle, length = (reference[..., i] for i in range(5, 10))
+        motion = [state[..., i] for i in range(6)]
+        roll, pitch, yaw = (state[..., i] for i in range(9, 12))
         to_path = cross * np.sin(heading), -cross * np.cos(heading), -depth
         current = flow[..., 0], flow[..., 1], np.zeros_like(depth)
         return [
@@ -409,6 +387,7 @@ class VerticalDive(Dive, verified=True):
         surge, heave, rate, _, _, pitch = (state[..., i] for i in range(6))
         sin, cos, current = np.sin(pitch), np.cos(pitch), flow[..., 0]
         return [
-            depth * sin, -depth * cos, ahead * cos - down * sin, ahead * sin + down * cos, current * cos, current * sin,
+            depth * sin, -depth * cos, ahead * cos - down * sin, ahead * sin + down * cos,
+            current * cos, current * sin,
             -np.arctan(slope) - pitch, reference[..., 9] - progress, surge, heave, rate, pitch,
         ]  # fmt: skip

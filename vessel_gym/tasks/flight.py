@@ -17,10 +17,11 @@ from vessel_gym.guidance.words import follow_on
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.helm import smoothness
 from vessel_gym.tasks.task import FARTHEST, Task, three_numbers
-from vessel_gym.vehicles.puna import PunaParameters
+from vessel_gym.vehicles.puna import PunaParameters, airspeed
 
 END_REASONS = (
-    "", "arrived", "missed the goal", "hit an obstacle", "stalled", "crashed", "off the path", "off the altitude",
+    "", "arrived", "missed the goal", "hit an obstacle", "stalled", "crashed", "off the path",
+    "off the altitude",
 )  # fmt: skip
 _ARRIVED, _MISSED, _HIT, _STALLED, _CRASHED, _OFF, _HEIGHT = range(1, len(END_REASONS))
 
@@ -54,9 +55,7 @@ class Flight(Task, verified=True):
     """
 
     body: PunaParameters
-    radius: float = (
-        130.0  # m, turn radius of the path: 26 deg of bank in a tail wind of 5 m/s, out of 35
-    )
+    radius: float = 130.0  # m, of turns of the path: 26 deg of bank of 35 in a tail wind of 5 m/s
     margin: float = 20.0  # m, distance of the path from obstacles
     distance: tuple[float, float] = (600.0, 900.0)  # m from start to goal
     altitudes: tuple[float, float] = (80.0, 120.0)  # m, commanded
@@ -100,8 +99,11 @@ class Flight(Task, verified=True):
         """
         for option in options:
             one_of("reset option", option, _OPTIONS)
-        given: dict[str, np.ndarray] = {
-            name: self._pose(name, options[name]) for name in _OPTIONS[:2] if name in options
+        where = "of the origin each way, on a heading of as many rad at most"
+        given = {
+            name: three_numbers(name, options[name], "metres x and y and a heading in rad", where)
+            for name in _OPTIONS[:2]
+            if name in options
         }
         fixed = self._obstacles(options["obstacles"]) if "obstacles" in options else None
         if fixed is not None:
@@ -110,18 +112,16 @@ class Flight(Task, verified=True):
         if "altitude" in options:
             altitude = number("altitude", options["altitude"], *_ALTITUDES, "between 50 and 1000 m")
         if fixed is not None:  # one scene for all rows, planned once
-            scenarios, errors = self._planned(
-                given["start"][None], given["goal"][None], fixed[None]
-            )
+            poses = given["start"][None], given["goal"][None]
+            scenarios, errors = self._planned(*poses, fixed[None])
             if errors:
                 raise errors[0]
             scenarios = scenarios.repeat(len(uniforms), 0)
         else:
             scenarios = self._drawn(uniforms, given)
         low, high = self.altitudes
-        scenarios[:, _PATH + 1] = (
-            low + (high - low) * uniforms[:, 13] if altitude is None else altitude
-        )
+        drawn = low + (high - low) * uniforms[:, 13]
+        scenarios[:, _PATH + 1] = drawn if altitude is None else altitude
         return scenarios
 
     def _drawn(self, uniforms: np.ndarray, given: dict[str, np.ndarray]) -> np.ndarray:
@@ -132,27 +132,22 @@ class Flight(Task, verified=True):
         bearing = start[:, 2] + np.pi * (uniforms[:, 1] - 0.5)
         distance = self.distance[0] + (self.distance[1] - self.distance[0]) * uniforms[:, 2]
         way = distance[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], -1)
-        goal = np.concatenate(
-            [start[:, :2] + way, bearing[:, None] + np.pi * (uniforms[:, 3:4] - 0.5)], -1
-        )
+        heading = bearing[:, None] + np.pi * (uniforms[:, 3:4] - 0.5)
+        goal = np.concatenate([start[:, :2] + way, heading], -1)
         goal = np.broadcast_to(given.get("goal", goal), (rows, 3))
         way = (goal - start)[:, None, :2]
         along, across, size = np.moveaxis(uniforms[:, 4:13].reshape(-1, 3, 3, 1), 2, 0)
-        along, across = (
-            0.275 + 0.175 * (np.arange(3)[:, None] + 0.6 * along),
-            80.0 * (2.0 * across - 1.0),
-        )
+        along = 0.275 + 0.175 * (np.arange(3)[:, None] + 0.6 * along)
+        across = 80.0 * (2.0 * across - 1.0)
         low, high = self.obstacle_radius
-        side = np.stack([-way[..., 1], way[..., 0]], -1) / np.maximum(
-            np.hypot(way[..., :1], way[..., 1:]), 1e-9
-        )
+        direct = np.maximum(np.hypot(way[..., :1], way[..., 1:]), 1e-9)
+        side = np.stack([-way[..., 1], way[..., 0]], -1) / direct
         centres = start[:, None, :2] + along * way + across * side
         obstacles = np.concatenate([centres, low + (high - low) * size], -1)
         scenarios, left = np.empty((rows, _PATH + 2 + 3 * OBSTACLES)), np.arange(rows)
         for count in (3, 2, 1, 0):
-            scenarios[left], errors = self._planned(
-                start[left], goal[left], obstacles[left, :count]
-            )
+            some = obstacles[left, :count]
+            scenarios[left], errors = self._planned(start[left], goal[left], some)
             if errors and count == 0:
                 raise next(iter(errors.values()))
             left = left[sorted(errors)]
@@ -170,12 +165,8 @@ class Flight(Task, verified=True):
         listed = np.zeros((rows, OBSTACLES, 3))
         listed[:, : obstacles.shape[1]] = obstacles
         scenarios, fit = self._listed(segments, listed)
-        for row in np.nonzero(~fit)[0].tolist():
-            reason = (
-                self._unfit(Path(planned[row][planned[row, :, 4] > 0.0]))
-                if row not in errors
-                else None
-            )
+        for row in sorted({*np.nonzero(~fit)[0].tolist()} - {*errors}):
+            reason = self._unfit(Path(planned[row][planned[row, :, 4] > 0.0]))
             errors |= {} if reason is None else {row: reason}
         return scenarios, errors
 
@@ -183,23 +174,17 @@ class Flight(Task, verified=True):
     def _listed(self, segments: np.ndarray, obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Scenarios ``(..., 97)`` without altitudes, and mask of certainly valid paths."""
         heading, lengths = segments[..., 2], segments[..., 4]
-        some, after, total = (
-            lengths > 0.0,
-            heading + segments[..., 3] * lengths,
-            lengths.cumsum(-1)[..., -1],
-        )
+        some, total = lengths > 0.0, lengths.cumsum(-1)[..., -1]
+        after = heading + segments[..., 3] * lengths
         least = np.minimum(np.where(some, heading, np.inf), np.where(some, after, np.inf)).min(-1)
         most = np.maximum(np.where(some, heading, -np.inf), np.where(some, after, -np.inf)).max(-1)
         # The least way along the middle heading: beyond `_NEAR`, the path does not come back.
         away = 0.45 * np.pi * self.radius * np.cos(0.5 * np.minimum(most - least, np.pi)) > _NEAR
         fit = (total >= self.radius) & (total <= self._farthest) & ~some[..., SEGMENTS] & away
         flown = [segments[..., i, :] for i in range(SEGMENTS)]
-        rest = [
-            total[..., None],
-            np.zeros_like(total)[..., None],
-            *(obstacles[..., i, :] for i in range(OBSTACLES)),
-        ]
-        return np.concatenate([*flown, *rest], -1), fit
+        listed = [obstacles[..., i, :] for i in range(OBSTACLES)]
+        course = np.stack([total, np.zeros_like(total)], -1)
+        return np.concatenate([*flown, course, *listed], -1), fit
 
     @cached_property
     def _farthest(self) -> float:
@@ -231,10 +216,6 @@ class Flight(Task, verified=True):
         i, j = np.nonzero((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2 < _NEAR**2)
         later = j - i > 0.1 * np.pi * self.radius
         return bool((np.cos(heading[j[later]] - heading[i[later]]) > np.cos(0.5)).any())
-
-    def _pose(self, name: str, value: object) -> np.ndarray:
-        where = "of the origin each way, on a heading of as many rad at most"
-        return three_numbers(name, value, "metres x and y and a heading in rad", where)
 
     def _obstacles(self, value: object) -> np.ndarray:
         obstacles = numbers(value)
@@ -282,9 +263,10 @@ class Flight(Task, verified=True):
     observed: ClassVar[dict[str, tuple[float, float]]] = {
         "cross-track": (0.0, 10.0), "altitude error": (0.0, 5.0), "course sine": (0.0, 0.5),
         "course cosine": (0.0, 1.0), "curvature": (0.0, 0.01), "curvature later": (0.0, 0.01),
-        "bank of the path": (0.0, 0.5), "ground speed": (20.0, 5.0), "airspeed": (20.0, 2.0), "climb": (0.0, 1.0),
-        "wind down": (0.0, 1.0), "bank": (0.0, 0.5), "obstacles ahead": (0.0, 1.0),
-        "obstacles to starboard": (0.0, 1.0), "remaining": (0.0, 500.0),
+        "bank of the path": (0.0, 0.5), "ground speed": (20.0, 5.0), "airspeed": (20.0, 2.0),
+        "climb": (0.0, 1.0), "wind down": (0.0, 1.0), "bank": (0.0, 0.5),
+        "obstacles ahead": (0.0, 1.0), "obstacles to starboard": (0.0, 1.0),
+        "remaining": (0.0, 500.0),
     }  # fmt: skip
     """Components of an observation of mode ``"mean"`` with offsets and scales [SI].
 
@@ -306,8 +288,8 @@ class Flight(Task, verified=True):
         """Lengths of the parts of an observation."""
         known = _PATH + 1 + 3 * OBSTACLES + 3
         return {
-            "guided": len(self.observed) + 3, "unguided": len(self.std_scale) + 3 + known, "std": states,
-            "measurements": 2 * measurements, "mission": known,
+            "guided": len(self.observed) + 3, "unguided": len(self.std_scale) + 3 + known,
+            "std": states, "measurements": 2 * measurements, "mission": known,
         }  # fmt: skip
 
     def scaled(self, actuators: np.ndarray) -> np.ndarray:
@@ -318,7 +300,7 @@ class Flight(Task, verified=True):
     """Standard deviations of the state's components that count as 1 [SI]."""
 
     @cached_property
-    def _course_gains(self) -> np.ndarray:
+    def _mission_gains(self) -> np.ndarray:
         path = np.tile([100.0, 100.0, 3.0, 0.01, 100.0], SEGMENTS)
         return 1.0 / np.concatenate([path, [100.0], np.tile([100.0, 100.0, 50.0], OBSTACLES)])
 
@@ -328,20 +310,18 @@ class Flight(Task, verified=True):
         """Observation ``(..., 18)`` of mode ``"mean"``: errors, estimates, actuators."""
         north, east, climb, bank = (estimate.state[..., i] for i in range(3, 7))
         wind_north, wind_east, wind_down = (estimate.flow[..., i] for i in range(3))
-        progress, cross, above, heading, curvature, later = (
-            reference[..., i] for i in range(_WHERE)
-        )
-        ground, scenario = np.hypot(north, east), np.arctan2(east, north)
+        progress, cross, above, heading = (reference[..., i] for i in range(4))
+        curvature, later = reference[..., 4], reference[..., 5]
+        ground, course = np.hypot(north, east), np.arctan2(east, north)
         through_north, through_east = north - wind_north, east - wind_east
-        airspeed = np.hypot(np.hypot(through_north, through_east), climb + wind_down)
         # Lift turns the velocity through the air; over ground its share across the course counts.
-        across = np.maximum(np.cos(scenario - np.arctan2(through_east, through_north)), 0.5)
-        path_bank = np.arctan(
-            ground * np.minimum(ground, 1e3) * curvature / self.body.gravity / across
-        )
+        across = np.maximum(np.cos(course - np.arctan2(through_east, through_north)), 0.5)
+        turning = ground * np.minimum(ground, 1e3) * curvature
+        path_bank = np.arctan(turning / self.body.gravity / across)
         seen = [
-            cross, above, np.sin(heading - scenario), np.cos(heading - scenario), curvature, later, path_bank, ground,
-            airspeed, climb, wind_down, bank, *_obstacles_near(estimate.state, reference),
+            cross, above, np.sin(heading - course), np.cos(heading - course), curvature, later,
+            path_bank, ground, airspeed(estimate.state, estimate.flow), climb, wind_down, bank,
+            *_obstacles_near(estimate.state, reference),
             reference[..., _WHERE + _PATH] - progress,
         ]  # fmt: skip
         offset, gain = self._gains
@@ -351,11 +331,8 @@ class Flight(Task, verified=True):
         self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
         """Path, altitude, obstacles and actuators ``(..., 99)``."""
-        mission = (
-            np.concatenate([scenario[..., :_PATH], scenario[..., _PATH + 1 :]], -1)
-            * self._course_gains
-        )
-        return np.concatenate([mission, self.scaled(actuators)], -1)
+        mission = np.concatenate([scenario[..., :_PATH], scenario[..., _PATH + 1 :]], -1)
+        return np.concatenate([mission * self._mission_gains, self.scaled(actuators)], -1)
 
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
         """Estimated state and wind ``(..., 10)``, without guidance."""
@@ -368,15 +345,11 @@ class Flight(Task, verified=True):
 
     # --- how it is scored -------------------------------------------------------------------------
 
-    TRACKING = (
-        0.7  # share of the score that following the path is worth; arriving is worth the rest
-    )
+    TRACKING = 0.7  # share of the score for following the path; the rest is for arriving
     TRACK_TOLERANCE = 3.0  # m off the path in plan that halve the reward of a metre
     ALTITUDE_TOLERANCE = 1.5  # m off the commanded altitude that halve the reward of a metre
     BERTH = 10.0  # m from an obstacle within which the reward of a metre falls to 0
-    GOAL_TOLERANCE = (
-        8.0  # m off the goal in plan that still count as arrived, and halve the reward of arriving
-    )
+    GOAL_TOLERANCE = 8.0  # m off the goal in plan, still arrived, that halve its reward
     LOST = 100.0  # m off the path in plan at which the episode ends
     HEIGHT_LOST = 40.0  # m off the commanded altitude at which the episode ends
     STALL = 10.0  # m/s of airspeed: level flight takes 9
@@ -392,8 +365,8 @@ class Flight(Task, verified=True):
 
     @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
-        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
-        action: np.ndarray, score_state: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray,
+        actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward in [0, 1] ``(...)``, end ``(...)`` and score state ``(..., 7)``, from the truth.
 
@@ -402,20 +375,16 @@ class Flight(Task, verified=True):
         waiting, circling and short cuts pay nothing. Arriving pays by the distance to the goal and
         the covered share of the path.
         """
-        scenario, farthest, last = (
-            self.scenario_of(reference),
-            score_state[..., 0],
-            score_state[..., 1:4],
-        )
-        x, y, altitude, north, east, climb = (state[..., i] for i in range(6))
+        scenario = self.scenario_of(reference)
+        farthest, last = score_state[..., 0], score_state[..., 1:4]
+        x, y, altitude = (state[..., i] for i in range(3))
         length, above = scenario[..., _PATH], altitude - self.altitude_of(scenario)
         place, clearance = self.track(state, scenario, farthest), self.clearance(state, scenario)
         off, most = place[..., 6], self.FASTEST * self.body.cruise_speed * self.dt
         fresh = np.clip(np.minimum(place[..., 0], length) - farthest, 0.0, most)
         change = 0.5 * (action - last)  # shares of the commands' range
-        quality = smoothness(change, score_state[..., 4:]) * np.clip(
-            clearance / self.BERTH, 0.0, 1.0
-        )
+        berth = np.clip(clearance / self.BERTH, 0.0, 1.0)
+        quality = smoothness(change, score_state[..., 4:]) * berth
         near, level = (off / self.TRACK_TOLERANCE) ** 2, (above / self.ALTITUDE_TOLERANCE) ** 2
         tracking = self.TRACKING * fresh / length * (quality / ((1.0 + near) * (1.0 + level)))
 
@@ -426,12 +395,10 @@ class Flight(Task, verified=True):
         crashed, hit = altitude <= 0.0, clearance < 0.0
         reward = np.where(hit | crashed, 0.0, tracking + np.where(over, arriving, 0.0))
 
-        airspeed = np.hypot(
-            np.hypot(north - exogenous[..., 4], east - exogenous[..., 5]), climb + exogenous[..., 6]
-        )
         end = np.where(np.abs(above) > self.HEIGHT_LOST, _HEIGHT, 0)
         end = np.where(off > self.LOST, _OFF, end)
-        end = np.where(airspeed < self.STALL, _STALLED, end)
+        stalled = airspeed(state, exogenous[..., 4:]) < self.STALL
+        end = np.where(stalled, _STALLED, end)
         end = np.where(over, np.where(miss <= self.GOAL_TOLERANCE, _ARRIVED, _MISSED), end)
         end = np.where(hit, _HIT, np.where(crashed, _CRASHED, end))
         return reward, end, np.concatenate([np.stack([farthest + fresh], -1), action, change], -1)
@@ -441,9 +408,8 @@ class Flight(Task, verified=True):
         """Positions of states ``(..., n)`` on the path, near the farthest progress [m]."""
         x, y, zero = state[..., 0], state[..., 1], np.zeros_like(state[..., 0])
         window = np.stack([farthest - self.WINDOW, farthest + self.WINDOW, zero], -1)
-        return locate(
-            np.stack([x, y, zero], -1), window, scenario[..., :_PATH], np.array(self.ahead)
-        )
+        pose, path = np.stack([x, y, zero], -1), scenario[..., :_PATH]
+        return locate(pose, window, path, np.array(self.ahead))
 
     def over(self, reference: np.ndarray) -> np.ndarray:
         """Has the position covered the path ``(...)``?"""
@@ -465,14 +431,9 @@ class Flight(Task, verified=True):
     def clearance(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
         """Distance [m] of states ``(..., n)`` from the nearest obstacle; infinite without one."""
         radius = scenario[..., _RADIUS]
-        distance = (
-            np.hypot(
-                scenario[..., _CENTRE_X] - state[..., :1],
-                scenario[..., _CENTRE_Y] - state[..., 1:2],
-            )
-            - radius
-        )
-        return np.where(radius > 0.0, distance, np.inf).min(-1)
+        dx = scenario[..., _CENTRE_X] - state[..., :1]
+        dy = scenario[..., _CENTRE_Y] - state[..., 1:2]
+        return np.where(radius > 0.0, np.hypot(dx, dy) - radius, np.inf).min(-1)
 
     @compiled
     def goal(self, scenario: np.ndarray) -> np.ndarray:
@@ -490,12 +451,9 @@ def _obstacles_near(state: np.ndarray, reference: np.ndarray) -> tuple[np.ndarra
     A vector is the longer the nearer the obstacle's edge is, and 0 beyond 100 m.
     """
     x, y, radius = (reference[..., columns] for columns in (_CENTRE_X, _CENTRE_Y, _RADIUS))
-    dx, dy, scenario = (
-        x - state[..., :1],
-        y - state[..., 1:2],
-        np.arctan2(state[..., 4:5], state[..., 3:4]),
-    )
-    distance, sin, cos = np.hypot(dx, dy), np.sin(scenario), np.cos(scenario)
+    dx, dy = x - state[..., :1], y - state[..., 1:2]
+    course = np.arctan2(state[..., 4:5], state[..., 3:4])
+    distance, sin, cos = np.hypot(dx, dy), np.sin(course), np.cos(course)
     near = np.clip(1.0 - (distance - radius) / 100.0, 0.0, 2.0) / np.maximum(distance, 1e-9)
     counts, ahead, aside = (radius > 0.0) & (near > 0.0), dx * cos + dy * sin, dy * cos - dx * sin
     return np.where(counts, near * ahead, 0.0).sum(-1), np.where(counts, near * aside, 0.0).sum(-1)

@@ -18,6 +18,11 @@ def wrapped(angle: np.ndarray) -> np.ndarray:
     return angle + 2.0 * np.pi * np.floor(0.5 - angle / (2.0 * np.pi))
 
 
+def first_component(estimates: np.ndarray | None, like: np.ndarray) -> np.ndarray:
+    """First component ``(...)`` of estimates ``(..., k)``; 0, shaped as ``like``, without any."""
+    return np.zeros_like(like) if estimates is None else estimates[..., 0]
+
+
 @dataclass(frozen=True)
 class Steering(Task):
     """Base of the tasks in which a ship is steered by her rudder."""
@@ -64,9 +69,8 @@ class Steering(Task):
                 ``(..., 2)``.
         """
         rate = (actuators - before[..., :1]) / (self.ship.rudder_rate * self.dt)
-        return smoothness(rate, before[..., 1:], self.RUDDER_PRICE), np.concatenate(
-            [actuators, rate], -1
-        )
+        factor = smoothness(rate, before[..., 1:], self.RUDDER_PRICE)
+        return factor, np.concatenate([actuators, rate], -1)
 
     RUDDER_PRICE = 1.0  # of effort, in `smooth`
     SWAY_SCALE = 2.0  # m/s
@@ -89,11 +93,5 @@ class Steering(Task):
 
     @cached_property
     def _mean_gains(self) -> np.ndarray:
-        scales = [
-            self.HEADING_SCALE,
-            self.rate_scale,
-            self.SWAY_SCALE,
-            self.INPUT_SCALE,
-            *self._known_scales,
-        ]
-        return 1.0 / np.array(scales)
+        errors = self.HEADING_SCALE, self.rate_scale, self.SWAY_SCALE, self.INPUT_SCALE
+        return 1.0 / np.array([*errors, *self._known_scales])

@@ -214,8 +214,8 @@ class Task(Verified):
         return np.zeros((*state.shape[:-1], 0))
 
     def score(
-        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
-        action: np.ndarray, score_state: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray,
+        actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward of a step, from the truth; every subclass must define this method.
 
@@ -223,7 +223,7 @@ class Task(Verified):
         [0, 1]. Negative sums count as 0, so express a cost as a factor such as ``1 / (1 + cost)``.
 
         Args:
-            state: ``(B, n)`` true state of the vehicle, with the components ``vehicle.state_names``.
+            state: ``(B, n)`` true state of the vehicle, the components ``vehicle.state_names``.
             exogenous: ``(B, f)`` true exogenous input over the coming step: ``vehicle.increments``,
                 then ``vehicle.ambient_flows``.
             reference: ``(B, r)`` as `reference` returns it. It is evaluated at the estimated state,

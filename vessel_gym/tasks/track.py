@@ -10,7 +10,7 @@ from estimators.engine import compiled, sincos
 from vessel_gym.processes import interpolated
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
-from vessel_gym.tasks.steering import Steering, wrapped
+from vessel_gym.tasks.steering import Steering, first_component, wrapped
 from vessel_gym.vehicles.corvette import steady_turns
 
 HEADING = 0
@@ -75,6 +75,15 @@ class Track(Steering):
         """Commanded yaw rate and heading ``(..., 2)`` of a ship that keeps to the track."""
         return self.reference(scenario, step, self.nominal(scenario, step))[..., self.commanding]
 
+    def course_error(
+        self, state: np.ndarray, exogenous: np.ndarray, direction: np.ndarray
+    ) -> np.ndarray:
+        """True course over ground relative to a direction [rad] ``(...)``."""
+        psi, u, v = (state[..., i] for i in range(2, 5))
+        sin, cos = sincos(psi)
+        north, east = u * cos - v * sin + exogenous[..., 1], u * sin + v * cos + exogenous[..., 2]
+        return wrapped(np.arctan2(east, north) - direction)
+
     # --- what the agent sees ----------------------------------------------------------------------
 
     TRACK_SCALE = 20.0  # m
@@ -85,7 +94,8 @@ class Track(Steering):
         """Lengths of the parts of an observation."""
         mission = self.MISSION
         return {
-            "guided": 11, "unguided": 10 + mission, "std": 6, "measurements": 2 * measurements, "mission": mission,
+            "guided": 11, "unguided": 10 + mission, "std": 6,
+            "measurements": 2 * measurements, "mission": mission,
         }  # fmt: skip
 
     @cached_property
@@ -106,7 +116,7 @@ class Track(Steering):
         north, east = (estimate.flow[..., i] for i in range(2))
         columns = WANTED, RATE_NOW, RATE_AHEAD, OFF, SURGE
         heading, rate, rate_ahead, off, surge = (reference[..., i] for i in columns)
-        d = np.zeros_like(v) if estimate.input_mean is None else estimate.input_mean[..., 0]
+        d = first_component(estimate.input_mean, v)
         sin, cos = sincos(reference[..., TRACK])
         along, across = north * cos + east * sin, east * cos - north * sin
         crab = np.arcsin(np.clip(across / surge, -0.5, 0.5))
@@ -121,16 +131,10 @@ class Track(Steering):
         current.
         """
         psi, u, v, r = (estimate.state[..., i] for i in range(2, 6))
-        d = np.zeros_like(v) if estimate.input_mean is None else estimate.input_mean[..., 0]
+        d = first_component(estimate.input_mean, v)
         turned, surge = psi - scenario[..., HEADING], (u - self.ship.speed) / self.SPEED_SCALE
-        own = (
-            np.sin(turned),
-            np.cos(turned),
-            surge,
-            v / self.SWAY_SCALE,
-            r / self.command_scale,
-            d / self.INPUT_SCALE,
-        )
+        rest = v / self.SWAY_SCALE, r / self.command_scale, d / self.INPUT_SCALE
+        own = np.sin(turned), np.cos(turned), surge, *rest
         place = in_frame(scenario, estimate.state[..., :2]) / self._place_scale
         current = in_frame(scenario, estimate.flow[..., :2]) / self.FLOW_SCALE
         return np.concatenate([place, np.stack(own, -1), current], -1)
@@ -143,20 +147,11 @@ class Track(Steering):
     def observe_std(self, estimate: Estimate) -> np.ndarray:
         """Scaled standard deviations ``(..., 6)`` of position, heading, sway, yaw rate and d."""
         assert estimate.sd is not None
-        sd = estimate.sd[..., [0, 1, 2, 4, 5]]
-        known = (
-            np.zeros_like(sd[..., :1]) if estimate.input_sd is None else estimate.input_sd[..., :1]
-        )
+        sd = [estimate.sd[..., i] for i in (0, 1, 2, 4, 5)]
+        d = first_component(estimate.input_sd, sd[0])
         place = 0.25 * self.TRACK_SCALE
-        scale = [
-            place,
-            place,
-            self.HEADING_SCALE,
-            self.SWAY_SCALE,
-            self.rate_scale,
-            self.INPUT_SCALE,
-        ]
-        return np.concatenate([sd, known], -1) / scale
+        rest = self.HEADING_SCALE, self.SWAY_SCALE, self.rate_scale, self.INPUT_SCALE
+        return np.stack([*sd, d], -1) / [place, place, *rest]
 
     def observe_measurements(
         self,
@@ -171,12 +166,9 @@ class Track(Steering):
         turned = wrapped(measurements - scenario[..., :1])
         measured = np.where([state == "psi" for state in gives], turned, measured)
         if "x" in gives and "y" in gives:
-            place = (
-                in_frame(scenario, measurements[..., [gives.index("x"), gives.index("y")]])
-                / self._place_scale
-            )
-            ahead_aside = {gives.index("x"): place[..., 0], gives.index("y"): place[..., 1]}
-            measured = np.stack(
-                [ahead_aside.get(i, measured[..., i]) for i in range(len(gives))], -1
-            )
+            x, y = gives.index("x"), gives.index("y")
+            place = in_frame(scenario, measurements[..., [x, y]]) / self._place_scale
+            ahead_aside = {x: place[..., 0], y: place[..., 1]}
+            columns = [ahead_aside.get(i, measured[..., i]) for i in range(len(gives))]
+            measured = np.stack(columns, -1)
         return np.concatenate([np.where(available, measured, 0.0), available], -1)

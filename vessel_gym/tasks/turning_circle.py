@@ -12,7 +12,7 @@ from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, check_pair, one_of
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
-from vessel_gym.tasks.steering import Steering, wrapped
+from vessel_gym.tasks.steering import Steering, first_component, wrapped
 from vessel_gym.vehicles.corvette import steady_turns
 
 
@@ -46,9 +46,7 @@ class TurningCircle(Steering, verified=True):
     """
 
     radius: tuple[float, float] = (3.0, 6.0)  # commanded radius in ship lengths, to either side
-    tightest: float = (
-        2.5  # ship lengths, least radius of an option: nearly full rudder, no margin for gusts
-    )
+    tightest: float = 2.5  # ship lengths, least radius of an option: nearly full rudder
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -142,9 +140,8 @@ class TurningCircle(Steering, verified=True):
         reference = self.command(np.tile(scenario, (len(steps), 1)), steps)
         turned = np.abs(reference[:, 0] - scenario[0]) - 0.5 * self.ramp * abs(scenario[1])
         heading, rate, *_ = reference[: 2 + np.searchsorted(turned, 2.0 * np.pi)].T
-        surge, sway = (
-            np.interp(np.abs(rate), turns.yaw_rate, values) for values in (turns.speed, turns.sway)
-        )
+        surge = np.interp(np.abs(rate), turns.yaw_rate, turns.speed)
+        sway = np.interp(np.abs(rate), turns.yaw_rate, turns.sway)
         return dead_reckoned(heading, surge, np.sign(rate) * sway, self.dt)
 
     # --- what the agent sees ----------------------------------------------------------------------
@@ -161,9 +158,8 @@ class TurningCircle(Steering, verified=True):
 
     @cached_property
     def _std_gains(self) -> np.ndarray:
-        return 1.0 / np.array(
-            [self.SWAY_SCALE, self.rate_scale, self.HEADING_SCALE, self.INPUT_SCALE]
-        )
+        scales = self.SWAY_SCALE, self.rate_scale, self.HEADING_SCALE, self.INPUT_SCALE
+        return 1.0 / np.array(scales)
 
     def observe(
         self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
@@ -174,18 +170,15 @@ class TurningCircle(Steering, verified=True):
         """
         v, r, psi = (estimate.state[..., i] for i in range(3))
         heading, rate, rate_ahead = (reference[..., i] for i in range(3))
-        d = np.zeros_like(v) if estimate.input_mean is None else estimate.input_mean[..., 0]
+        d = first_component(estimate.input_mean, v)
         errors = wrapped(heading - psi), rate - r
         return np.stack([*errors, v, d, actuators[..., 0], rate, rate_ahead], -1) * self._mean_gains
 
     def observe_std(self, estimate: Estimate) -> np.ndarray:
         """Scaled standard deviations ``(..., 4)`` of sway, yaw rate, heading and unknown input."""
         assert estimate.sd is not None
-        sd = estimate.sd[..., :3]
-        known = (
-            np.zeros_like(sd[..., :1]) if estimate.input_sd is None else estimate.input_sd[..., :1]
-        )
-        return np.concatenate([sd, known], -1) * self._std_gains
+        sd = [estimate.sd[..., i] for i in range(3)]
+        return np.stack([*sd, first_component(estimate.input_sd, sd[0])], -1) * self._std_gains
 
     def observe_measurements(
         self,
@@ -210,24 +203,16 @@ class TurningCircle(Steering, verified=True):
         self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
         """Rudder, and commanded yaw rates now and ahead ``(..., 3)``."""
-        return (
-            np.concatenate([actuators, self.command(scenario, step)[..., 1:3]], -1)
-            / self._known_scales
-        )
+        commands = self.command(scenario, step)[..., 1:3]
+        return np.concatenate([actuators, commands], -1) / self._known_scales
 
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
         """Sway, yaw rate, sine and cosine of the heading relative to the first, d ``(..., 5)``."""
         v, r, psi = (estimate.state[..., i] for i in range(3))
-        d = np.zeros_like(v) if estimate.input_mean is None else estimate.input_mean[..., 0]
+        d = first_component(estimate.input_mean, v)
         turned = psi - scenario[..., 0]
-        scaled = (
-            v / self.SWAY_SCALE,
-            r / self.command_scale,
-            np.sin(turned),
-            np.cos(turned),
-            d / self.INPUT_SCALE,
-        )
-        return np.stack(scaled, -1)
+        moving = v / self.SWAY_SCALE, r / self.command_scale
+        return np.stack([*moving, np.sin(turned), np.cos(turned), d / self.INPUT_SCALE], -1)
 
     # --- how it is scored -------------------------------------------------------------------------
 
@@ -244,8 +229,8 @@ class TurningCircle(Steering, verified=True):
 
     @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
     def score(
-        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
-        action: np.ndarray, score_state: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray,
+        actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward in [0, 1] ``(...)``, end ``(...)`` and score state ``(..., 2)``, from the truth.
 
@@ -255,8 +240,7 @@ class TurningCircle(Steering, verified=True):
         """
         heading = wrapped(reference[..., 0] - state[..., 2])
         rate = (reference[..., 1] - state[..., 5]) / reference[..., 3]
-        value = (0.8 + 0.2 / (1.0 + (rate / self.RATE_TOLERANCE) ** 2)) / (
-            1.0 + (heading / self.HEADING_TOLERANCE) ** 2
-        )
+        value = 0.8 + 0.2 / (1.0 + (rate / self.RATE_TOLERANCE) ** 2)
+        value = value / (1.0 + (heading / self.HEADING_TOLERANCE) ** 2)
         smooth, steered = self.smooth(actuators, score_state)
         return value * smooth, np.where(np.abs(heading) > self.LOST, 1, 0), steered

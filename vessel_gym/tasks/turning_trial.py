@@ -35,10 +35,8 @@ class TurningTrial(TurningCircle, verified=True):
 
     pace: float = 1.6  # for steps of 0.8 s
     horizon: int = SAMPLES - 1
-    # rad, our choice: with more the ship hardly turns faster; the thesis prints 35 deg
-    helm: float = float(np.deg2rad(28.0))
-    # of sway, yaw rate and heading in the filter, inferred: equal to Q's
-    prior_variance: float = 1e-3
+    helm: float = float(np.deg2rad(28.0))  # rad, our choice: more hardly helps; 35 deg is printed
+    prior_variance: float = 1e-3  # filter's, of sway, yaw rate, heading; inferred: equal to Q's
 
     uniforms = 0
     commanding: ClassVar[slice | list[int]] = [3, 4]
@@ -76,10 +74,8 @@ class TurningTrial(TurningCircle, verified=True):
         state, rudder = vessel.start(np.zeros((1, 3)))
         states = [state[0]]
         for _ in range(self.horizon + self._ahead):
-            before, rudder = (
-                rudder,
-                vessel.actuate(rudder, still + self.helm / self.ship.rudder_limit),
-            )
+            before, put = rudder, still + self.helm / self.ship.rudder_limit
+            rudder = vessel.actuate(before, put)
             state = vessel.step(state, before, rudder, still, parameters)
             states.append(state[0])
         return np.array(states)
@@ -93,16 +89,8 @@ class TurningTrial(TurningCircle, verified=True):
         """Reference ``(..., 5)`` at a step ``(...)`` of the trial."""
         heading, rate = self.record.T[[2, 5]]
         rate_ahead = lookup(rate, step + float(self._ahead))
-        return np.stack(
-            [
-                lookup(heading, step),
-                lookup(rate, step),
-                rate_ahead,
-                scenario[..., 1],
-                scenario[..., 2],
-            ],
-            -1,
-        )
+        now = lookup(heading, step), lookup(rate, step)
+        return np.stack([*now, rate_ahead, scenario[..., 1], scenario[..., 2]], -1)
 
     def path(self, scenario: np.ndarray) -> np.ndarray:
         """Positions of the ship in the trial ``(195, 2)``."""

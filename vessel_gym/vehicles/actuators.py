@@ -38,5 +38,5 @@ def actuated(before: np.ndarray, action: np.ndarray, parameters: np.ndarray) -> 
     above, below, offset, base, kept, lag, turn, limit = parameters.T
     asked = kept * before + base + np.where(action < 0.0, below, above) * (offset + action)
     asked = np.where(lag > 0.0, asked + (before - asked) * lag, asked)
-    turned = np.minimum(np.maximum(asked, before - turn), before + turn)
-    return np.minimum(np.maximum(turned, -limit), limit)
+    turned = np.clip(asked, before - turn, before + turn)
+    return np.clip(turned, -limit, limit)

@@ -61,9 +61,7 @@ class AUVParameters(Particulars):
     z_g: float  # m, centre of gravity below the centre of buoyancy
     thrust_limit: float  # N
     cruise_speed: float  # m/s
-    axial_drag: float | None = (
-        None  # coefficient on the frontal area; None: of the bare hull at cruise speed
-    )
+    axial_drag: float | None = None  # on the frontal area; None: of the bare hull at cruise speed
     buoyancy_excess: float = 0.0  # N, buoyancy minus weight
     fin_limit: float = float(np.deg2rad(20.0))  # rad, assumed: below stall
     fin_rate: float = 1.0  # rad/s, of a small servo, assumed
@@ -73,18 +71,18 @@ class AUVParameters(Particulars):
     water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
     gravity: float = 9.81  # m/s2
     given: tuple[tuple[str, float], ...] = ()  # coefficients by name
-    with_added_mass: bool = (
-        False  # do given Y_ur, Z_uq, M_uw, N_uv, M_uq, N_ur include Kirchhoff's terms (Prestero)?
-    )
+    with_added_mass: bool = False  # do given Y_ur, ..., N_ur include Kirchhoff's terms (Prestero)?
 
     TABLES: ClassVar = {
         "particulars": (
-            "length", "diameter", "z_g", "buoyancy_excess", "mass", "roll_inertia", "pitch_inertia", "water_density",
-            "gravity",
+            "length", "diameter", "z_g", "buoyancy_excess", "mass", "roll_inertia", "pitch_inertia",
+            "water_density", "gravity",
         ),
         "fins": ("fin_area", "fin_position", "fin_aspect", "fin_taper", "fin_limit", "fin_rate"),
         "propulsion": ("cruise_speed", "thrust_limit", "thrust_lag"),
-        "coefficients": ("with_added_mass", "axial_drag", *(each.name for each in fields(Coefficients)), "K_up"),
+        "coefficients": (
+            "with_added_mass", "axial_drag", *(each.name for each in fields(Coefficients)), "K_up",
+        ),
     }  # fmt: skip
     """Keys of a vehicle file by table; keys that are no fields of this class go to ``given``."""
 
@@ -105,8 +103,8 @@ class AUVParameters(Particulars):
         given = {name: x for name, x in self.given if name in names}
         c = replace(self.torpedo.coefficients(), **given)
         held = {
-            "Y_ur": c.X_udot, "Z_uq": -c.X_udot, "N_uv": c.munk_moment(), "M_uw": c.X_udot - c.Z_wdot,
-            "N_ur": c.Y_rdot, "M_uq": -c.Z_qdot,
+            "Y_ur": c.X_udot, "Z_uq": -c.X_udot, "N_uv": c.munk_moment(),
+            "M_uw": c.X_udot - c.Z_wdot, "N_ur": c.Y_rdot, "M_uq": -c.Z_qdot,
         }  # fmt: skip
         if not self.with_added_mass:
             return c
@@ -203,13 +201,8 @@ class AUVParameters(Particulars):
         cylinder = 0.25 * np.pi * D**2 * L * self.water_density
         if not self.mass > 0.0 or self.buoyancy > cylinder * self.gravity:
             key = "mass" if "mass" in dict(self.given) else "buoyancy_excess"
-            yield (
-                key,
-                (
-                    f"{self.mass:.4g} kg do not float: a cylinder round the hull displaces"
-                    f" {cylinder:.4g} kg"
-                ),
-            )
+            displaced = f"a cylinder round the hull displaces {cylinder:.4g} kg"
+            yield key, f"{self.mass:.4g} kg do not float: {displaced}"
         if self.cruise_thrust > self.thrust_limit:
             drag = f"at cruising speed the drag is {self.cruise_thrust:.3g} N"
             yield "thrust_limit", f"{self.thrust_limit:g} N are too little: {drag}"

@@ -6,13 +6,13 @@ For particulars and equations of motion, with frames and sources, see
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 from scipy.optimize import root
 
 from estimators import Schedule, zero_order_hold
-from estimators.checks import finite_array, integer
+from estimators.checks import finite_array
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.processes import interpolated, linear
 from vessel_gym.sensors import Sensor, plain
@@ -32,14 +32,13 @@ class SteadyTurn:
 
     def interpolated(self, values: np.ndarray, yaw_rate: np.ndarray) -> np.ndarray:
         """Values ``(k,)`` of the turns, interpolated at yaw rates ``(...)`` of either sign."""
-        return interpolated(
-            values, np.minimum(np.abs(yaw_rate) / self.yaw_rate[1], len(values) - 1.0)
-        )
+        at = np.minimum(np.abs(yaw_rate) / self.yaw_rate[1], len(values) - 1.0)
+        return interpolated(values, at)
 
 
 @cache
-def steady_turns(ship: CorvetteParameters, points: int = 165) -> SteadyTurn:
-    """Steady turns at equal steps of yaw rate, up to the turn at 80 % of the rudder limit.
+def steady_turns(ship: CorvetteParameters) -> SteadyTurn:
+    """Steady turns at 165 yaw rates in equal steps, up to the turn at 80 % of the rudder limit.
 
     With more rudder the yaw rate hardly rises, and could not be controlled.
 
@@ -47,32 +46,29 @@ def steady_turns(ship: CorvetteParameters, points: int = 165) -> SteadyTurn:
         RuntimeError: if the ship has no steady turns (it is directionally unstable).
     """
     instance("ship of steady_turns", ship, CorvetteParameters)
-    integer("points of steady_turns", points, 2)
     scale = np.array([ship.speed, ship.speed, ship.speed / ship.length])
 
-    def accelerations(motion: np.ndarray, rudder: float) -> np.ndarray:
-        return ship.accelerations(motion, np.array([rudder])) / scale
-
     def held_rudder(z: np.ndarray, rudder: float) -> np.ndarray:
-        return accelerations(z * scale, rudder)
+        return ship.accelerations(z * scale, np.array([rudder])) / scale
 
     def held_rate(z: np.ndarray, rate: float) -> np.ndarray:
-        return accelerations(np.array([z[0] * scale[0], z[1] * scale[1], rate]), z[2])
+        motion = np.array([z[0] * scale[0], z[1] * scale[1], rate])
+        return ship.accelerations(motion, z[2:]) / scale
 
-    def solve(residual: Callable[[np.ndarray], np.ndarray], guess: np.ndarray) -> np.ndarray:
-        found = root(residual, guess, tol=1e-13)
+    def solve(residual: Callable[..., np.ndarray], guess: np.ndarray, held: float) -> np.ndarray:
+        found = root(residual, guess, (held,), tol=1e-13)
         if np.abs(found.fun).max() > 1e-9:
             raise RuntimeError("the ship has no steady turn at a rudder that it should hold")
         return found.x
 
     motion = np.array([1.0, 0.0, 0.0])  # surge, sway, yaw rate in units of scale
     for rudder in np.linspace(0.0, 0.8 * ship.rudder_limit, 57):
-        motion = solve(partial(held_rudder, rudder=rudder), motion)
-    rates = np.linspace(0.0, motion[2] * scale[2], points)
-    solutions = np.empty((points, 3))  # surge, sway, rudder
+        motion = solve(held_rudder, motion, rudder)
+    rates = np.linspace(0.0, motion[2] * scale[2], 165)
+    solutions = np.empty((len(rates), 3))  # surge, sway, rudder
     guess = np.array([1.0, 0.0, 0.0])
     for i, rate in enumerate(rates):
-        guess = solve(partial(held_rate, rate=rate), guess)
+        guess = solve(held_rate, guess, rate)
         solutions[i] = guess * [scale[0], scale[1], 1.0]
     speed, sway, rudder = solutions.T
     with np.errstate(divide="ignore"):
@@ -111,7 +107,6 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
     the ray from zero to the equilibrium of the commanded turn, at the speed of that turn (8-point
     Gauss-Legendre). It is exact at both ends.
     """
-    instance("ship of secant_models", ship, CorvetteParameters)
     check_numbers("secant_models", {"dt": dt}, positive="dt")
     turns = steady_turns(ship)
     nodes, weights = np.polynomial.legendre.leggauss(8)
@@ -129,7 +124,6 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
 @cache
 def surge_models(ship: CorvetteParameters, dt: float) -> np.ndarray:
     """Share ``(k,)`` of a deviation from each turn's speed that remains after a step."""
-    instance("ship of surge_models", ship, CorvetteParameters)
     check_numbers("surge_models", {"dt": dt}, positive="dt")
     turns, step = steady_turns(ship), 1e-4
 
@@ -152,7 +146,6 @@ def linear_matrices(
         inputs: Number of components of ``u = (rudder, commanded yaw rate, ...)``; the rudder alone
             moves the ship.
     """
-    instance("ship of linear_matrices", ship, CorvetteParameters)
     A_table, B_table = secant_models(ship, dt)
     A_table = np.concatenate([A_table[:0:-1], A_table])  # turns to port mirror those to starboard
     B_table = np.concatenate([B_table[:0:-1], B_table])

@@ -31,7 +31,8 @@ They are position north, east [m], heading [rad], surge, sway through the water 
 [rad/s], roll [rad] and roll rate [rad/s].
 """
 AROUND = (
-    "current north", "current east", "surge force", "sway force", "yaw moment", "roll moment", "wave sway",
+    "current north", "current east", "surge force", "sway force", "yaw moment", "roll moment",
+    "wave sway",
 )  # fmt: skip
 """Flow and loads around a ship.
 
@@ -40,23 +41,26 @@ velocity [m/s] of waves, which only carries her sideways.
 """
 
 I = IntEnum("I", (
-    "mass", "mass_x_g", "surge_inertia", "sway_inertia", "sway_yaw_inertia", "yaw_sway_inertia", "yaw_inertia",
-    "Yv", "Yr", "Nv", "Nr", "cross_flow", "resistance", "thrust", "thrust_rise", "service_speed", "rudder",
-    "slipstream", "race", "race_power", "straightening", "half_length", "roll_inertia", "righting", "roll_damping",
-    "roll_damping_speed", "hull_arm", "rudder_arm",
+    "mass", "mass_x_g", "surge_inertia", "sway_inertia", "sway_yaw_inertia", "yaw_sway_inertia",
+    "yaw_inertia", "Yv", "Yr", "Nv", "Nr", "cross_flow", "resistance", "thrust", "thrust_rise",
+    "service_speed", "rudder", "slipstream", "race", "race_power", "straightening", "half_length",
+    "roll_inertia", "righting", "roll_damping", "roll_damping_speed", "hull_arm", "rudder_arm",
 ), start=0)  # fmt: skip
 """Index of each coefficient in the vector of the equations of motion."""
 
 COEFFICIENTS = tuple(I.__members__)
 UNCERTAIN = (
-    I.Yv, I.Yr, I.Nv, I.Nr, I.cross_flow, I.resistance, I.rudder, I.straightening, I.sway_inertia, I.yaw_inertia,
+    I.Yv, I.Yr, I.Nv, I.Nr, I.cross_flow, I.resistance, I.rudder, I.straightening,
+    I.sway_inertia, I.yaw_inertia,
 )  # fmt: skip
 """Coefficients that `mismatch` perturbs: hydrodynamics and inertia, not geometry."""
 
 
 _CROSS_FLOW = np.array([
-    [0.0109, 0.177, 0.353, 0.452, 0.473, 0.493, 0.558, 0.646, 0.834, 0.988, 1.308, 1.639, 1.860, 2.313, 2.600, 3.009],
-    [1.966, 1.966, 1.898, 1.787, 1.584, 1.245, 1.084, 0.999, 0.880, 0.828, 0.760, 0.691, 0.657, 0.631, 0.596, 0.587],
+    [0.0109, 0.177, 0.353, 0.452, 0.473, 0.493, 0.558, 0.646,
+     0.834, 0.988, 1.308, 1.639, 1.860, 2.313, 2.600, 3.009],
+    [1.966, 1.966, 1.898, 1.787, 1.584, 1.245, 1.084, 0.999,
+     0.880, 0.828, 0.760, 0.691, 0.657, 0.631, 0.596, 0.587],
 ])  # fmt: skip
 """Hoerner's curve of cross-flow drag over beam / (2 draught).
 
@@ -86,26 +90,16 @@ class CorvetteParameters(Particulars):
     yaw_radius: float = 0.25  # gyration radius / L; Fossen (2011), sec. 3.3
     drag_coefficient: float | None = None  # cross-flow drag; None: by Hoerner's curve
     rudder_aspect: float = 1.5  # effective aspect ratio, assumed
-    rudder_limit: float = float(
-        np.deg2rad(35.0)
-    )  # rad, usual; the angle of the trials of MSC.137(76)
+    rudder_limit: float = float(np.deg2rad(35.0))  # rad, usual; as in the trials of MSC.137(76)
     rudder_rate: float = float(np.deg2rad(65.0 / 28.0))  # rad/s, the least; SOLAS II-1/29
     slipstream: float = 1.1  # inflow speed at the rudder / u, assumed
-    straightening: float = (
-        0.4  # share of the geometric drift angle that the rudder sees; Yasukawa & Yoshimura (2015)
-    )
-    thrust_coefficient: float | None = (
-        None  # K_T of propellers at rest; None: constant thrust, constant slipstream
-    )
+    straightening: float = 0.4  # share of the drift that the rudder sees; Yasukawa & Yoshimura
+    thrust_coefficient: float | None = None  # K_T at rest; None: constant thrust and slipstream
     thrust_slope: float | None = None  # by which K_T falls with J
     advance_ratio: float | None = None  # J at service speed
-    race: float = (
-        0.47  # share of the propellers' race that the rudder is in; Yasukawa & Yoshimura (2015)
-    )
+    race: float = 0.47  # share of the race that the rudder is in; Yasukawa & Yoshimura (2015)
     metacentric_height: float | None = None  # GM, m; None: 8 % of the beam, assumed
-    roll_period: float | None = (
-        None  # s; None: by GM, weather criterion of IMO's intact stability code, A.749(18)
-    )
+    roll_period: float | None = None  # s; None: by GM, IMO's intact stability code, A.749(18)
     gravity_height: float | None = None  # KG, m; None: 1.5 draughts, assumed
     frontal_area: float | None = None  # m2 above the water; None: 0.82 B^2, as the corvette's
     lateral_area: float | None = None  # m2 above the water; None: 0.083 L^2, as the corvette's
@@ -117,9 +111,12 @@ class CorvetteParameters(Particulars):
             "Xudot", "Yvdot", "Yrdot", "Nvdot", "Nrdot", "Yv", "Yr", "Nv", "Nr", "drag_coefficient",
         ),
         "rudder": (
-            "rudder_area", "rudder_aspect", "rudder_limit", "rudder_rate", "slipstream", "straightening", "Ydelta",
+            "rudder_area", "rudder_aspect", "rudder_limit", "rudder_rate", "slipstream",
+            "straightening", "Ydelta",
         ),
-        "propulsion": ("speed", "resistance", "thrust_coefficient", "thrust_slope", "advance_ratio", "race"),
+        "propulsion": (
+            "speed", "resistance", "thrust_coefficient", "thrust_slope", "advance_ratio", "race",
+        ),
         "roll": ("metacentric_height", "roll_period", "gravity_height"),
         "air": ("frontal_area", "lateral_area"),
     }  # fmt: skip
@@ -159,19 +156,11 @@ class CorvetteParameters(Particulars):
         The criterion of Davidson & Schiff (1946), Yv' (Nr' - m' x_g') - Nv' (Yr' - m') with the
         rudder at rest. An unstable ship turns to either side at small rudder angles.
         """
-        c, at = self.clarke | dict(self.given), dict(zip(COEFFICIENTS, self.vector(), strict=True))
-        force = (
-            at["rudder"]
-            * self.slipstream
-            * self.straightening
-            / (0.5 * self.water_density * self.length**2)
-        )
-        Yv, Yr, Nv, Nr = (
-            c["Yv"] - force,
-            c["Yr"] + 0.5 * force,
-            c["Nv"] + 0.5 * force,
-            c["Nr"] - 0.25 * force,
-        )
+        c, rudder = self.clarke | dict(self.given), self.values()["rudder"]
+        unit = 0.5 * self.water_density * self.length**2
+        force = rudder * self.slipstream * self.straightening / unit
+        Yv, Yr = c["Yv"] - force, c["Yr"] + 0.5 * force
+        Nv, Nr = c["Nv"] + 0.5 * force, c["Nr"] - 0.25 * force
         return float(Yv * (Nr - c["m"] * self.x_g / self.length) - Nv * (Yr - c["m"]))
 
     @cached_property
@@ -187,40 +176,51 @@ class CorvetteParameters(Particulars):
         radius = 0.373 + 0.023 * self.beam / self.draught - 0.043 * self.length / 100.0
         return 2.0 * radius * self.beam / np.sqrt(self.stiffness)
 
-    def vector(self) -> np.ndarray:
-        """Dimensional coefficients of the equations of motion, in the order of `COEFFICIENTS`."""
-        given, L, rho = dict(self.given), self.length, self.water_density
-        c = self.clarke | given
-        volume = self.mass / rho
-        surge_added = 2.7 * rho * volume ** (5 / 3) / L**2  # Soding (1982)
-        q = 0.5 * rho
-        lift_slope = 6.13 * self.rudder_aspect / (self.rudder_aspect + 2.25)  # Fujii & Tuda (1961)
-        drag = self.drag_coefficient
-        if drag is None:
-            drag = float(np.interp(0.5 * self.beam / self.draught, *_CROSS_FLOW))
-        rudder = q * (self.rudder_area or 0.0) * lift_slope
-        rise, race_power = 0.0, 0.0  # constant thrust
-        if (
-            self.thrust_coefficient is not None
-            and self.thrust_slope is not None
-            and self.advance_ratio is not None
-        ):
-            at_speed = self.thrust_coefficient - self.thrust_slope * self.advance_ratio
-            rise = self.thrust_slope * self.advance_ratio / at_speed
-            race_power = 8.0 / np.pi * at_speed * (self.speed / self.advance_ratio) ** 2
+    @cached_property
+    def _propellers(self) -> tuple[float, float]:
+        """Rise of the thrust as the ship slows down, and power of the race; 0: constant thrust."""
+        at_rest, slope, J = self.thrust_coefficient, self.thrust_slope, self.advance_ratio
+        if at_rest is None or slope is None or J is None:
+            return 0.0, 0.0
+        at_speed = at_rest - slope * J
+        return slope * J / at_speed, 8.0 / np.pi * at_speed * (self.speed / J) ** 2
+
+    @cached_property
+    def _roll(self) -> dict[str, float]:
+        """Coefficients of roll by name; damping by Perez (2005)."""
         righting = self.mass * GRAVITY * self.stiffness
         natural = 2.0 * np.pi / self.period_of_roll
         inertia = righting / natural**2
-        damping = (
-            2.0 * natural * inertia * np.array([0.071, 0.051 / np.sqrt(GRAVITY * L)])
-        )  # Perez (2005)
+        damping = 2.0 * natural * inertia
         height = 1.5 * self.draught if self.gravity_height is None else self.gravity_height
-        values = {
+        return {
+            "roll_inertia": inertia,
+            "righting": righting,
+            "roll_damping": damping * 0.071,
+            "roll_damping_speed": damping * (0.051 / np.sqrt(GRAVITY * self.length)),
+            # arms of hull and rudders below the centre of gravity
+            "hull_arm": height - 0.5 * self.draught,
+            "rudder_arm": height - 0.34 * self.draught,
+        }
+
+    def values(self) -> dict[str, float]:
+        """Dimensional coefficients of the equations of motion by name."""
+        given, L, rho = dict(self.given), self.length, self.water_density
+        c, q, drag = self.clarke | given, 0.5 * rho, self.drag_coefficient
+        surge_added = 2.7 * rho * (self.mass / rho) ** (5 / 3) / L**2  # Soding (1982)
+        if "Xudot" in given:
+            surge_added = -q * L**3 * given["Xudot"]
+        if drag is None:
+            drag = float(np.interp(0.5 * self.beam / self.draught, *_CROSS_FLOW))
+        lift_slope = 6.13 * self.rudder_aspect / (self.rudder_aspect + 2.25)  # Fujii & Tuda (1961)
+        rudder = q * (self.rudder_area or 0.0) * lift_slope
+        if "Ydelta" in given:
+            rudder = -q * L**2 * given["Ydelta"] / self.slipstream**2
+        rise, race_power = self._propellers
+        return self._roll | {
             "mass": self.mass,
             "mass_x_g": self.mass * self.x_g,
-            "surge_inertia": (
-                self.mass + (-q * L**3 * given["Xudot"] if "Xudot" in given else surge_added)
-            ),
+            "surge_inertia": self.mass + surge_added,
             "sway_inertia": self.mass - q * L**3 * c["Yvdot"],
             "sway_yaw_inertia": self.mass * self.x_g - q * L**4 * c["Yrdot"],
             "yaw_sway_inertia": self.mass * self.x_g - q * L**4 * c["Nvdot"],
@@ -234,23 +234,17 @@ class CorvetteParameters(Particulars):
             "thrust": self.resistance,
             "thrust_rise": rise,
             "service_speed": self.speed,
-            "rudder": (
-                -q * L**2 * given["Ydelta"] / self.slipstream**2 if "Ydelta" in given else rudder
-            ),
+            "rudder": rudder,
             "slipstream": 1.0 if rise else self.slipstream,
             "race": self.race if rise else 0.0,
             "race_power": race_power,
             "straightening": self.straightening,
             "half_length": 0.5 * L,
-            "roll_inertia": inertia,
-            "righting": righting,
-            "roll_damping": damping[0],
-            "roll_damping_speed": damping[1],
-            "hull_arm": (
-                height - 0.5 * self.draught
-            ),  # arms of hull and rudders below the centre of gravity
-            "rudder_arm": height - 0.34 * self.draught,
         }
+
+    def vector(self) -> np.ndarray:
+        """Dimensional coefficients of the equations of motion, in the order of `COEFFICIENTS`."""
+        values = self.values()
         return np.array([values[name] for name in COEFFICIENTS])
 
     def accelerations(self, motion: np.ndarray, rudder: np.ndarray) -> np.ndarray:
@@ -291,16 +285,12 @@ class CorvetteParameters(Particulars):
                 "rudder_area",
                 f"a rudder of {self.rudder_area:g} m2 is as large as the hull's profile",
             )
-        given = [
-            x is not None for x in (self.thrust_coefficient, self.thrust_slope, self.advance_ratio)
-        ]
-        if any(given) and not all(given):
-            yield (
-                "propulsion",
-                "propellers need 'thrust_coefficient', 'thrust_slope', 'advance_ratio', or none",
-            )
+        propellers = self.thrust_coefficient, self.thrust_slope, self.advance_ratio
+        if 0 < propellers.count(None) < len(propellers):
+            wanted = "'thrust_coefficient', 'thrust_slope', 'advance_ratio'"
+            yield "propulsion", f"propellers need {wanted}, or none"
             return
-        m = dict(zip(COEFFICIENTS, self.vector(), strict=True))
+        m = self.values()
         if not 0.0 <= m["thrust_rise"] < np.inf:
             yield (
                 "thrust_coefficient",
@@ -317,16 +307,13 @@ def _cross_flow(v: np.ndarray, r: np.ndarray, a: np.ndarray) -> tuple[np.ndarray
     """Integrals of |v + x r| (v + x r) {1, x} over -a <= x <= a, in closed form."""
     cubed = a * a * a
     sign = np.where(v >= 0.0, 1.0, -1.0)  # if the flow has one sign along the hull
-    sway, yaw = (
-        sign * (2.0 * a * v * v + 2.0 / 3.0 * cubed * r * r),
-        sign * 4.0 / 3.0 * cubed * v * r,
-    )
+    sway = sign * (2.0 * a * v * v + 2.0 / 3.0 * cubed * r * r)
+    yaw = sign * 4.0 / 3.0 * cubed * v * r
     bow, stern = v + a * r, v - a * r
     bow_cubed, stern_cubed = np.abs(bow) * (bow * bow), np.abs(stern) * (stern * stern)
     cubic, quartic = (bow_cubed - stern_cubed) / 3.0, (bow * bow_cubed - stern * stern_cubed) / 4.0
-    turning = np.where(
-        np.abs(r) * a >= 1e-12, r, 1e150
-    )  # at slower rates r * r would underflow, and the effect is negligible
+    # at slower rates r * r would underflow, and the effect is negligible
+    turning = np.where(np.abs(r) * a >= 1e-12, r, 1e150)
     both_sway, both_yaw = cubic / turning, (quartic - v * cubic) / (turning * turning)
     one_sign = np.abs(r) * a <= np.abs(v)
     return np.where(one_sign, sway, both_sway), np.where(one_sign, yaw, both_yaw)
@@ -340,20 +327,13 @@ def _propelled_rudder(
     load = np.maximum(1.0 + c[I.thrust_rise] * (1.0 - u / c[I.service_speed]), 0.0)
     race = np.sqrt(u * u + c[I.race_power] * load) - np.abs(u)
     # Inflow to the rudder: drift and yaw rate in a turn reduce the angle of attack.
-    inflow, side = (
-        c[I.slipstream] * u + c[I.race] * race,
-        c[I.straightening] * (v - c[I.half_length] * r),
-    )
+    inflow = c[I.slipstream] * u + c[I.race] * race
+    side = c[I.straightening] * (v - c[I.half_length] * r)
     sin_rudder, cos_rudder = sincos(rudder)
-    attacking = (
-        inflow * sin_rudder + side * cos_rudder
-    )  # the whole inflow times the sine of the angle of attack
-    return (
-        load,
-        c[I.rudder] * np.sqrt(inflow * inflow + side * side) * attacking,
-        sin_rudder,
-        cos_rudder,
-    )
+    # the whole inflow times the sine of the angle of attack
+    attacking = inflow * sin_rudder + side * cos_rudder
+    force = c[I.rudder] * np.sqrt(inflow * inflow + side * side) * attacking
+    return load, force, sin_rudder, cos_rudder
 
 
 def propulsion(
@@ -395,6 +375,26 @@ def straight_course(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return speed, 1.0 + c[I.thrust_rise] * (1.0 - speed / c[I.service_speed])
 
 
+def _hull(
+    u: np.ndarray, v: np.ndarray, r: np.ndarray, c: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Side force [N] and yaw moment [N m] of the hull, with the centripetal terms of its mass.
+
+    The derivatives include Kirchhoff's terms, which change sign astern, and lift, which remains
+    dissipative astern.
+    """
+    sway_drag, yaw_drag = _cross_flow(v, r, c[I.half_length])
+    astern, surge_added = np.abs(u) - u, c[I.surge_inertia] - c[I.mass]
+    munk = surge_added - (c[I.sway_inertia] - c[I.mass])
+    return (
+        u * (c[I.Yv] * v + c[I.Yr] * r) + astern * (c[I.Yv] * v + (c[I.Yr] + surge_added) * r)
+        - c[I.mass] * u * r - c[I.cross_flow] * sway_drag,
+        u * (c[I.Nv] * v + c[I.Nr] * r)
+        + astern * ((c[I.Nv] - munk) * v + (c[I.Nr] + c[I.sway_yaw_inertia] - c[I.mass_x_g]) * r)
+        - c[I.mass_x_g] * u * r - c[I.cross_flow] * yaw_drag,
+    )  # fmt: skip
+
+
 @compiled
 def corvette_rates(
     state: np.ndarray, control: np.ndarray, around: np.ndarray, c: np.ndarray
@@ -414,34 +414,18 @@ def corvette_rates(
     (rudder,), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
     sin, cos = sincos(psi)
     carried = v + wave_sway
-    m_vv, m_vr, m_rv, m_rr = (
-        c[I.sway_inertia],
-        c[I.sway_yaw_inertia],
-        c[I.yaw_sway_inertia],
-        c[I.yaw_inertia],
-    )
-    a = c[I.half_length]
-    sway_drag, yaw_drag = _cross_flow(v, r, a)
+    m_vv, m_vr = c[I.sway_inertia], c[I.sway_yaw_inertia]
+    m_rv, m_rr = c[I.yaw_sway_inertia], c[I.yaw_inertia]
     load, force, sin_rudder, cos_rudder = _propelled_rudder(u, v, r, rudder, c)
     # Surge: the sway added mass takes part in the centripetal term (Kirchhoff), which slows the
     # ship in a turn.
     X = (
-        c[I.thrust] * load - c[I.resistance] * u * np.abs(u) + m_vv * v * r + m_vr * r * r - force * sin_rudder
-        + forces[0]
+        c[I.thrust] * load - c[I.resistance] * u * np.abs(u)
+        + m_vv * v * r + m_vr * r * r - force * sin_rudder + forces[0]
     )  # fmt: skip
-    # The derivatives include Kirchhoff's terms, which change sign astern, and lift, which remains
-    # dissipative astern.
-    astern, surge_added = np.abs(u) - u, c[I.surge_inertia] - c[I.mass]
-    munk = surge_added - (m_vv - c[I.mass])
-    Y = (
-        u * (c[I.Yv] * v + c[I.Yr] * r) + astern * (c[I.Yv] * v + (c[I.Yr] + surge_added) * r)
-        - c[I.mass] * u * r - c[I.cross_flow] * sway_drag - force * cos_rudder + forces[1]
-    )  # fmt: skip
-    N = (
-        u * (c[I.Nv] * v + c[I.Nr] * r)
-        + astern * ((c[I.Nv] - munk) * v + (c[I.Nr] + m_vr - c[I.mass_x_g]) * r)
-        - c[I.mass_x_g] * u * r - c[I.cross_flow] * yaw_drag + a * force * cos_rudder + forces[2]
-    )  # fmt: skip
+    Y, N = _hull(u, v, r, c)
+    Y = Y - force * cos_rudder + forces[1]
+    N = N + c[I.half_length] * force * cos_rudder + forces[2]
     determinant = m_vv * m_rr - m_vr * m_rv
     sway, yaw = (m_rr * Y - m_vr * N) / determinant, (m_vv * N - m_rv * Y) / determinant
     # Side force on the ship's mass without external forces; the part without the rudder's acts on

@@ -30,18 +30,26 @@ _KINDS = {
 """Module and class of the parameters by kind and degrees of freedom; defaults come first."""
 
 _ANGLES = (
-    "rudder_limit", "rudder_rate", "fin_limit", "fin_rate", "alpha_low", "alpha_high", "alpha_rate", "bank_limit",
+    "rudder_limit", "rudder_rate", "fin_limit", "fin_rate", "alpha_low", "alpha_high",
+    "alpha_rate", "bank_limit",
 )  # fmt: skip
 """Numbers in rad, or in degrees with ``_deg`` after the name."""
 _POSITIVE, _ANY, _SHARE = RANGES["positive"], RANGES["finite"], RANGES["share"]
 _NEGATIVE = (-LARGEST, np.nextafter(0.0, 1.0), "a number of at most 0: it resists the motion")
 _ACUTE = (0.0, 0.5 * np.pi, "an angle above 0 and below 90 degrees")
+_EITHER_SIGN = (
+    "x_g", "fin_position", "buoyancy_excess", "propeller_torque", "drag", "lift", "density",
+    "positions", "directions", "Yr", "Nv", "Yrdot", "Nvdot",
+)  # fmt: skip
+_RESISTING = (
+    "Xudot", "Yvdot", "Nrdot", "Yv", "Nr", "Ydelta",
+    "X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot",
+    "X_uu", "Y_vv", "Z_ww", "K_pp", "M_qq", "N_rr", "X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r",
+    "Y_uv", "Z_uw", "M_uq", "N_ur", "K_up",
+)  # fmt: skip
 _RANGES = (
-    dict.fromkeys(
-        ("x_g", "fin_position", "buoyancy_excess", "propeller_torque", "drag", "lift", "density"),
-        _ANY,
-    )
-    | dict.fromkeys(("positions", "directions"), _ANY)
+    dict.fromkeys(_EITHER_SIGN, _ANY)
+    | dict.fromkeys(_RESISTING, _NEGATIVE)
     | dict.fromkeys(("z_g", "drag_coefficient"), RANGES["not_negative"])
     | dict.fromkeys(("rudder_limit", "fin_limit", "bank_limit"), _ACUTE)
     | dict.fromkeys(
@@ -49,12 +57,6 @@ _RANGES = (
     )
     | dict.fromkeys(("straightening", "fin_taper", "race"), _SHARE)
     | {"yaw_radius": (0.0, np.nextafter(0.5, 1.0), "a share of the length above 0 and up to 0.5")}
-    | dict.fromkeys(("Yr", "Nv", "Yrdot", "Nvdot"), _ANY)
-    | dict.fromkeys(("Xudot", "Yvdot", "Nrdot", "Yv", "Nr", "Ydelta"), _NEGATIVE)
-    | dict.fromkeys(("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot"), _NEGATIVE)
-    | dict.fromkeys(("X_uu", "Y_vv", "Z_ww", "K_pp", "M_qq", "N_rr"), _NEGATIVE)
-    | dict.fromkeys(("X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r"), _NEGATIVE)
-    | dict.fromkeys(("Y_uv", "Z_uw", "M_uq", "N_ur", "K_up"), _NEGATIVE)
 )
 """Ranges of numbers that need not be positive.
 
@@ -215,12 +217,13 @@ def _value(cls: type[Any], name: str, key: str, value: object) -> Any:
     if get_origin(kind) is tuple:
         entry, *rest = get_args(kind)
         if rest == [Ellipsis]:
+            size = len(get_args(entry))
             if not isinstance(value, list | tuple) or not value:
-                raise ValueError(f"{name} must be a list of lists of {len(get_args(entry))} finite numbers, "
-                                 f"got {short_repr(value)}")  # fmt: skip
-            return tuple(
-                _numbers(f"each of {name}", row, len(get_args(entry)), low, high) for row in value
-            )
+                raise ValueError(
+                    f"{name} must be a list of lists of {size} finite numbers, got"
+                    f" {short_repr(value)}"
+                )
+            return tuple(_numbers(f"each of {name}", row, size, low, high) for row in value)
         return _numbers(name, value, 1 + len(rest), low, high)
     if key != name:
         low, high = np.rad2deg([low, high])
@@ -285,7 +288,8 @@ class FromFile:
 
     def __post_init__(self) -> None:
         title, first = type(self).__name__, fields(self)[0]
-        instance(f"{first.name} of {title}", getattr(self, first.name), first.type)  # type: ignore[arg-type]
+        kind: Any = first.type
+        instance(f"{first.name} of {title}", getattr(self, first.name), kind)
         check_numbers(self, positive="dt")
         if "substeps" in self.__dataclass_fields__:
             integer(f"substeps of {title}", self.substeps, 1)

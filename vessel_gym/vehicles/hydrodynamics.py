@@ -233,9 +233,7 @@ class Torpedo:
     hull: Hull
     fins: Fins
     axial_drag: float  # on the frontal area; see `axial_drag_coefficient`
-    cross_flow_drag: float = (
-        1.1  # of a cylinder across the flow; Hoerner (1965), as in Prestero (2001)
-    )
+    cross_flow_drag: float = 1.1  # of a cylinder; Hoerner (1965), as in Prestero (2001)
     water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
 
     def __post_init__(self) -> None:
@@ -327,11 +325,8 @@ class Torpedo:
         drag, drag_moment, drag_turning, drag_inertia = self.cross_flow_integrals()
         hull, fin, x_f = self.hull_lift(), self.fin_lift(), self.fins.position
         lift, x = np.array([hull[0], 2.0 * fin]), np.array([hull[1], x_f])
-        lift_force, lift_moment, lift_inertia = (
-            float(lift.sum()),
-            float(lift @ x),
-            float(lift @ x**2),
-        )
+        lift_force, lift_moment = float(lift.sum()), float(lift @ x)
+        lift_inertia = float(lift @ x**2)
         frontal_area = 0.25 * np.pi * self.hull.diameter**2
         return Coefficients(
             X_udot=-self.axial_added_mass(),

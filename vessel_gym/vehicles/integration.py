@@ -15,8 +15,8 @@ Arguments are the state, actuators ``(..., a)``, a flow ``(..., f)`` and coeffic
 
 
 def runge_kutta(
-    rates: Rates, state: np.ndarray, before: np.ndarray, after: np.ndarray, flow: np.ndarray, c: np.ndarray, dt: float,
-    substeps: int = 1,
+    rates: Rates, state: np.ndarray, before: np.ndarray, after: np.ndarray, flow: np.ndarray,
+    c: np.ndarray, dt: float, substeps: int = 1,
 ) -> np.ndarray:  # fmt: skip
     """State ``(..., n)`` a step later.
 
@@ -57,8 +57,8 @@ def resolving_substeps(dt: float, fastest: float) -> int:
 
 @compiled(axes=(1, 1, 1, 1, 1, 0, 1))
 def _part(
-    state: np.ndarray, before: np.ndarray, change: np.ndarray, flow: np.ndarray, c: np.ndarray, h: float,
-    shares: tuple[float, float, float], *, rates: Rates,
+    state: np.ndarray, before: np.ndarray, change: np.ndarray, flow: np.ndarray, c: np.ndarray,
+    h: float, shares: tuple[float, float, float], *, rates: Rates,
 ) -> np.ndarray:  # fmt: skip
     """One substep of length ``h``.
 

@@ -129,14 +129,18 @@ class Itsunusa(AUV, verified=True):
     rates: ClassVar = {"q": "theta"}
     sensors: ClassVar = (
         Sensor(
-            "Doppler log", ("u over ground", "w over ground"), _over_ground, (0.01, 0.01), dropout=0.10,
-            scale=(0.5, 0.25), gives=("u", "w"),
+            "Doppler log", ("u over ground", "w over ground"), _over_ground, (0.01, 0.01),
+            dropout=0.10, scale=(0.5, 0.25), gives=("u", "w"),
         ),
         Sensor("depth gauge", ("z",), plain((4,)), (0.02,), scale=(10.0,), gives=("z",)),
-        Sensor("inclinometer", ("theta",), plain((5,)), (0.01,), angles=(0,), scale=(0.5,), gives=("theta",)),
+        Sensor(
+            "inclinometer", ("theta",), plain((5,)), (0.01,),
+            angles=(0,), scale=(0.5,), gives=("theta",),
+        ),
         Sensor("gyroscope", ("q",), plain((2,)), (0.005,), scale=(0.5,), gives=("q",)),
         Sensor(
-            "acoustic position", ("x",), plain((3,)), (0.5,), rate=0.5, dropout=0.10, scale=(20.0,), gives=("x",),
+            "acoustic position", ("x",), plain((3,)), (0.5,), rate=0.5, dropout=0.10,
+            scale=(20.0,), gives=("x",),
         ),
     )  # fmt: skip
     grades: ClassVar[str] = "auv"

@@ -10,8 +10,8 @@ from enum import IntEnum
 import numpy as np
 
 I = IntEnum("I", (
-    "mass", "area", "gravity", "drag_2", "drag_1", "drag_0", "lift_1", "lift_0", "density_2", "density_1", "density_0",
-    "thrust", "bank_rate",
+    "mass", "area", "gravity", "drag_2", "drag_1", "drag_0", "lift_1", "lift_0",
+    "density_2", "density_1", "density_0", "thrust", "bank_rate",
 ), start=0)  # fmt: skip
 """Index of each coefficient in the vector of the equations of motion."""
 
@@ -41,15 +41,9 @@ class PointMass:
     area: float  # m2, of the wing
     drag: tuple[float, float, float]  # A1, A2, A3
     lift: tuple[float, float]  # B1, B2
-    density: tuple[float, float, float] = (
-        4.319e-9,
-        -1.1760e-4,
-        1.225,
-    )  # C1, C2, C3: ISO 2533, to second order in h
+    density: tuple[float, float, float] = 4.319e-9, -1.1760e-4, 1.225  # C1, C2, C3: ISO 2533
     gravity: float = 9.81  # m/s2
-    bank_rate: float = (
-        2.0  # 1/s, b of phi' = b (phi_c - phi): Beard & McLain (2012), the number assumed
-    )
+    bank_rate: float = 2.0  # 1/s, b of phi' = b (phi_c - phi): Beard & McLain (2012), assumed
 
     def vector(self, factors: np.ndarray | None = None) -> np.ndarray:
         """Coefficients of the equations of motion ``(..., 13)``, in the order of `COEFFICIENTS`.

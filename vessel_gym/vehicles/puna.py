@@ -64,18 +64,11 @@ class PunaParameters(Particulars, PointMass):
     def mistakes(self) -> Iterator[tuple[str, str]]:
         """Errors in the particulars: the name of a number, and a sentence."""
         if self.alpha_low >= self.alpha_high:
-            yield (
-                "alpha_high",
-                (
-                    f"{self.alpha_high:g} rad are no upper limit where the lower is"
-                    f" {self.alpha_low:g} rad"
-                ),
-            )
+            lower = f"where the lower is {self.alpha_low:g} rad"
+            yield "alpha_high", f"{self.alpha_high:g} rad are no upper limit {lower}"
         if self.lift[0] <= 0.0:
-            yield (
-                "lift",
-                f"a wing lifts more at a higher angle of attack, not {self.lift[0]:g} a rad",
-            )
+            less = f"not {self.lift[0]:g} a rad"
+            yield "lift", f"a wing lifts more at a higher angle of attack, {less}"
         if np.polyval(self.drag, np.linspace(self.alpha_low, self.alpha_high, 101)).min() <= 0.0:
             yield "drag", "within the limits of the angle of attack it becomes a thrust"
         if self.density[2] <= 0.0:
@@ -106,10 +99,8 @@ class PunaParameters(Particulars, PointMass):
     def _reach(self) -> tuple[np.ndarray, np.ndarray]:
         """Distances from cruise to the lower limits and to the upper limits."""
         low = np.array([0.0, self.alpha_low, -self.bank_limit])
-        return (
-            self.cruise - low,
-            np.array([self.thrust_limit, self.alpha_high, self.bank_limit]) - self.cruise,
-        )
+        high = np.array([self.thrust_limit, self.alpha_high, self.bank_limit])
+        return self.cruise - low, high - self.cruise
 
 
 @dataclass(frozen=True)
@@ -176,18 +167,15 @@ def puna_rates(
     """
     _, _, altitude, *velocity, phi = np.moveaxis(state, -1, 0)
     (thrust, alpha, command), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
-    north, east, up = (
-        velocity[0] - wind[..., 0],
-        velocity[1] - wind[..., 1],
-        velocity[2] + wind[..., 2],
-    )
+    north, east = velocity[0] - wind[..., 0], velocity[1] - wind[..., 1]
+    up = velocity[2] + wind[..., 2]
     level = np.sqrt(north * north + east * east)
     V = np.sqrt(level * level + up * up)
     lift, drag = forces(altitude, V, alpha, c)
     (sin_alpha, cos_alpha), (sin_phi, cos_phi) = sincos(alpha), sincos(phi)
     force = c[I.thrust] * thrust
     along = (force * cos_alpha - drag) / c[I.mass]
-    across = np.minimum(np.maximum((lift + force * sin_alpha) / c[I.mass], -HARDEST), HARDEST)
+    across = np.clip((lift + force * sin_alpha) / c[I.mass], -HARDEST, HARDEST)
     # Avoid a division by 0 for vertical or no motion, in which no aircraft flies.
     V, level = np.maximum(V, 1e-3), np.maximum(level, 1e-3)
     above, aside = across * cos_phi / V, across * sin_phi / level
@@ -200,12 +188,8 @@ def puna_rates(
 
 def airspeed(state: np.ndarray, wind: np.ndarray) -> np.ndarray:
     """Airspeed ``(...)`` [m/s] of states ``(..., 7)`` in a wind ``(..., 3)``."""
-    north, east, up = (
-        state[..., 3] - wind[..., 0],
-        state[..., 4] - wind[..., 1],
-        state[..., 5] + wind[..., 2],
-    )
-    return np.hypot(np.hypot(north, east), up)
+    north, east = state[..., 3] - wind[..., 0], state[..., 4] - wind[..., 1]
+    return np.hypot(np.hypot(north, east), state[..., 5] + wind[..., 2])
 
 
 # --- the vehicle as an environment uses it --------------------------------------------------------
@@ -275,13 +259,18 @@ class Puna(FromFile, WholeState, verified=True):
             "GNSS", ("x", "y", "h", "ground speed", "course over ground", "climb"),
             _fix, (1.0, 1.0, 1.5, 0.05, 0.03, 0.1), rate=1.0,
             bias=Bias(("bias x", "bias y", "bias h"), start=(0.1,) * 3, pace=(0.21, 0.21, 0.40)),
-            angles=(4,), scale=(100.0, 100.0, 100.0, 20.0, 3.0, 1.0), gives=("x", "y", "h", None, None, "climb"),
-            inverse=_velocity,
+            angles=(4,), scale=(100.0, 100.0, 100.0, 20.0, 3.0, 1.0),
+            gives=("x", "y", "h", None, None, "climb"), inverse=_velocity,
         ),
-        Sensor("barometer", ("pressure altitude",), plain((2,)), (0.5,), scale=(100.0,), gives=("h",)),
-        Sensor("pitot tube", ("airspeed",), _through_the_air, (0.5,), scale=(20.0,), inverse=_along),
-        # the attitude's noise is assumed
-        Sensor("attitude", ("bank",), plain((6,)), (0.02,), angles=(0,), scale=(0.5,), gives=("phi",)),
+        Sensor(
+            "barometer", ("pressure altitude",), plain((2,)), (0.5,), scale=(100.0,), gives=("h",),
+        ),
+        Sensor(
+            "pitot tube", ("airspeed",), _through_the_air, (0.5,), scale=(20.0,), inverse=_along,
+        ),
+        Sensor(  # the noise is assumed
+            "attitude", ("bank",), plain((6,)), (0.02,), angles=(0,), scale=(0.5,), gives=("phi",),
+        ),
     )  # fmt: skip
     grades: ClassVar[str] = "fixed-wing"
     rates: ClassVar = {"climb": "h"}

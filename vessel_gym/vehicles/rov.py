@@ -80,7 +80,8 @@ class ROVParameters(Particulars):
 
     TABLES: ClassVar = {
         "particulars": (
-            "mass", "roll_inertia", "pitch_inertia", "yaw_inertia", "z_g", "buoyancy_excess", "gravity",
+            "mass", "roll_inertia", "pitch_inertia", "yaw_inertia", "z_g", "buoyancy_excess",
+            "gravity",
         ),
         "thrusters": ("positions", "directions", "thrust_limit", "thrust_lag"),
         "coefficients": UNCERTAIN,
@@ -188,11 +189,9 @@ def rov_rates(
         current: North and east [m/s] ``(..., 2)``.
         c: ``(..., 20)``, `COEFFICIENTS`.
     """
-    velocity, (e0, e1, e2, e3) = (
-        [state[..., i] for i in range(6)],
-        (state[..., i] for i in range(9, 13)),
-    )
+    velocity = [state[..., i] for i in range(6)]
     u, v, w, p, q, r = velocity
+    e0, e1, e2, e3 = (state[..., i] for i in range(9, 13))
     inertia = [c[..., i] for i in range(6)]
     Px, Py, Pz, Lx, Ly, Lz = (m * x for m, x in zip(inertia, velocity, strict=True))
     north, east, down = _rotation((e0, e1, e2, e3))
@@ -211,7 +210,8 @@ def rov_rates(
     ]
     over_ground = [x * u + y * v + z * w for x, y, z in (north, east, down)]
     return np.stack([
-        *accelerations, over_ground[0] + current[..., 0], over_ground[1] + current[..., 1], over_ground[2],
+        *accelerations,
+        over_ground[0] + current[..., 0], over_ground[1] + current[..., 1], over_ground[2],
         -0.5 * (e1 * p + e2 * q + e3 * r), 0.5 * (e0 * p - e3 * q + e2 * r),
         0.5 * (e3 * p + e0 * q - e1 * r), 0.5 * (e1 * q - e2 * p + e0 * r),
     ], -1)  # fmt: skip

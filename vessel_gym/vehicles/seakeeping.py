@@ -15,7 +15,7 @@ from estimators.engine import sincos
 from vessel_gym.checks import instance
 from vessel_gym.processes import interpolated
 from vessel_gym.vehicles.corvette import sway_yaw_jacobian
-from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, CorvetteParameters
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.waves import GRAVITY, encounter_frequency
 
 SHORT_CREST = 0.15
@@ -83,9 +83,8 @@ def wave_response(
     frequency, beta, speed = _checked(frequency, beta, speed)
     inertia, body, damping = sway_yaw_matrices(ship, speed)
     met = encounter_frequency(frequency, beta, np.asarray(speed))[..., None, None]
-    moving = damping + speed * np.outer(
-        body[:, 0], [0.0, 1.0]
-    )  # with the Coriolis force of the ship's own mass
+    # with the Coriolis force of the ship's own mass
+    moving = damping + speed * np.outer(body[:, 0], [0.0, 1.0])
     loads = wave_loads(ship, frequency, beta, speed)[..., :2]
     return np.linalg.solve(1j * met * inertia + moving, loads[..., None])[..., 0]
 
@@ -107,7 +106,7 @@ def sway_yaw_matrices(
 
     The damping is for a ``speed`` [m/s].
     """
-    c = dict(zip(COEFFICIENTS, ship.vector(), strict=True))
+    c = ship.values()
     inertia = np.array(
         [[c["sway_inertia"], c["sway_yaw_inertia"]], [c["yaw_sway_inertia"], c["yaw_inertia"]]]
     )
@@ -141,7 +140,7 @@ class WaveMotion:
     def at(self, speed: np.ndarray) -> "HullAtSpeed":
         """The ship at speeds ``(...)`` [m/s], with M interpolated between tabled speeds."""
         place = (len(_SPEEDS) - 1) / _SPEEDS[-1] / self.ship.speed * speed
-        table = interpolated(self._table, np.minimum(np.maximum(place, 0.0), len(_SPEEDS) - 1.0))
+        table = interpolated(self._table, np.clip(place, 0.0, len(_SPEEDS) - 1.0))
         M = [[table[..., 2 * i + j] for j in range(2)] for i in range(2)]
         inertia, body, _ = sway_yaw_matrices(self.ship, 0.0)
         (a, b), (c, d) = inertia

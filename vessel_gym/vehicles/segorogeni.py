@@ -73,6 +73,24 @@ class SegorogeniParameters(AUVParameters):
         return self.stacked(COEFFICIENTS, np.ones(len(UNCERTAIN)) if factors is None else factors)
 
 
+def _momentum(velocity: list[np.ndarray], c: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Momentum and angular momentum of body and water in axes that turn and move (Kirchhoff).
+
+    Their rates contain every bracket and every added-mass term of the printed equations, X_wq to
+    N_uv, and conserve energy to the last digit.
+    """
+    u, v, w, p, q, r = velocity
+    S, e, d = c[I.mass_z_g], c[I.sway_yaw], c[I.heave_pitch]
+    return (
+        c[I.surge_mass] * u + S * q,
+        c[I.sway_mass] * v - S * p + e * r,
+        c[I.heave_mass] * w + d * q,
+        c[I.roll_inertia] * p - S * v,
+        c[I.pitch_inertia] * q + S * u + d * w,
+        c[I.yaw_inertia] * r + e * v,
+    )
+
+
 def _accelerations(
     velocity: list[np.ndarray], control: np.ndarray, gravity: tuple[np.ndarray, ...], c: np.ndarray
 ) -> tuple[np.ndarray, ...]:
@@ -84,17 +102,7 @@ def _accelerations(
     """
     u, v, w, p, q, r = velocity
     rudder, stern, thrust = control
-    # Kirchhoff: the momentum of body and water, in axes that turn and move. It contains every
-    # bracket and every added-mass term of the printed equations, X_wq to N_uv, and conserves energy
-    # to the last digit.
-    S, e, d = c[I.mass_z_g], c[I.sway_yaw], c[I.heave_pitch]
-    Px, Py, Pz = (
-        c[I.surge_mass] * u + S * q,
-        c[I.sway_mass] * v - S * p + e * r,
-        c[I.heave_mass] * w + d * q,
-    )
-    Lx = c[I.roll_inertia] * p - S * v
-    Ly, Lz = c[I.pitch_inertia] * q + S * u + d * w, c[I.yaw_inertia] * r + e * v
+    Px, Py, Pz, Lx, Ly, Lz = _momentum(velocity, c)
     U, V, W, P, Q, R = np.abs(u), *(x * np.abs(x) for x in (v, w, p, q, r))
     inflow = u * U
     weight, righting = c[I.net_weight], c[I.righting_moment]
@@ -152,7 +160,8 @@ def kinematics(
     )
     turn = (q * sin_phi + r * cos_phi) / bounded
     return (
-        ahead * cos_psi - aside * sin_psi + current[..., 0], ahead * sin_psi + aside * cos_psi + current[..., 1],
+        ahead * cos_psi - aside * sin_psi + current[..., 0],
+        ahead * sin_psi + aside * cos_psi + current[..., 1],
         down * cos_theta - u * sin_theta, p + turn * sin_theta, q * cos_phi - r * sin_phi, turn,
     )  # fmt: skip
 
@@ -191,10 +200,8 @@ def _over_ground(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     north, east = exogenous[..., 6], exogenous[..., 7]
     (sin_phi, cos_phi), (sin_theta, cos_theta) = sincos(state[..., 9]), sincos(state[..., 10])
     sin_psi, cos_psi = sincos(state[..., 11])
-    ahead, aside = (
-        north * cos_psi + east * sin_psi,
-        east * cos_psi - north * sin_psi,
-    )  # horizontal components of the current
+    # horizontal components of the current
+    ahead, aside = north * cos_psi + east * sin_psi, east * cos_psi - north * sin_psi
     return np.stack([
         u + ahead * cos_theta,
         v + ahead * sin_theta * sin_phi + aside * cos_phi,
@@ -226,13 +233,16 @@ class Segorogeni(AUV, verified=True):
         ),
         Sensor("depth gauge", ("z",), plain((8,)), (0.02,), scale=(5.0,), gives=("z",)),
         Sensor(
-            "attitude", ("phi", "theta", "psi"), plain((9, 10, 11)), (0.01, 0.01, 0.03), angles=(0, 1, 2),
-            scale=(0.25, 0.5, 1.0), gives=("phi", "theta", "psi"),
+            "attitude", ("phi", "theta", "psi"), plain((9, 10, 11)), (0.01, 0.01, 0.03),
+            angles=(0, 1, 2), scale=(0.25, 0.5, 1.0), gives=("phi", "theta", "psi"),
         ),
-        Sensor("gyroscope", ("p", "q", "r"), plain((3, 4, 5)), (0.005,) * 3, scale=(0.5,) * 3, gives=("p", "q", "r")),
         Sensor(
-            "acoustic position", ("x", "y"), plain((6, 7)), (0.5, 0.5), rate=0.5, dropout=0.10, scale=(10.0, 10.0),
-            gives=("x", "y"),
+            "gyroscope", ("p", "q", "r"), plain((3, 4, 5)), (0.005,) * 3,
+            scale=(0.5,) * 3, gives=("p", "q", "r"),
+        ),
+        Sensor(
+            "acoustic position", ("x", "y"), plain((6, 7)), (0.5, 0.5), rate=0.5, dropout=0.10,
+            scale=(10.0, 10.0), gives=("x", "y"),
         ),
     )  # fmt: skip
     grades: ClassVar[str] = "auv"

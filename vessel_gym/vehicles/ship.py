@@ -84,12 +84,12 @@ class Ship(FromFile, Simulated, verified=True):
         return (
             COMPASS,
             Sensor(
-                "rate gyro", ("yaw rate [rad/s]",), linear(partial(_yaw_rate, self.dt)), (2e-3,), scale=(0.01,),
-                gives=("r",),
+                "rate gyro", ("yaw rate [rad/s]",), linear(partial(_yaw_rate, self.dt)), (2e-3,),
+                scale=(0.01,), gives=("r",),
             ),
             Sensor(
-                "receiver", ("north [m]", "east [m]"), plain((0, 1)), (2.0, 2.0), rate=0.5 / self.dt,
-                scale=(200.0, 200.0), gives=("x", "y"),
+                "receiver", ("north [m]", "east [m]"), plain((0, 1)), (2.0, 2.0),
+                rate=0.5 / self.dt, scale=(200.0, 200.0), gives=("x", "y"),
             ),
         )  # fmt: skip
 
@@ -181,15 +181,11 @@ class Ship(FromFile, Simulated, verified=True):
 
         @compiled
         def moving(u: np.ndarray) -> np.ndarray:
-            turning, zero = A(u), np.zeros_like(u[..., 0])
-            sin, cos = sincos(
-                u[..., 2] + 0.5 * self.dt * u[..., 1]
-            )  # heading in the middle of the step
+            zero, rate, heading = np.zeros_like(u[..., 0]), u[..., 1], u[..., 2]
+            sin, cos = sincos(heading + 0.5 * self.dt * rate)  # in the middle of the step
             north, east, one = self.dt * cos, self.dt * sin, zero + 1.0
-            surge = turns.interpolated(kept, u[..., 1])
-            (v_v, v_r, v_psi), (r_v, r_r, r_psi), (psi_v, psi_r, psi_psi) = np.moveaxis(
-                turning, (-2, -1), (0, 1)
-            )
+            surge, turning = turns.interpolated(kept, rate), np.moveaxis(A(u), (-2, -1), (0, 1))
+            (v_v, v_r, v_psi), (r_v, r_r, r_psi), (psi_v, psi_r, psi_psi) = turning
             return np.stack([
                 np.stack(row, -1) for row in (
                     (one, zero, zero, north, -east, zero),
@@ -204,18 +200,11 @@ class Ship(FromFile, Simulated, verified=True):
         @compiled
         def known(u: np.ndarray) -> np.ndarray:
             (v, r, psi), zero = np.moveaxis(B(u)[..., 0], -1, 0), np.zeros_like(u[..., 0])
-            lost, speed = (
-                1.0 - turns.interpolated(kept, u[..., 1]),
-                turns.interpolated(turns.speed, u[..., 1]),
-            )
-            rudder, constant = (
-                (zero, zero, psi, zero, v, r),
-                (zero, zero, zero, lost * speed, zero, zero),
-            )
-            return np.stack(
-                [np.stack(column, -1) for column in (rudder, n * (zero,), n * (zero,), constant)],
-                -1,
-            )
+            lost = 1.0 - turns.interpolated(kept, u[..., 1])
+            speed = turns.interpolated(turns.speed, u[..., 1])
+            rudder, none = (zero, zero, psi, zero, v, r), n * (zero,)
+            columns = rudder, none, none, (zero, zero, zero, lost * speed, zero, zero)
+            return np.stack([np.stack(column, -1) for column in columns], -1)
 
         return moving, known, carried
 

@@ -92,34 +92,22 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         sensor_faults: Sequence[SensorFault] = (),
     ) -> None:
         RecordConstructorArgs.__init__(
-            self, _disable_deepcopy=True, model=model, prior=prior, state=state, observation=observation, passes=passes,
-            known_input=known_input, estimator=estimator, estimator_options=estimator_options, sensors=sensors,
-            observe=observe, sensor_faults=sensor_faults,
+            self, _disable_deepcopy=True, model=model, prior=prior, state=state,
+            observation=observation, passes=passes, known_input=known_input, estimator=estimator,
+            estimator_options=estimator_options, sensors=sensors, observe=observe,
+            sensor_faults=sensor_faults,
         )  # fmt: skip
         gym.Wrapper.__init__(self, env)
-        within = env
-        while isinstance(within, gym.Wrapper):
-            if isinstance(within, gym.wrappers.Autoreset):
-                raise ValueError(
-                    "Autoreset within hides how episodes end: put it around EstimatedObservation"
-                )
-            within = within.env
+        _refuse_autoreset(env)
         checks.function("state", state, "(env, observation)")
         checks.function("observation", observation, "the state")
         self._state = state or observed_state
         if prior is None and isinstance(model, Model):
-            prior = sampled_prior(env, self._state, model.state_angles)
-            if len(prior.mean) != model.n:
-                given = "state= gives" if state else "the observation has"
-                raise ValueError(
-                    f"the model has {model.n} states, and {given} {len(prior.mean)} numbers: give"
-                    " state=, a function of (env, observation) that returns the states of the"
-                    " model, in its order"
-                )
+            prior = self._sampled_prior(model)
+        of_row = None if observation is None else partial(_of_row, observation)
         self.watch = Watch(
-            env.observation_space, env.action_space, 1, time_step(env), model, prior,
-            None if observation is None else partial(_of_row, observation), passes, known_input, estimator,
-            estimator_options, sensors, observe, sensor_faults,
+            env.observation_space, env.action_space, 1, time_step(env), model, prior, of_row,
+            passes, known_input, estimator, estimator_options, sensors, observe, sensor_faults,
         )  # fmt: skip
         self.observation_space = self.watch.space
 
@@ -148,27 +136,40 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         own: Callable[..., Any] = self.env.get_wrapper_attr("compute_reward")
         return own
 
+    def _sampled_prior(self, model: Model) -> Gaussian:
+        """Prior of the model's states from copies of the environment."""
+        prior = sampled_prior(self.env, self._state, model.state_angles)
+        if len(prior.mean) != model.n:
+            given = "the observation has" if self._state is observed_state else "state= gives"
+            raise ValueError(
+                f"the model has {model.n} states, and {given} {len(prior.mean)} numbers: give"
+                " state=, a function of (env, observation) that returns the states of the"
+                " model, in its order"
+            )
+        return prior
+
     def _truth(self, seen: Any) -> np.ndarray:
         return np.asarray(self._state(self.env, copied(seen)))[None]  # the check copies the array
 
     def _observed(self, seen: Any) -> Any:
-        watch = self.watch
-        if isinstance(seen, dict):
-            observed = watch.observe(
-                {key: [value] for key, value in seen.items()}
-            )  # values of any kind may pass
-        else:
-            observed = watch.observe(np.asarray(seen)[None])
-        return (
-            {key: value[0] for key, value in observed.items()}
-            if isinstance(observed, dict)
-            else observed[0]
-        )
+        if isinstance(seen, dict):  # values of any kind may pass
+            observed = self.watch.observe({key: [value] for key, value in seen.items()})
+            return {key: value[0] for key, value in observed.items()}
+        return self.watch.observe(np.asarray(seen)[None])[0]
 
     def _info(self) -> dict[str, Any]:
         """Info of one row, with a bool, because SyncVectorEnv cannot stack an array of one."""
         one = {name: values[0] for name, values in self.watch.info().items()}
         return one | {"healthy": bool(one["healthy"])}
+
+
+def _refuse_autoreset(env: gym.Env) -> None:
+    while isinstance(env, gym.Wrapper):
+        if isinstance(env, gym.wrappers.Autoreset):
+            raise ValueError(
+                "Autoreset within hides how episodes end: put it around EstimatedObservation"
+            )
+        env = env.env
 
 
 def _of_row(observation: Callable[[np.ndarray], Any], x: np.ndarray) -> Any:

@@ -13,6 +13,8 @@ from estimators import Gaussian, NonlinearModel
 from estimators.angles import difference
 from estimators.checks import as_array, short_repr
 
+_Get = Callable[[gym.Env], np.ndarray]
+_Put = Callable[[gym.Env, np.ndarray], None]
 _TRIES = 8
 """Number of states and actions on which a simulator is tried."""
 
@@ -22,8 +24,8 @@ def simulator(
     measurement: Callable[[np.ndarray, np.ndarray | None], np.ndarray],
     Q: np.ndarray | float,
     R: np.ndarray | float,
-    get: Callable[[gym.Env], np.ndarray] | None = None,
-    put: Callable[[gym.Env, np.ndarray], None] | None = None,
+    get: _Get | None = None,
+    put: _Put | None = None,
     **angles: Any,
 ) -> NonlinearModel:
     """Make a filter's model that uses an environment as simulator.
@@ -59,26 +61,13 @@ def simulator(
     copy = made_again(env)
     copy.reset(seed=0)
     base: Any = copy.unwrapped
-    mujoco = hasattr(base, "set_state") and hasattr(base, "data") and hasattr(base, "model")
-    if get is None and put is None:
-        if mujoco:
-            get, put = _mujoco_state, _set_mujoco
-        elif hasattr(base, "state"):
-            get, put = _classic_state, _set_classic
-        else:
-            raise TypeError(
-                f"nobody knows how to set the state of {base.spec.id}: give get and put, or a model"
-                " of your own"
-            )
-    if get is None or put is None:
-        raise TypeError("give both get and put, or neither")
+    get, put = _access(base, get, put)
     steps: Any = _Simulator(copy, get, put)
     x, u = _tried(copy, steps)
-    if mujoco and get is _mujoco_state:
+    if get is _mujoco_state:
         rollout = _Rollout(base.model, base.frame_skip)
-        if np.allclose(
-            rollout(x, u), steps(x, u), rtol=1e-6, atol=1e-8
-        ):  # the actions are MuJoCo's controls
+        # if so, the actions are MuJoCo's controls
+        if np.allclose(rollout(x, u), steps(x, u), rtol=1e-6, atol=1e-8):
             steps = rollout
     reads = np.shape(measurement(x, u))
     if len(reads) != 2 or reads[0] != _TRIES:
@@ -88,6 +77,22 @@ def simulator(
         )
     return NonlinearModel(
         steps, measurement, square("Q", Q, x.shape[-1]), square("R", R, reads[1]), **angles
+    )
+
+
+def _access(base: Any, get: _Get | None, put: _Put | None) -> tuple[_Get, _Put]:
+    """Functions that get and set an environment's state: the given ones, or those of its kind."""
+    if (get is None) != (put is None):
+        raise TypeError("give both get and put, or neither")
+    if get is not None and put is not None:
+        return get, put
+    if hasattr(base, "set_state") and hasattr(base, "data") and hasattr(base, "model"):
+        return _mujoco_state, _set_mujoco
+    if hasattr(base, "state"):
+        return _classic_state, _set_classic
+    raise TypeError(
+        f"nobody knows how to set the state of {base.spec.id}: give get and put, or a model of"
+        " your own"
     )
 
 
@@ -154,9 +159,7 @@ def _points(
 class _Simulator:
     """``f(x, u)``: a copy of the environment is set to each point and stepped."""
 
-    def __init__(
-        self, env: gym.Env, get: Callable[[gym.Env], Any], put: Callable[[gym.Env, Any], None]
-    ) -> None:
+    def __init__(self, env: gym.Env, get: _Get, put: _Put) -> None:
         self.env, self.get, self.put = env, get, put
         self._float = isinstance(env.action_space, Box)
 

@@ -60,8 +60,8 @@ class EstimatedObservation(VectorWrapper):
         checks.function("state", state, "(env, observations)")
         self._state = state or observed_state
         self.watch = Watch(
-            env.single_observation_space, env.single_action_space, env.num_envs, time_step(env), model, prior,
-            observation, **options,
+            env.single_observation_space, env.single_action_space, env.num_envs, time_step(env),
+            model, prior, observation, **options,
         )  # fmt: skip
         self.single_observation_space = self.watch.space
         self.observation_space = batch_space(self.watch.space, env.num_envs)

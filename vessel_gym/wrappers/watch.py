@@ -49,59 +49,38 @@ class Watch:
     """
 
     def __init__(
-        self, space: Space, action_space: Space, rows: int, dt: float, model: Model, prior: Gaussian,
-        observation: Callable[[np.ndarray], Any] | None = None, passes: Sequence[Any] = (),
-        known_input: Callable[[Any], Any] | None = None, estimator: EstimatorChoice = "ekf",
-        estimator_options: dict[str, Any] | None = None, sensors: str | Sequence[Sensor] = "nominal",
-        observe: str = "mean", sensor_faults: Sequence[SensorFault] = (),
+        self, space: Space, action_space: Space, rows: int, dt: float, model: Model,
+        prior: Gaussian, observation: Callable[[np.ndarray], Any] | None = None,
+        passes: Sequence[Any] = (), known_input: Callable[[Any], Any] | None = None,
+        estimator: EstimatorChoice = "ekf", estimator_options: dict[str, Any] | None = None,
+        sensors: str | Sequence[Sensor] = "nominal", observe: str = "mean",
+        sensor_faults: Sequence[SensorFault] = (),
     ) -> None:  # fmt: skip
-        if not isinstance(model, LinearModel | NonlinearModel):
-            raise TypeError(
-                f"model must be a LinearModel or a NonlinearModel, got {short_repr(model)}"
-            )
-        if not isinstance(prior, Gaussian):
-            raise TypeError(f"prior must be a Gaussian(mean, cov), got {short_repr(prior)}")
-        if prior.mean.shape != (model.n,):
-            raise ValueError(
-                f"the prior is for shape {prior.mean.shape}, the model has {model.n} states:"
-                f" ({model.n},)"
-            )
+        _check_model(model, prior)
         checks.function("observation", observation, "the state")
         checks.function("known_input", known_input, "the action")
         self.observe_mode = checks.one_of("observe mode", observe, OBSERVE)
         self._angles = list(model.state_angles)
         self.rows, self.n, self.prior, self.own = rows, model.n, prior, space
         self._observation, self._known = observation, known_input or plain_action(action_space)
-        self._passes = _checked_passes(space, passes, observe)
-        action = deepcopy(action_space).sample()  # a copy, so that the space's own state stays
-        u = np.atleast_1d(self._numbers(action))
-        model.check_known_input(u)
-        for name in ("transition", "measurement"):
-            repeated(f"{name} of the model", getattr(model, name), prior.mean, u)
+        self._passes = _checked_passes(space, passes)
         self.model, self._suite = model, isinstance(sensors, str)
+        u = self._tried_input(action_space)
         self.sensors = _sensors(model, sensors, len(u), sensor_faults, dt)
-        model = replace(
-            cast(Any, model), R=self.sensors.noise(partial(_expected, self.sensors), prior.mean, u)
-        )
         options = checks.options("estimator_options", estimator_options)
         late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
-        self.filter = _filter(model, estimator, options)
-        self.estimator = (
-            estimator if isinstance(estimator, str) else getattr(estimator, "__name__", "own")
-        )
-        self._estimation = Estimation(
-            self.filter, cast(Any, None), 1.0, (), late, self.sensors.horizon
-        )
+        R = self.sensors.noise(partial(_expected, self.sensors), prior.mean, u)
+        self.filter = _filter(replace(cast(Any, model), R=R), estimator, options)
+        horizon = self.sensors.horizon
+        self._estimation = Estimation(self.filter, cast(Any, None), 1.0, (), late, horizon)
+        own = getattr(estimator, "__name__", "own")
+        self.estimator = estimator if isinstance(estimator, str) else own
         self.loop = Loop(self, rows, "_estimation")
-        self.steps = np.zeros(rows, int)
+        self.steps, self.episodes = np.zeros(rows, int), np.zeros(rows, int)
         self._still = np.zeros((rows, u.shape[-1]))
-        self._keys = np.zeros((rows, 2), np.uint64)
-        self._parts = np.array(
-            [word(name) for name in (*(sensor.name for sensor in self.sensors.each), "filter")],
-            np.uint64,
-        )
-        self._seeded = np.zeros(rows, bool)
-        self.episodes = np.zeros(rows, int)
+        self._keys, self._seeded = np.zeros((rows, 2), np.uint64), np.zeros(rows, bool)
+        names = [*(sensor.name for sensor in self.sensors.each), "filter"]
+        self._parts = np.array([word(name) for name in names], np.uint64)
         self.truth = np.zeros((rows, model.n))
         self.space = self._space()
         if observation is not None and rows > 1:
@@ -155,15 +134,10 @@ class Watch:
     def _measured(self, u: np.ndarray, rows: np.ndarray | None) -> Measurements:
         """Measurements delivered to some rows (None: all), given known inputs ``(B, m)``."""
         chosen: Any = slice(None) if rows is None else rows
-        x, u, steps, keys = (
-            self.truth[chosen],
-            u[chosen],
-            self.steps[chosen],
-            self.loop.sensing[chosen],
-        )
+        x, u, steps = self.truth[chosen], u[chosen], self.steps[chosen]
+        keys = self.loop.sensing[chosen]
         if self._suite:
-            measurement = self.model.measurement
-            exact = np.asarray(measurement(x, u), float)
+            exact = np.asarray(self.model.measurement(x, u), float)
             measurements = self.sensors.corrupted(exact, self.sensors.sd, steps, keys)
         else:
             measurements = self.sensors.read(x, u, np.zeros((len(x), 0)), steps, keys)
@@ -174,9 +148,8 @@ class Watch:
         count = len(measurements[0])
         prior = self.prior.about(np.broadcast_to(self.prior.mean, (count, self.n)))
         measurements = self._for_filter(measurements, self.truth[rows])
-        self.loop.begin(
-            None if count == self.rows else rows, prior, measurements, self._still[:count]
-        )
+        some = None if count == self.rows else rows
+        self.loop.begin(some, prior, measurements, self._still[:count])
 
     def observe(self, seen: Any) -> Any:
         """Observations ``(B, ...)``, given the environment's own observations ``seen``."""
@@ -189,37 +162,31 @@ class Watch:
         value = mean if self._observation is None else self._observation(mean)
         beside: dict[str, np.ndarray] = {}
         if "std" in self.observe_mode:
-            beside["std"] = np.sqrt(np.maximum(belief.cov.diagonal(0, -2, -1), 0.0)).astype(
-                np.float32
-            )
+            variance = np.maximum(belief.cov.diagonal(0, -2, -1), 0.0)
+            beside["std"] = np.sqrt(variance).astype(np.float32)
         if isinstance(self.own, Dict):
             return self._filled(value, seen) | beside
         fitted = self._fitted(value, self.own, seen, self._passes)
         if not beside:
             return fitted
-        return np.concatenate([fitted.reshape(self.rows, -1), *beside.values()], -1).astype(
-            np.float32
-        )
+        parts = [fitted.reshape(self.rows, -1), *beside.values()]
+        return np.concatenate(parts, -1).astype(np.float32)
 
     def info(self) -> dict[str, np.ndarray]:
         """Copies of the last step's record, one row for each environment."""
         belief, (y, available) = self.loop.belief, self.loop.measurements
         happened = {
-            "truth": self.truth, "estimate": belief.mean, "covariance": belief.cov, "measurement": y,
-            "available": available, "healthy": belief.healthy,
-        }  # fmt: skip
-        return {
-            name: values.copy()
-            for name, values in (happened | self.loop.extra_info(self.steps)).items()
-        }
+            "truth": self.truth, "estimate": belief.mean, "covariance": belief.cov,
+            "measurement": y, "available": available, "healthy": belief.healthy,
+        } | self.loop.extra_info(self.steps)  # fmt: skip
+        return {name: values.copy() for name, values in happened.items()}
 
     def known(self, action: Any) -> np.ndarray:
         """Known input of filters for an action."""
         u, (rows, m) = self._numbers(action), self._still.shape
         if u.shape != (rows, m) and not (rows == 1 and np.atleast_1d(u).shape == (m,)):
-            wanted = (
-                f"{m} numbers" if rows == 1 else f"an array {rows, m}, a row for each environment"
-            )
+            batch = f"an array {rows, m}, a row for each environment"
+            wanted = f"{m} numbers" if rows == 1 else batch
             raise ValueError(f"known_input must give {wanted}, got shape {u.shape}")
         if not np.isfinite(u).all():
             raise ValueError(
@@ -247,6 +214,15 @@ class Watch:
 
     # --- inside -----------------------------------------------------------------------------------
 
+    def _tried_input(self, action_space: Space) -> np.ndarray:
+        """Known input ``(m,)`` of some action, with which the model's functions were tried."""
+        action = deepcopy(action_space).sample()  # a copy, so that the space's own state stays
+        u = np.atleast_1d(self._numbers(action))
+        self.model.check_known_input(u)
+        for name in ("transition", "measurement"):
+            repeated(f"{name} of the model", getattr(self.model, name), self.prior.mean, u)
+        return u
+
     def _check_rows(self, observation: Callable[[np.ndarray], Any]) -> None:
         """Refuse an observation function that puts rows last.
 
@@ -259,9 +235,8 @@ class Watch:
         others = states.copy()
         others[0] += np.sqrt(np.diagonal(self.prior.cov)) + 1e-3
         for one, other in zip(*(_parts(observation(x)) for x in (states, others)), strict=True):
-            if one.shape[:1] == (self.rows,) and not np.array_equal(
-                one[1:], other[1:], equal_nan=True
-            ):
+            equal = np.array_equal(one[1:], other[1:], equal_nan=True)
+            if one.shape[:1] == (self.rows,) and not equal:
                 raise ValueError(
                     "observation must give a row for each environment, and mixes them: give x[...,"
                     " 0] and the like, joined by np.stack(..., -1)"
@@ -274,19 +249,20 @@ class Watch:
     def _checked(self, state: Any) -> np.ndarray:
         array = numbers(state)
         if array is None or array.shape != (self.rows, self.n):
-            got = (
-                short_repr(state)
-                if array is None
-                else f"shape {array.shape[1:] if self.rows == 1 else array.shape}"
-            )
             wanted = (self.n,) if self.rows == 1 else (self.rows, self.n)
+            got = self._described(state)
             raise ValueError(f"state must give the model's states, {wanted} numbers, got {got}")
         if not np.isfinite(array).all():
-            raise ValueError(
-                "state gave what is not finite:"
-                f" {short_repr(array[~np.isfinite(array).all(-1)][0].tolist())}"
-            )
+            bad = array[~np.isfinite(array).all(-1)][0].tolist()
+            raise ValueError(f"state gave what is not finite: {short_repr(bad)}")
         return np.array(array, order="C")
+
+    def _described(self, value: Any) -> str:
+        """Shape of a user's value without its axis of one row, or the value if it is no numbers."""
+        array = numbers(value)
+        if array is None:
+            return short_repr(value)
+        return f"shape {array.shape[1:] if self.rows == 1 else array.shape}"
 
     def _space(self) -> Space:
         """Observation space."""
@@ -298,11 +274,8 @@ class Watch:
         if not further:
             return self.own
         if isinstance(self.own, Dict):
-            kept = {
-                key: own
-                for key, own in self.own.spaces.items()
-                if not measuring or key in self._passes
-            }
+            spaces = self.own.spaces
+            kept = {key: spaces[key] for key in (self._passes if measuring else spaces)}
             for key in further:
                 if key in kept:
                     raise ValueError(
@@ -312,11 +285,8 @@ class Watch:
             return Dict({**kept, **further})
         bounds = cast(Box, self.own).low.ravel(), cast(Box, self.own).high.ravel()
         others = [(box.low, box.high) for box in further.values()]
-        parts = (
-            [*others, [each[list(self._passes)] for each in bounds]]
-            if measuring
-            else [bounds, *others]
-        )
+        passing = [each[list(self._passes)] for each in bounds]
+        parts = [*others, passing] if measuring else [bounds, *others]
         low, high = (np.concatenate(each).astype(np.float32) for each in zip(*parts, strict=True))
         return Box(low, high, dtype=np.float32)
 
@@ -350,18 +320,12 @@ class Watch:
         size, array = int(np.prod(own.shape)), numbers(value)
         rest: Any = np.setdiff1d(np.arange(size), passes) if passes else slice(None)
         shape = rest.shape if passes else own.shape
-        if array is None or array.shape not in (
-            (self.rows, *shape),
-            (self.rows, int(np.prod(shape))),
-        ):
-            got = (
-                short_repr(value)
-                if array is None
-                else f"shape {array.shape[1:] if self.rows == 1 else array.shape}"
-            )
+        fitting = (self.rows, *shape), (self.rows, int(np.prod(shape)))
+        if array is None or array.shape not in fitting:
             raise ValueError(
-                f"the observation space wants {shape} numbers, the estimate gives {got}: give"
-                " observation=, a function of the state, or name in passes what it does not give"
+                f"the observation space wants {shape} numbers, the estimate gives"
+                f" {self._described(value)}: give observation=, a function of the state, or name in"
+                " passes what it does not give"
             )
         array = array.reshape(self.rows, -1)
         if np.isnan(array).any():
@@ -374,6 +338,18 @@ class Watch:
             given, array = array, np.array(seen, own.dtype).reshape(self.rows, -1)
             array[:, rest] = given
         return array.reshape(self.rows, *own.shape)
+
+
+def _check_model(model: Model, prior: Gaussian) -> None:
+    if not isinstance(model, LinearModel | NonlinearModel):
+        raise TypeError(f"model must be a LinearModel or a NonlinearModel, got {short_repr(model)}")
+    if not isinstance(prior, Gaussian):
+        raise TypeError(f"prior must be a Gaussian(mean, cov), got {short_repr(prior)}")
+    if prior.mean.shape != (model.n,):
+        raise ValueError(
+            f"the prior is for shape {prior.mean.shape}, the model has {model.n} states:"
+            f" ({model.n},)"
+        )
 
 
 def _parts(value: Any) -> list[np.ndarray]:
@@ -418,7 +394,7 @@ def _clipped(low: Any, high: Any, action: Any) -> np.ndarray:
     return clipped.reshape(*clipped.shape[: clipped.ndim - np.ndim(low)], -1)
 
 
-def _checked_passes(space: Space, passes: Sequence[Any], observe: str) -> tuple[Any, ...]:
+def _checked_passes(space: Space, passes: Sequence[Any]) -> tuple[Any, ...]:
     if not isinstance(passes, list | tuple | range | np.ndarray):
         raise TypeError(f"passes must be a list of keys or components, got {short_repr(passes)}")
     chosen = tuple(passes)
@@ -429,11 +405,8 @@ def _checked_passes(space: Space, passes: Sequence[Any], observe: str) -> tuple[
                     factory.unknown("key of the observation in passes", key, list(space.spaces))
                 )
         return chosen
-    if (
-        not isinstance(space, Box)
-        or len(space.shape) > 2
-        or (space.dtype == np.uint8 and len(space.shape) > 1)
-    ):
+    deepest = 1 if space.dtype == np.uint8 else 2
+    if not isinstance(space, Box) or len(space.shape) > deepest:
         what = "images" if isinstance(space, Box) else short_repr(space)
         raise TypeError(
             f"the environment shows {what}, and an estimate is of numbers: wrap it in one whose"
@@ -470,13 +443,10 @@ def _sensors(
                 "sensors read with independent noise: give the model a diagonal R, or sensors of"
                 " your own"
             )
-        sd = np.sqrt(np.diagonal(R))
-        sensors = suite.of(
-            [
-                Sensor(f"y{i}", (f"y{i}",), partial(_channel, model, i), (float(one),))
-                for i, one in enumerate(sd)
-            ]
-        )
+        sd = np.sqrt(np.diagonal(R)).tolist()
+        reads = [partial(_channel, model, i) for i in range(len(sd))]
+        own = [Sensor(f"y{i}", (f"y{i}",), reads[i], (sd[i],)) for i in range(len(sd))]
+        sensors = suite.of(own)
     made = Sensors(sensors, states, tuple(f"u{i}" for i in range(inputs)), dt, faults)
     if made.bias.size:
         raise ValueError("sensors here have no bias: make it a state of the model")
