@@ -331,6 +331,8 @@ WRONG = [  # file, what is replaced by what, the line, the sentence
     (SHIP, "[rudder]", "[derivatives]\nNvdot = 1.0\nYrdot = 1.0\n[rudder]", 9, "an inertia that is not positive"),
     (SHIP, "[rudder]", "[derivatives]\nNv = -0.05\n[rudder]", 9, "the ship is directionally unstable"),
     (SHIP, "speed = 7.0", "speed = 7.0\nspeed = 8.0", 15, "not TOML: Cannot overwrite a value"),
+    (SHIP, "speed = 7.0", "thrust_coefficient = 0.2\nthrust_slope = 0.4\nadvance_ratio = 0.5\nspeed = 7.0", 14,
+     "propellers of this slope give no thrust at that advance ratio"),
     (SHIP, "[rudder]", "[sources]\nmass = 3\n[rudder]", 10, "a source is a text, got 3"),
     (SHIP, "[particulars]\nlength = 60.0",
      '[sources]\na = """\n[particulars]\nlength = 60\n"""\n[particulars]\nlength = -60', 9,

@@ -290,12 +290,12 @@ class CorvetteParameters(Particulars):
             wanted = "'thrust_coefficient', 'thrust_slope', 'advance_ratio'"
             yield "propulsion", f"propellers need {wanted}, or none"
             return
+        at_rest, slope, J = propellers
+        if at_rest is not None and slope is not None and J is not None and at_rest <= slope * J:
+            words = "propellers of this slope give no thrust at that advance ratio"
+            yield "thrust_coefficient", words
+            return
         m = self.values()
-        if not 0.0 <= m["thrust_rise"] < np.inf:
-            yield (
-                "thrust_coefficient",
-                "propellers of this slope give no thrust at that advance ratio",
-            )
         if min(
             m["surge_inertia"], m["sway_inertia"], m["yaw_inertia"],
             m["sway_inertia"] * m["yaw_inertia"] - m["sway_yaw_inertia"] * m["yaw_sway_inertia"],
