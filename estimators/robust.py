@@ -40,9 +40,9 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
     With ``M = [C (P-)^1/2, R^1/2]`` the residuals of a weighted update are ``zeta = psi^-1 M' S~^-1
     e``, ``S~ = M diag(psi)^-1 M'``: P- and R need only be positive semidefinite.
 
-    Few iterations are better than many. At the minimum, the less certain of measurement and
-    prediction loses weight. An outlier enlarges P, so at the next outlier that is the prediction
-    (``docs/estimators/robust.md``).
+    Few iterations are better than many. At the minimum of the loss, measurement or prediction
+    loses weight, whichever has the larger variance. An outlier enlarges P, so at the next outlier
+    the prediction loses weight (``docs/estimators/robust.md``).
 
     Sources: Huber (1964), Robust estimation of a location parameter; Karlgaard & Schaub (2007),
     Huber-based divided difference filtering, who start from least squares instead of the

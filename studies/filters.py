@@ -24,8 +24,8 @@ RUNS, STEPS, SKIPPED = 1000, 200, 20
 
 OUTLIERS = {
     "Gaussian": {},
-    "10 % at 10 σ": {"rate": 0.1, "size": 10.0},
-    "10 % at 100 σ": {"rate": 0.1, "size": 100.0},
+    "σ tenfold in 10 %": {"rate": 0.1, "size": 10.0},
+    "σ hundredfold in 10 %": {"rate": 0.1, "size": 100.0},
 }
 
 
@@ -72,7 +72,7 @@ def robust_losses() -> str:
     model = constant_velocity(0.01)
     cases: dict[str, tuple[LinearModel, dict[str, float]]] = {
         "as the model says": (model, {}),
-        "10 % of measurements at 10 σ": (model, OUTLIERS["10 % at 10 σ"]),
+        "σ tenfold in 10 % of measurements": (model, OUTLIERS["σ tenfold in 10 %"]),
         "least-favourable model, 0.01": (model, {"tolerance": 0.01}),
         "least-favourable model, 0.1": (model, {"tolerance": 0.1}),
         "true Q ten times as large": (constant_velocity(10.0 * 0.01), {}),
