@@ -1,4 +1,5 @@
-"""Commands in a checkout that is not installed: ``python -m scripts.train`` is ``vessel-gym train``, and so on.
+"""Commands in a checkout that is not installed.
 
-`scripts.reproduce` runs in a checkout only, where the papers are.
+``python -m scripts.train`` is ``vessel-gym train``, and so on. `scripts.reproduce` runs in a
+checkout only, where the papers are.
 """

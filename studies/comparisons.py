@@ -200,5 +200,8 @@ def packaged_agents() -> str:
             f"`{env_id}`", f"`{system_of(env_id).estimator}`", *map(mean_and_half, values), there,
             f"{told['seed']}; {told['trained_steps']:,}",
         ))  # fmt: skip
-    return table(("", "estimates", "`autopilot`", "`ppo`", "`ppo` − `autopilot`",
-                  f"reached the end, of {EPISODES} (`autopilot`; `ppo`)", "training: seed; steps"), rows)  # fmt: skip
+    header = (
+        "", "estimates", "`autopilot`", "`ppo`", "`ppo` − `autopilot`",
+        f"reached the end, of {EPISODES} (`autopilot`; `ppo`)", "training: seed; steps",
+    )  # fmt: skip
+    return table(header, rows)

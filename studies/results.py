@@ -247,7 +247,7 @@ def shares(study: str) -> str:
 
 
 def five(study: str) -> str:
-    """The estimators for a ship, under water, in the air and with outliers, and the one to avoid."""
+    """Estimators for a ship, under water, in the air and with outliers, and the one to avoid."""
     planned = plan(study_file(STUDIES[study]))
     rows, of = [], read_study(study)
     for what, environment, condition, last in (

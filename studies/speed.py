@@ -152,7 +152,7 @@ def main(
     rounds: int = 11,
     page: Path | None = None,
 ) -> None:
-    """Time steps and filters on one core, beside filterpy and bare NumPy, in turns in short blocks."""
+    """Time steps and filters on one core, beside filterpy and bare NumPy, in short turns."""
     from agents.studies.worlds import environment_id
 
     if find_spec("filterpy") is None:

@@ -19,9 +19,9 @@ if _file := shadowing("estimators"):
 __version__ = "1.0.0"
 
 for _where, _name, _steps in (
-    ("", "SigmaCorvette", 600), ("", "SegorogeniAUV", 500), ("", "ItsunusaAUV", 600), ("", "PunaUAV", 900),
-    ("", "SigmaChannel", 600), ("", "ThesisCorvette", 194), ("vessel_gym/", "Ship", 600), ("vessel_gym/", "AUV", 500),
-    ("vessel_gym/", "FixedWing", 900),
+    ("", "SigmaCorvette", 600), ("", "SegorogeniAUV", 500), ("", "ItsunusaAUV", 600),
+    ("", "PunaUAV", 900), ("", "SigmaChannel", 600), ("", "ThesisCorvette", 194),
+    ("vessel_gym/", "Ship", 600), ("vessel_gym/", "AUV", 500), ("vessel_gym/", "FixedWing", 900),
 ):  # fmt: skip
     register(
         id=f"{_where}{_name}-v0",

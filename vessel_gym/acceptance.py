@@ -9,7 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from estimators import Filter, Gaussian, LinearModel, NonlinearModel, input_conditions
+from estimators import (
+    Filter,
+    Gaussian,
+    InputConditions,
+    LinearModel,
+    NonlinearModel,
+    input_conditions,
+)
 from estimators.check import check_steps
 from estimators.unknown_input import UnknownInputFilter
 from estimators.varying import resolve
@@ -17,7 +24,7 @@ from vessel_gym.disturbances import Disturbance
 from vessel_gym.filter_models.build import Composition
 from vessel_gym.filter_models.exogenous import Forces, input_channels
 from vessel_gym.filter_models.parts import seen_anywhere
-from vessel_gym.foreign import CheckedMethods, copied, repeated, rows_of
+from vessel_gym.foreign import RETURNED, CheckedMethods, copied, repeated, rows_of
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Vehicle
 from vessel_gym.tasks.task import Task
@@ -48,7 +55,7 @@ def checked_vehicle(vehicle: Vehicle) -> Any:
         "known input": u.shape[1],
     }
     checked = CheckedMethods(vehicle, **widths)
-    _fix_columns(checked, "actuators", _columns_of_base(vehicle, "start", x), "start", x)
+    _fix_columns(checked, "start", _columns_of_base(vehicle, "start", x), x)
     state, actuators = checked.start(x)
     checked.actuate(actuators, np.zeros((1, len(vehicle.action_names))))
     checked.known_input(actuators, actuators, None)
@@ -77,17 +84,17 @@ def checked_task(task: Task, vehicle: Vehicle) -> Any:
     )
     drawn = np.full((1, task.uniforms), 0.5)
     base = np.full((1, max(task.uniforms, getattr(_verified_base(task), "uniforms", 0))), 0.5)
-    scenario = _fix_columns(
-        checked, "scenario", _columns_of_base(task, "scenario", base, {}), "scenario", drawn, {}
-    )
+    least = _columns_of_base(task, "scenario", base, {})
+    scenario = _fix_columns(checked, "scenario", least, drawn, {})
     x, step = np.array(checked.prior(scenario).mean), np.zeros(1, int)
     if hasattr(task, "exogenous"):
         checked.exogenous(scenario, step)
-    for name, what, arguments in (
-        ("reference", "reference", (scenario, step, x)), ("commanded", "commanded", (scenario, step)),
-        ("initial_score_state", "score_state", (vehicle.start(x)[0], scenario)),
-    ):  # fmt: skip
-        _fix_columns(checked, what, _columns_of_base(task, name, *arguments), name, *arguments)
+    for name, arguments in (
+        ("reference", (scenario, step, x)),
+        ("commanded", (scenario, step)),
+        ("initial_score_state", (vehicle.start(x)[0], scenario)),
+    ):
+        _fix_columns(checked, name, _columns_of_base(task, name, *arguments), *arguments)
     return checked
 
 
@@ -115,12 +122,12 @@ def _columns_of_base(part: Any, name: str, *arguments: Any) -> int:
     return 0
 
 
-def _fix_columns(checked: CheckedMethods, what: str, least: int, name: str, *arguments: Any) -> Any:
+def _fix_columns(checked: CheckedMethods, name: str, least: int, *arguments: Any) -> Any:
     """Result of a method; fix its number of columns, at least ``least``."""
     given = getattr(checked, name)(*arguments)
     array = given[-1] if isinstance(given, tuple) else given
     if array is not None:
-        checked.columns[what] = max(array.shape[1], least)
+        checked.columns[RETURNED[name][-1]] = max(array.shape[1], least)
         getattr(checked, name)(*arguments)  # refuses fewer columns
     return given
 
@@ -162,46 +169,42 @@ def check_input(filter: Filter, composition: Composition) -> None:
     base, u = nominal_flight(composition.vehicle, composition.names[: composition.base])
     x = np.zeros((len(base), model.n))
     x[:, : composition.base] = base
-    often = np.flatnonzero(
-        np.array([sensor.period(sensors.dt) for sensor in sensors.each])[sensors.owner] == 1
-    )
+    periods = np.array([sensor.period(sensors.dt) for sensor in sensors.each])
+    often = np.flatnonzero(periods[sensors.owner] == 1)
     Q, R = (resolve(matrix, u[0]) for matrix in (model.Q, model.R))
-    prior, names = composition.forces.input_cov, ", ".join(composition.inputs)
-
-    def failing(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> str:
-        if not len(often):
-            return "no sensor reads in every step"
-        found = input_conditions(A, C[often], G, H[often], Q, R[np.ix_(often, often)], prior)
-        if found.rank < model.q:
-            return (
-                f"the measurements of every step determine {found.rank} of its {model.q} directions"
-            )
-        vague = int(np.argmax(found.sd))
-        if found.sd[vague] > VAGUEST:
-            size = f"{found.sd[vague]:.1f} times its assumed size ({VAGUEST:g} at most)"
-            return (
-                f"one step determines {composition.inputs[vague]} to a standard deviation of {size}"
-            )
-        farthest = np.abs(found.zeros).max(initial=0.0)
-        if farthest > 1.0 + 1e-6:
-            return (
-                f"it adds a zero of modulus {farthest:.3g}, outside the unit circle, so that errors"
-                " grow"
-            )
-        return ""
-
     A, C = model.linearise_transition(x, u)[1], model.linearise_measurement(x, u)[1]
     G, H = model.input_matrix(x, u), resolve(model.H, u)
     given = (A, C, A @ G, C @ G + H) if model.delayed_feedthrough else (A, C, G, H)
-    for matrices in zip(
-        *(np.broadcast_to(each, (len(x), *each.shape[-2:])) for each in given), strict=True
-    ):
-        if why := failing(*matrices):
+    along = [np.broadcast_to(each, (len(x), *each.shape[-2:])) for each in given]
+    for A, C, G, H in zip(*along, strict=True):
+        why = "no sensor reads in every step"
+        if len(often):
+            seen = C[often], G, H[often], Q, R[np.ix_(often, often)]
+            found = input_conditions(A, *seen, composition.forces.input_cov)
+            why = _undetermined(found, composition.inputs)
+        if why:
             acting = type(composition.forces.disturbance).__name__
             raise ValueError(
                 f'{filter.name} cannot assume {acting} as "{composition.assumed_as}", with the'
-                f' unknown input {names}: {why}; assume it with {{"as": "states"}}, or add a sensor'
+                f" unknown input {', '.join(composition.inputs)}: {why}; assume it with"
+                ' {"as": "states"}, or add a sensor'
             )
+
+
+def _undetermined(found: InputConditions, inputs: tuple[str, ...]) -> str:
+    """Reason why measurements do not determine an unknown input; empty if they do."""
+    q = len(inputs)
+    if found.rank < q:
+        return f"the measurements of every step determine {found.rank} of its {q} directions"
+    vague = int(np.argmax(found.sd))
+    if found.sd[vague] > VAGUEST:
+        size = f"{found.sd[vague]:.1f} times its assumed size ({VAGUEST:g} at most)"
+        return f"one step determines {inputs[vague]} to a standard deviation of {size}"
+    farthest = np.abs(found.zeros).max(initial=0.0)
+    if farthest > 1.0 + 1e-6:
+        where = f"of modulus {farthest:.3g}, outside the unit circle"
+        return f"it adds a zero {where}, so that errors grow"
+    return ""
 
 
 def _check_timing(filter: Filter, model: LinearModel | NonlinearModel) -> None:

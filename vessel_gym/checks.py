@@ -78,13 +78,18 @@ def one_of(kind: str, value: object, known: Collection[str]) -> str:
     raise ValueError(unknown(kind, value, known))
 
 
+def all_are(kind: type, values: object) -> bool:
+    """Are values a tuple or list of objects of a class?"""
+    return isinstance(values, tuple | list) and all(isinstance(each, kind) for each in values)
+
+
 def check_names(name: str, value: object) -> None:
     """Refuse anything but a tuple or list of strings; one string would pass as its letters.
 
     Raises:
         TypeError: naming the argument.
     """
-    if not isinstance(value, tuple | list) or not all(isinstance(each, str) for each in value):
+    if not all_are(str, value):
         raise TypeError(f"{name} must be a tuple of names, got {short_repr(value)}")
 
 

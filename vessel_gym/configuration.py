@@ -118,8 +118,8 @@ class Options:
         guidance = not raw if self.guidance is None else self.guidance
         given = checked_options("estimator_options", self.estimator_options)
         for name, value in (
-            ("mismatch", float(self.mismatch)), ("termination", termination), ("guidance", guidance),
-            ("estimator_options", given)
+            ("mismatch", float(self.mismatch)), ("termination", termination),
+            ("guidance", guidance), ("estimator_options", given)
         ):  # fmt: skip
             object.__setattr__(self, name, value)
 

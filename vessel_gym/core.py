@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from estimators import Belief, RandomKeys
+from estimators import Belief, Gaussian, RandomKeys
 from estimators.checks import short_repr
 from estimators.linalg import shared_root
 from vessel_gym.checks import checked_action, is_integer
@@ -33,9 +33,9 @@ class Core:
 
     One step::
 
-        action -> actuators -> vehicle (truth) -> sensors -> estimator -> task.observe -> observation
-                     disturbance --------'  |                                 ^
-                                            '-> task.score -> reward      reference
+        action -> actuators -> vehicle -> sensors -> estimator -> task.observe -> observation
+                 disturbance ----'  |                                 ^
+                                    '-> task.score -> reward      reference
 
     The reference is evaluated at the estimated state. With ``observe="measurement"`` no estimate
     enters an episode: the reference is evaluated at the true state, and only the score and `info`
@@ -214,42 +214,22 @@ class Core:
         options = checked_options("options", options)
         if measurements is not None:
             measurements = injected(measurements, len(rows), self.sensors)
-        config, loop, task, draws = (
-            self.config,
-            self.loop,
-            self.config.world.task,
-            self.config.draws,
-        )
+        config, loop = self.config, self.loop
+        task, draws = config.world.task, config.draws
         some = None if len(rows) == self.num_envs else rows  # None is faster than an index of all
         at = slice(None) if some is None else rows
         seeds = self.seeds if some is None else [self.seeds[row] for row in rows]
+        episodes = np.ascontiguousarray(self.episodes[at])
         keys, numbers = draw(
-            RandomKeys.seeded(seeds).keys, np.ascontiguousarray(self.episodes[at]), names=draws.words,
-            drawn=draws.counts,
-        )  # fmt: skip
+            RandomKeys.seeded(seeds).keys, episodes, names=draws.words, drawn=draws.counts
+        )
         self._refuse_at(np.zeros(len(rows), int), None)
         scenario = task.scenario(numbers[:, : task.uniforms], options)
         prior = task.prior(scenario)
         loop.restart(at, keys[:, draws.world :], keys[:, DRAWN.index("filter")])
-        steps, total = np.zeros(len(rows), int), np.zeros(len(rows))
-        actuators, u, state, drifting, noise, exogenous, drawn, *read, score_state = (
-            config.world.begin(
-                scenario, prior.mean, shared_root(prior.cov), numbers, keys[:, len(DRAWN) :], steps
-            )
-        )
-        if config.options.mismatch:
-            parameters = config.world.vehicle.parameters(
-                config.options.mismatch, numbers[:, draws.parameters]
-            )
-        else:
-            parameters = config.nominal.repeat(len(rows), 0)
-        now = EnvState(
-            np.ascontiguousarray(keys[:, len(DRAWN) : draws.world]), steps, scenario, parameters, state,
-            np.zeros((len(rows), config.action_size)), actuators, drifting, noise, exogenous, np.zeros_like(noise),
-            np.zeros_like(exogenous), drawn, scenario, score_state, total, steps.copy(),
-        )  # fmt: skip
+        now, u, sampled = self._initial(scenario, prior, keys, numbers)
         measurements = loop.receive(
-            measurements or (read[0], read[1]), steps, some, measurements is not None
+            measurements or sampled, now.steps, some, measurements is not None
         )
         belief = loop.begin(
             some, known(prior, config.composition), self._passed(measurements, now), u
@@ -257,17 +237,39 @@ class Core:
         if self.raw is not None:
             self.raw.begin(some, known(prior, self.raw.composition), measurements, u)
         now.reference, *seen = config.mission.begin(
-            scenario, steps, belief.mean, self._d(belief), state, actuators
+            scenario, now.steps, belief.mean, self._d(belief), now.state, now.actuators
         )
         now.observation = seen[0] if seen else None
         self.now = now = now if some is None else self.now.merged(some, now)
         self._refuse_at(now.steps, None)
 
+    def _initial(
+        self, scenario: np.ndarray, prior: Gaussian, keys: np.ndarray, numbers: np.ndarray
+    ) -> tuple[EnvState, np.ndarray, Measurements]:
+        """State at the start of episodes, known input and measurements, from random numbers."""
+        config, rows = self.config, len(keys)
+        steps, root = np.zeros(rows, int), shared_root(prior.cov)
+        actuators, u, state, drifting, noise, exogenous, drawn, y, available, score_state = (
+            config.world.begin(scenario, prior.mean, root, numbers, keys[:, len(DRAWN) :], steps)
+        )
+        if mismatch := config.options.mismatch:
+            spread = numbers[:, config.draws.parameters]
+            parameters = config.world.vehicle.parameters(mismatch, spread)
+        else:
+            parameters = config.nominal.repeat(rows, 0)
+        moving = np.ascontiguousarray(keys[:, len(DRAWN) : config.draws.world])
+        now = EnvState(
+            moving, steps, scenario, parameters, state, np.zeros((rows, config.action_size)),
+            actuators, drifting, noise, exogenous, np.zeros_like(noise), np.zeros_like(exogenous),
+            drawn, scenario, score_state, np.zeros(rows), steps.copy(),
+        )  # fmt: skip
+        return now, u, (y, available)
+
     # --- step -------------------------------------------------------------------------------------
 
     def step(
-        self, action: np.ndarray, measurements: Measurements | None = None, ended: np.ndarray | None = None,
-        shape: tuple[int, ...] | None = None,
+        self, action: np.ndarray, measurements: Measurements | None = None,
+        ended: np.ndarray | None = None, shape: tuple[int, ...] | None = None,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
         """Advance every environment by one step.
 
@@ -312,33 +314,26 @@ class Core:
 
     def _moved(self, now: EnvState) -> Sequence[np.ndarray]:
         """Result of `vessel_gym.world.World.step`."""
-        moved: Sequence[np.ndarray] = self.config.world.step(*self._moving(now))
+        moved: Sequence[np.ndarray] = self.config.world.step(
+            now.action, now.scenario, now.reference, now.state, now.actuators, now.exogenous,
+            now.parameters, now.keys, now.steps, now.drifting, now.noise, now.drawn,
+            self.loop.sensing,
+        )  # fmt: skip
         return moved
 
     def _scored(self, now: EnvState) -> Sequence[np.ndarray]:
         """Result of `vessel_gym.mission.Mission.step`."""
-        scored: Sequence[np.ndarray] = self.config.mission.step(*self._scoring(now))
-        return scored
-
-    def _moving(self, now: EnvState) -> tuple[np.ndarray, ...]:
-        """Arguments of `vessel_gym.world.World.step`."""
-        return (
-            now.action, now.scenario, now.reference, now.state, now.actuators, now.exogenous, now.parameters, now.keys,
-            now.steps, now.drifting, now.noise, now.drawn, self.loop.sensing,
-        )  # fmt: skip
-
-    def _scoring(self, now: EnvState) -> tuple[np.ndarray, ...]:
-        """Arguments of `vessel_gym.mission.Mission.step`."""
         belief = self.loop.belief
-        estimates = map(
-            np.ascontiguousarray, (belief.mean, self._d(belief))
-        )  # compiled code needs contiguous arrays
+        # compiled code needs contiguous arrays
+        estimates = map(np.ascontiguousarray, (belief.mean, self._d(belief)))
         exogenous, forces = now.exogenous, self.config.world.forces
         if forces.faulty:
             exogenous = np.ascontiguousarray(exogenous[:, : forces.outside])
-        return (
-            now.scenario, now.steps, *estimates, now.state, exogenous, now.actuators, now.action, now.score_state,
+        scored: Sequence[np.ndarray] = self.config.mission.step(
+            now.scenario, now.steps, *estimates, now.state, exogenous, now.actuators, now.action,
+            now.score_state,
         )  # fmt: skip
+        return scored
 
     def _d(self, belief: Belief) -> np.ndarray:
         """Estimated unknown input ``(B, q)``; q is 0 if the filter estimates none."""
@@ -361,25 +356,15 @@ class Core:
 
     def _observed(self) -> list[np.ndarray]:
         """Parts of the observations before clipping."""
-        task, scenario, steps, actuators = (
-            self.config.world.task,
-            self.scenario,
-            self.steps,
-            self.actuators,
-        )
+        task, now = self.config.world.task, self.now
+        scenario, steps, actuators = now.scenario, now.steps, now.actuators
         if self.observe_mode == "measurement":
-            parts = [
-                task.observe_measurements(self.sensors, *self.loop.measurements, scenario, steps)
-            ]
-            parts.append(task.observe_mission(scenario, steps, actuators))
+            seen = task.observe_measurements(self.sensors, *self.loop.measurements, scenario, steps)
+            parts = [seen, task.observe_mission(scenario, steps, actuators)]
             if self.raw is not None:
                 estimate = self._estimate(self.raw)
-                parts.insert(
-                    0,
-                    task.observe(
-                        estimate, task.reference(scenario, steps, estimate.state), actuators
-                    ),
-                )
+                reference = task.reference(scenario, steps, estimate.state)
+                parts.insert(0, task.observe(estimate, reference, actuators))
             return parts
         estimate = self._estimate(self.loop)
         if self.config.options.guidance:

@@ -32,14 +32,10 @@ class Faulty:
         for i, (fault, sensor) in enumerate(zip(self.each, self._sensor, strict=True)):
             drawn = RandomKeys(keys[:, sensor]).of("fault", i)
             self._keys[rows, i], share = drawn.keys, drawn.uniforms(2)
-            for times, kept, where in (
-                (fault.times("begin"), self._begin, 0),
-                (fault.times("end"), self._end, 1),
-            ):
-                earliest, latest = times
-                later = (
-                    share[:, where] * (latest - earliest) if earliest < latest else 0.0
-                )  # infinity minus infinity is NaN
+            for j, (name, kept) in enumerate((("begin", self._begin), ("end", self._end))):
+                earliest, latest = fault.times(name)
+                # infinity minus infinity is NaN
+                later = share[:, j] * (latest - earliest) if earliest < latest else 0.0
                 kept[rows, i] = earliest + later
             if fault.duration is not None:
                 self._end[rows, i] = self._begin[rows, i] + fault.duration

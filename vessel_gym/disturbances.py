@@ -135,11 +135,10 @@ class Sea(Disturbance, verified=True):
         A = block_diag(
             wave, -1.0 / self.gust_time, -1.0 / self.current_time, -1.0 / self.current_time
         )
-        drift = (
-            2.0 * self.current**2 / (2.0 * self.current_time)
-        )  # each component carries half the power
-        W = np.diag([0.0, 4.0 * self.damping * self.peak * self.wave**2, 2.0 * self.gust**2 / self.gust_time, drift,
-                     drift])  # fmt: skip
+        waves = 4.0 * self.damping * self.peak * self.wave**2
+        gust = 2.0 * self.gust**2 / self.gust_time
+        drift = self.current**2 / self.current_time  # each component carries half the power
+        W = np.diag([0.0, waves, gust, drift, drift])
         return Process.stationary(A, W, self.dt)
 
     @linear
@@ -221,8 +220,8 @@ class SurfaceWater(Disturbance, verified=True):
         """Set names and scales: those of the other water, then ``own``."""
         water = self.beside
         vars(self).update(
-            names=(*water.names, *own), forces=water.forces, scale=(*(water.scale or ()), *scale), dt=water.dt,
-            white_increments=water.white_increments, white=water.white,
+            names=(*water.names, *own), forces=water.forces, scale=(*(water.scale or ()), *scale),
+            dt=water.dt, white_increments=water.white_increments, white=water.white,
         )  # fmt: skip
 
     @cached_property
@@ -339,7 +338,8 @@ class Air(Disturbance, verified=True):
         )  # fmt: skip
 
     names = (
-        "mean wind north", "mean wind east", "gust north", "gust east", "gust down 1", "gust down 2",
+        "mean wind north", "mean wind east", "gust north", "gust east", "gust down 1",
+        "gust down 2",
     )  # fmt: skip
     forces = ("wind north", "wind east", "wind down")
     white_increments = ("north increment", "east increment", "climb increment", "phi increment")
@@ -417,12 +417,13 @@ class Fault(Disturbance, verified=True):
             what=f"above two steps of {self.dt:g} s",
         )
         other, loss = self.beside, (f"{self.actuator} loss",) if self.loss else ()
+        own = (f"{self.actuator} {name}" for _, names, _ in self._own for name in names)
+        fault = f"{self.actuator} fault"
         vars(self).update(
-            names=(*other.names, *(f"{self.actuator} {name}" for _, own, _ in self._own for name in own)),
-            forces=(*other.forces, f"{self.actuator} fault", *loss),
-            inputs=(*(other.inputs or ()), f"{self.actuator} fault"), input_sd=(*(other.input_sd or ()), self.size),
-            white_increments=other.white_increments, white=other.white, uniforms=other.uniforms,
-            averaged=other.averaged,
+            names=(*other.names, *own), forces=(*other.forces, fault, *loss),
+            inputs=(*(other.inputs or ()), fault),
+            input_sd=(*(other.input_sd or ()), self.size), white_increments=other.white_increments,
+            white=other.white, uniforms=other.uniforms, averaged=other.averaged,
         )  # fmt: skip
 
     @property

@@ -184,14 +184,7 @@ def build(
         estimator, chosen = variant(estimator)
         options = chosen | options
     if not own and (not isinstance(estimator, str) or estimator not in estimator_names()):
-        advice = (
-            ". A filter of your own is passed as its class, in a study as module:class"
-            if ":" in str(estimator)
-            else f"; a filter's name may end in {', '.join(f'-{last}' for last in VARIANTS)}"
-        )
-        raise ValueError(
-            factory.unknown("estimator", estimator, accepted(system, sensors, disturbance)) + advice
-        )
+        raise ValueError(_unknown(estimator, accepted(system, sensors, disturbance)))
     assumptions = Assumptions.of(options.pop("assume", None))
     late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
     if estimator == "truth":  # its assumptions are the world's
@@ -208,21 +201,25 @@ def build(
         else Forces(system.vehicle, disturbance)
     )
     inputs = composition.inputs or unknown_inputs(nature, sensors)
-    if (
-        assumptions.how is None and estimator not in ENVIRONMENT_ONLY
-    ):  # reference filters have no model of measurements
-        composition.check_ambient_flows()
-    if composition.assumed_as == "white-input" and estimator not in ("kf", *ENVIRONMENT_ONLY):
-        name = estimator if isinstance(estimator, str) else "an estimator of one's own"
-        raise ValueError(
-            f'only kf can assume a white input of known variance, not {name}: say "as":'
-            ' "process-noise"'
-        )
+    if estimator not in ENVIRONMENT_ONLY:  # reference filters have no model of measurements
+        if assumptions.how is None:
+            composition.check_ambient_flows()
+        composition.check_white_input(estimator)
     made = _filter(system, estimator, options, composition, inputs, assumptions.Q)
     check_input(made, composition)
     if isinstance(made, RobustKalmanFilter):
         _warn_of_biases(made, sensors, system.task.horizon)
     return Estimation(made, composition, assumptions.prior, inputs, late, sensors.horizon)
+
+
+def _unknown(estimator: object, known: tuple[str, ...]) -> str:
+    """Error message for an unknown estimator, with the known ones."""
+    advice = (
+        ". A filter of your own is passed as its class, in a study as module:class"
+        if ":" in str(estimator)
+        else f"; a filter's name may end in {', '.join(f'-{last}' for last in VARIANTS)}"
+    )
+    return factory.unknown("estimator", estimator, known) + advice
 
 
 def is_own(estimator: object) -> bool:

@@ -34,17 +34,18 @@ class Copying:
 
 
 _OBSERVED = ("observe", "observe_state", "observe_std", "observe_measurements", "observe_mission")
-RETURNED: dict[str, tuple[str, ...]] = {
-    "parameters": ("parameters",), "start": ("state", "actuators"), "actuate": ("actuators",), "step": ("state",),
-    "known_input": ("known input",), "scenario": ("scenario",), "prior": ("prior",), "reference": ("reference",),
-    "commanded": ("commanded",), "exogenous": ("exogenous",), "over": ("over",), "initial_score_state":
-    ("score_state",), "score": ("reward", "end", "score_state"), "effect": ("effect",), "draw": ("drawn",),
-    "effect_at": ("effect",), **{name: (name,) for name in
-    _OBSERVED},
+_NAMESAKES = (
+    "parameters", "scenario", "prior", "reference", "commanded", "exogenous", "over", "effect",
+    *_OBSERVED,
+)  # fmt: skip
+RETURNED: dict[str, tuple[str, ...]] = {name: (name,) for name in _NAMESAKES} | {
+    "start": ("state", "actuators"), "actuate": ("actuators",), "step": ("state",),
+    "known_input": ("known input",), "initial_score_state": ("score_state",),
+    "score": ("reward", "end", "score_state"), "draw": ("drawn",), "effect_at": ("effect",),
 }  # fmt: skip
 """Methods of vehicles, tasks and disturbances by name, and what each returns."""
-_SCALAR, _CONSTANT = ("reward", "end", "over"), ("parameters", "scenario", "commanded", "exogenous")
-"""Results with one number a row or one for all, and arrays that may have one row for all."""
+_CONSTANT = ("parameters", "scenario", "commanded", "exogenous")
+"""Arrays that may have one row for all."""
 
 
 class CheckedMethods:
@@ -100,52 +101,43 @@ class CheckedMethods:
             rows_of(title, returned.mean, rows, self.columns.get(name))
             return returned
         if len(what) == 1:
-            checked = self._array(title, what[0], returned, rows)
-            self._refuse(title, what[0], checked, arrays)
-            return checked
+            return self._array(title, what[0], returned, rows, arrays)
         if not isinstance(returned, tuple | list) or len(returned) != len(what):
             raise ValueError(
                 f"{title} must give {len(what)} arrays, {', '.join(what)}, got"
                 f" {short_repr(returned)}"
             )
-        several = []
-        for part, values in zip(what, returned, strict=True):
-            several.append(self._array(f"{title}, as the {part},", part, values, rows))
-            self._refuse(
-                f"{title}, as the {part},",
-                part,
-                several[-1],
-                arrays[:-1] if name == "score" else arrays,
-            )
-        return tuple(several)
+        read = arrays[:-1] if name == "score" else arrays
+        return tuple(
+            self._array(f"{title}, as the {part},", part, values, rows, read)
+            for part, values in zip(what, returned, strict=True)
+        )
 
-    def _array(self, title: str, what: str, values: Any, rows: int) -> np.ndarray:
-        if what in _SCALAR:
-            array = rows_of(title, values, rows, scalar=True)
-            if what == "end":
-                end, ends = array.astype(int), len(self._own.end_reasons)
-                if (end != array).any() or end.min() < 0 or end.max() >= ends:
-                    raise ValueError(
-                        f"score of {self.title} gave the numbers of end_reasons"
-                        f" {short_repr(array.tolist())}: they must be whole and below {ends}"
-                    )
-                return end
-            return array != 0.0 if what == "over" else array
-        array = rows_of(title, values, rows, self.columns.get(what), constant=what in _CONSTANT)
+    def _array(
+        self, title: str, what: str, values: Any, rows: int, arguments: list[np.ndarray]
+    ) -> np.ndarray:
+        """Checked array of a result; only score states and observations may be infinite."""
+        scalar = what in ("reward", "end", "over")
+        columns, constant = self.columns.get(what), what in _CONSTANT
+        array = rows_of(title, values, rows, columns, scalar, constant)
+        if what == "over":
+            return array != 0.0
+        if what == "end":
+            end, ends = array.astype(int), len(self._own.end_reasons)
+            if (end != array).any() or end.min() < 0 or end.max() >= ends:
+                raise ValueError(
+                    f"score of {self.title} gave the numbers of end_reasons"
+                    f" {short_repr(array.tolist())}: they must be whole and below {ends}"
+                )
+            return end
         if what in _OBSERVED:
             self.columns.setdefault(what, array.shape[1])
+            return array
+        ordinary = [each for each in arguments if each.ndim == 2]
+        score: dict[str, Any] = {"sound": _not_nan, "wanted": "numbers everywhere"}
+        kind = score if what == "score_state" else {}
+        refuse_not_finite(title, array, self.steps, self.ended, *ordinary, **kind)
         return array
-
-    def _refuse(
-        self, title: str, what: str, values: np.ndarray, arguments: list[np.ndarray]
-    ) -> None:
-        """Refuse values that are not finite, except infinite score states and observations."""
-        if what not in ("end", "over", *_OBSERVED):
-            ordinary = [each for each in arguments if each.ndim == 2]
-            kind = (
-                {"sound": _not_nan, "wanted": "numbers everywhere"} if what == "score_state" else {}
-            )
-            refuse_not_finite(title, values, self.steps, self.ended, *ordinary, **kind)  # type: ignore[arg-type]
 
 
 def _not_nan(values: np.ndarray) -> np.ndarray:
@@ -241,8 +233,9 @@ def _alike(one: Any, other: Any) -> bool:
 
 
 def refuse_not_finite(
-    name: str, values: np.ndarray, steps: np.ndarray, ended: np.ndarray | None, *arguments: np.ndarray,
-    sound: Callable[[np.ndarray], np.ndarray] = np.isfinite, wanted: str = "finite numbers everywhere",
+    name: str, values: np.ndarray, steps: np.ndarray, ended: np.ndarray | None,
+    *arguments: np.ndarray, sound: Callable[[np.ndarray], np.ndarray] = np.isfinite,
+    wanted: str = "finite numbers everywhere",
 ) -> None:  # fmt: skip
     """Refuse values ``(B, ...)`` that are not finite while the arguments ``(B, k)`` are ordinary.
 

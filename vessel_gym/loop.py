@@ -139,24 +139,16 @@ class Loop:
         injected: bool,
     ) -> Measurements:
         """Delivered measurements, from sampled or injected ones."""
-        sampled = measurements
-        if self._faults is not None and not injected:
-            sampled = self._faults.faulted(sampled, steps, rows)
+        if not injected and self._faults is not None:
+            measurements = self._faults.faulted(measurements, steps, rows)
         if self._transit is None:
-            return sampled
-        if injected:
-            sampled = (
-                np.zeros((len(steps), self.sensors.size)),
-                np.zeros((len(steps), self.sensors.size), bool),
-            )
-        delivered = self._transit.carry(sampled, rows)
-        if injected:
-            return (
-                measurements
-                if measurements[0].ndim == 3
-                else of_now(measurements, self.sensors.horizon)
-            )
-        return delivered
+            return measurements
+        if not injected:
+            return self._transit.carry(measurements, rows)
+        nothing = np.zeros((len(steps), self.sensors.size))
+        self._transit.carry((nothing, nothing.astype(bool)), rows)
+        by_age = measurements[0].ndim == 3
+        return measurements if by_age else of_now(measurements, self.sensors.horizon)
 
     def _for_filter(self, measurements: Measurements) -> tuple[np.ndarray, np.ndarray | None]:
         """Measurements and mask in the form for the filter."""

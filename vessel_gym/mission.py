@@ -48,8 +48,9 @@ class Mission:
 
     @compiled(axes=(1, 0, 1, 1, 1, 1, 1, 1, 1))
     def step(
-        self, scenario: np.ndarray, steps: np.ndarray, mean: np.ndarray, input_mean: np.ndarray, state: np.ndarray,
-        exogenous: np.ndarray, actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
+        self, scenario: np.ndarray, steps: np.ndarray, mean: np.ndarray, input_mean: np.ndarray,
+        state: np.ndarray, exogenous: np.ndarray, actuators: np.ndarray, action: np.ndarray,
+        score_state: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
         """Reference ``(..., k)``, reward, end, score state and, if ``guided``, the observation.
 
@@ -79,8 +80,8 @@ class Mission:
 
     @compiled(axes=(1, 0, 1, 1, 1, 1))
     def begin(
-        self, scenario: np.ndarray, steps: np.ndarray, mean: np.ndarray, input_mean: np.ndarray, state: np.ndarray,
-        actuators: np.ndarray,
+        self, scenario: np.ndarray, steps: np.ndarray, mean: np.ndarray, input_mean: np.ndarray,
+        state: np.ndarray, actuators: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
         """Reference ``(..., k)`` at an episode's start and, if ``guided``, the observation."""
         reference = self.task.reference(
@@ -89,8 +90,8 @@ class Mission:
         return reference, *self._seen(steps, mean, input_mean, state, reference, actuators)
 
     def _seen(
-        self, steps: np.ndarray, mean: np.ndarray, input_mean: np.ndarray, state: np.ndarray, reference: np.ndarray,
-        actuators: np.ndarray,
+        self, steps: np.ndarray, mean: np.ndarray, input_mean: np.ndarray, state: np.ndarray,
+        reference: np.ndarray, actuators: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
         """Observation of mode ``"mean"``, clipped, if ``guided``."""
         if not self.guided:

@@ -202,8 +202,8 @@ def interpolated(table: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 
 def advance(
-    keys: np.ndarray, step: np.ndarray, z: np.ndarray, noise: np.ndarray, counts: np.ndarray, root: np.ndarray,
-    transition: np.ndarray, gains: np.ndarray,
+    keys: np.ndarray, step: np.ndarray, z: np.ndarray, noise: np.ndarray, counts: np.ndarray,
+    root: np.ndarray, transition: np.ndarray, gains: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Processes a step later, noise of the coming step, and exogenous input from both.
 
@@ -229,8 +229,8 @@ def advance(
         for each in normals(keys[..., part, :], word, count)
     ]
     z = product(transition, z, noise[..., white:])
-    noise = (
-        product(root, np.stack(drawn, -1), np.zeros_like(noise)) if drawn else np.zeros_like(noise)
-    )
+    noise = np.zeros_like(noise)
+    if drawn:
+        noise = product(root, np.stack(drawn, -1), noise)
     given = np.concatenate([noise[..., :white], z], -1)
     return z, noise, product(gains, given, np.zeros((*z.shape[:-1], len(gains))))

@@ -86,17 +86,15 @@ class Seaway(Disturbance, verified=True):
         sd = self.current / np.sqrt(2.0)
         return Process.wandering((sd, sd), self.current_time, self.dt)
 
-    def yaw_rate(self, beta: np.ndarray, speed: float) -> np.ndarray:
+    def yaw_rate(self, beta: np.ndarray, speed: float, dt: float = 0.0) -> np.ndarray:
         """RMS of the yaw rate in waves ``(...)`` [rad/s].
 
         Args:
             beta: Direction of the waves relative to the heading [rad].
             speed: Speed of the ship [m/s].
+            dt: Time [s] over which the rate is averaged.
         """
-        return self._rms(np.asarray(beta), speed, 0.0)
-
-    def _rms(self, beta: np.ndarray, speed: float, dt: float) -> np.ndarray:
-        """RMS of the yaw rate averaged over ``dt`` [s]; other arguments as `yaw_rate`."""
+        beta = np.asarray(beta)
         w, spectrum = (each.reshape((-1,) + beta.ndim * (1,)) for each in self.waves.spectrum)
         half = 0.5 * dt * encounter_frequency(w, beta, np.asarray(speed))
         yaw = np.sinc(half / np.pi) * np.abs(wave_response(self.ship, w, beta, speed)[..., 1])
@@ -109,7 +107,7 @@ class Seaway(Disturbance, verified=True):
         The RMS of its yaw rate is that over all directions of the waves.
         """
         beta = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
-        yaw = self._rms(beta, 0.8 * self.ship.speed, self.dt)
+        yaw = self.yaw_rate(beta, 0.8 * self.ship.speed, self.dt)
         wave = max(np.sqrt((yaw**2).mean()), _LEAST / self.dt)
         return Sea(
             wave=float(wave), peak=2.0 * np.pi / self.period, gust=0.0,

@@ -61,8 +61,10 @@ class SensorFault:
         if not meant and self.size is not None:
             raise ValueError(f"{self} has no size, got {short_repr(self.size)}")
         if meant and (size is None or size.ndim > 1 or not np.isfinite(size).all()):
-            raise ValueError(f"size of {self} must be {meant}, one for all channels or one for each, "
-                             f"got {short_repr(self.size)}")  # fmt: skip
+            raise ValueError(
+                f"size of {self} must be {meant}, one for all channels or one for each, got"
+                f" {short_repr(self.size)}"
+            )
         if self.kind == "garbage" and np.any(np.less(size, 0.0)):  # type: ignore[arg-type]
             raise ValueError(f"size of {self} must be 0 or more, got {short_repr(self.size)}")
         (_, begin), (end, _) = self.times("begin"), self.times("end")

@@ -121,13 +121,11 @@ def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray
     """
     process = forces.disturbance.process
     whole = block_diag(cov, process.start_cov, sensors.bias.start_cov)
-    if forces.vehicle.carried is None:
+    if forces.carried is None:
         return whole
     root = np.eye(len(whole))
     n = len(cov)
-    root[:n, n : n + process.size] = (
-        forces.vehicle.carried @ forces.linear[len(forces.vehicle.increments) : forces.outside]
-    )
+    root[:n, n : n + process.size] = forces.carried
     return root @ whole @ root.T
 
 

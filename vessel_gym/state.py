@@ -33,9 +33,9 @@ class EnvState:
     def after(self, action: np.ndarray) -> "EnvState":
         """State for the next step: the coming noise and inputs become those of the ended step."""
         return EnvState(
-            self.keys, self.steps + _ONE, self.scenario, self.parameters, self.state, action, self.actuators,
-            self.drifting, self.noise, self.exogenous, self.noise, self.exogenous, self.drawn, self.reference,
-            self.score_state, self.total, self.end,
+            self.keys, self.steps + _ONE, self.scenario, self.parameters, self.state, action,
+            self.actuators, self.drifting, self.noise, self.exogenous, self.noise, self.exogenous,
+            self.drawn, self.reference, self.score_state, self.total, self.end,
         )  # fmt: skip
 
     def merged(self, rows: np.ndarray, some: "EnvState") -> "EnvState":

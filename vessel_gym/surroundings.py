@@ -27,7 +27,8 @@ HULLS = ("ship", "torpedo", "aircraft", "dot")
 _SPAN = 2.1
 """Wing span [m] of the Skywalker X8, Gryte (2018), because a point mass has none."""
 _WORDS = {
-    "x": ("north position", "m"), "y": ("east position", "m"), "z": ("depth", "m"), "h": ("altitude", "m"),
+    "x": ("north position", "m"), "y": ("east position", "m"),
+    "z": ("depth", "m"), "h": ("altitude", "m"),
     "phi": ("roll", "°"), "theta": ("pitch", "°"), "psi": ("heading", "°"),
     "u": ("surge speed", "m/s"), "v": ("sway speed", "m/s"), "w": ("heave speed", "m/s"),
     "p": ("roll rate", "°/s"), "q": ("pitch rate", "°/s"), "r": ("yaw rate", "°/s"),

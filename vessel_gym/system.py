@@ -8,7 +8,7 @@ import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 
 from estimators.checks import finite_array, integer, short_repr
-from vessel_gym.checks import check_names, check_numbers, instance, one_of, options
+from vessel_gym.checks import all_are, check_names, check_numbers, instance, one_of, options
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.filter_models.build import Composition
 from vessel_gym.sensor_faults import SensorFault, lost_fix
@@ -52,33 +52,39 @@ def check_task(task: Task) -> None:
     title = type(task).__name__
     integer(f"horizon of {title}", task.horizon, 1)
     integer(f"uniforms of {title}", task.uniforms, 0)
-    check_names(f"end_reasons of {title}", task.end_reasons)
-    if len(set(task.end_reasons)) < len(task.end_reasons):
-        raise ValueError(
-            f"end_reasons of {title} must differ from each other, got"
-            f" {short_repr(task.end_reasons)}"
-        )
+    _check_end_reasons(title, task.end_reasons, task.success)
     if hasattr(task, "perfect"):
         check_numbers(title, {"perfect": task.perfect}, positive="perfect")
-    if not task.end_reasons or task.success not in ("", *task.end_reasons[1:]):
-        raise ValueError(
-            f"success of {title} must be one of its end_reasons, or empty, got"
-            f" {short_repr(task.success)}"
-        )
     for name in ("prior_sd", "state_scale", "std_scale"):
-        if (
-            hasattr(task, name)
-            and (finite_array(f"{name} of {title}", getattr(task, name), "n") < 0.0).any()
-        ):
+        sizes = getattr(task, name, ())
+        if (finite_array(f"{name} of {title}", sizes, "n") < 0.0).any():
             raise ValueError(
-                f"{name} of {title} must be numbers of at least 0, got"
-                f" {short_repr(getattr(task, name))}"
+                f"{name} of {title} must be numbers of at least 0, got {short_repr(sizes)}"
             )
     needed = ("vehicle", "prior_sd") if getattr(type(task), "prior", None) is Task.prior else ()
     unset = [name for name in needed if not hasattr(task, name)]
     if unset:
         raise TypeError(
             f"{title} needs {unset[0]}, from which `Task.prior` follows: see docs/own-task.md"
+        )
+
+
+def _check_end_reasons(title: str, reasons: tuple[str, ...], success: str) -> None:
+    """Refuse end reasons that are equal, and a success that is no end reason after the first.
+
+    Raises:
+        TypeError: for end reasons that are no strings.
+        ValueError: naming the attribute.
+    """
+    check_names(f"end_reasons of {title}", reasons)
+    if len(set(reasons)) < len(reasons):
+        raise ValueError(
+            f"end_reasons of {title} must differ from each other, got {short_repr(reasons)}"
+        )
+    if not reasons or success not in ("", *reasons[1:]):
+        raise ValueError(
+            f"success of {title} must be one of its end_reasons, or empty, got"
+            f" {short_repr(success)}"
         )
 
 
@@ -135,9 +141,7 @@ class System:
         one_of("filter_model of a system", self.filter_model, self.vehicle.kinds)
         options("filter_models of a system", self.filter_models)
         sensors = () if self.sensors is None else self.sensors
-        if not isinstance(sensors, tuple | list) or not all(
-            isinstance(each, Sensor) for each in sensors
-        ):
+        if not all_are(Sensor, sensors):
             raise TypeError(
                 "sensors of a system must be Sensor objects, or None, got"
                 f" {short_repr(self.sensors)}"
@@ -189,11 +193,7 @@ class System:
                 choice = read_grades(self).suite(name)
             else:
                 choice = SUITES.get(name, SUITES["nominal"]).of(self.nominal_sensors)
-        elif not (
-            isinstance(choice, list | tuple)
-            and choice
-            and all(isinstance(part, Sensor) for part in choice)
-        ):
+        elif not (all_are(Sensor, choice) and choice):
             named = ", ".join(SUITE_NAMES)
             raise TypeError(
                 f"sensors must be one of {named}, or Sensor objects, got {short_repr(choice)}"

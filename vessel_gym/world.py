@@ -51,20 +51,13 @@ class World:
         self.parts = np.array([process.normals for process in (disturbance.process, *biases)])
         self.parts[0] += disturbance.white.shape[-1]
         self.start_roots = [process.start_root for process in (disturbance.process, *biases)]
-        self.carried = forces.vehicle.carried
-        if (
-            self.carried is not None
-        ):  # the prior's state moves with the flow, a function of the disturbance's state
-            self.carried = (
-                self.carried @ forces.linear[len(forces.vehicle.increments) : forces.outside]
-            )
         self.transition = block_diag(disturbance.process.transition, sensors.bias.transition)
         self.root = block_diag(disturbance.white, disturbance.process.root, sensors.bias.root)
         whole = sensors.verified and not self.own_parts
         acting = not isinstance(disturbance, CheckedMethods)
         verified = {
-            "step": whole, "begin": whole, "move": forces.verified, "sense": sensors.verified, "draw": acting,
-            "effect": acting,
+            "step": whole, "begin": whole, "move": forces.verified, "sense": sensors.verified,
+            "draw": acting, "effect": acting,
         }  # fmt: skip
         for name, compilable in verified.items():
             if not compilable:
@@ -72,9 +65,10 @@ class World:
 
     @compiled(axes=(1, 1, 1, 1, 1, 1, 1, 2, 0, 1, 1, 1, 2))
     def step(
-        self, action: np.ndarray, scenario: np.ndarray, reference: np.ndarray, state: np.ndarray, actuators: np.ndarray,
-        exogenous: np.ndarray, parameters: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray,
-        noise: np.ndarray, drawn: np.ndarray, sensing: np.ndarray,
+        self, action: np.ndarray, scenario: np.ndarray, reference: np.ndarray, state: np.ndarray,
+        actuators: np.ndarray, exogenous: np.ndarray, parameters: np.ndarray, keys: np.ndarray,
+        steps: np.ndarray, drifting: np.ndarray, noise: np.ndarray, drawn: np.ndarray,
+        sensing: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
         """Actuators and known input after an action, then the results of `move` and `sense`."""
         after = self.vehicle.actuate(actuators, action)
@@ -97,8 +91,9 @@ class World:
 
     @compiled(axes=(1, 1, 1, 1, 1, 2, 0, 1, 1, 1))
     def move(
-        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, exogenous: np.ndarray, parameters: np.ndarray,
-        keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray, noise: np.ndarray, drawn: np.ndarray,
+        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, exogenous: np.ndarray,
+        parameters: np.ndarray, keys: np.ndarray, steps: np.ndarray, drifting: np.ndarray,
+        noise: np.ndarray, drawn: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """States of vehicle, disturbance and biases, noise and exogenous input a step later.
 
@@ -131,8 +126,8 @@ class World:
 
     @compiled(axes=(1, 1, 2, 1, 2, 0))
     def begin(
-        self, scenario: np.ndarray, mean: np.ndarray, root: np.ndarray, numbers: np.ndarray, keys: np.ndarray,
-        steps: np.ndarray,
+        self, scenario: np.ndarray, mean: np.ndarray, root: np.ndarray, numbers: np.ndarray,
+        keys: np.ndarray, steps: np.ndarray,
     ) -> tuple[np.ndarray, ...]:  # fmt: skip
         """Initial actuators, known input, results of `move`, constants, measurements, score state.
 
@@ -159,8 +154,8 @@ class World:
             start_root, numbers[..., last:], np.zeros((*mean.shape[:-1], len(start_root)))
         )
         x = mean + (root * normals[..., None, :]).sum(-1)
-        if self.carried is not None:
-            x = product(self.carried, drifting, x)
+        if self.forces.carried is not None:
+            x = product(self.forces.carried, drifting, x)
         state, actuators = self.vehicle.start(x)
         noise = np.zeros((*drifting.shape[:-1], len(self.root)))
         advanced = self._advanced(keys[..., :count, :], steps, drifting, noise, first=True)
@@ -230,8 +225,8 @@ class World:
         return np.concatenate([exogenous[..., :outside] + added, exogenous[..., outside:]], -1)
 
     def _with_effect(
-        self, advanced: tuple[np.ndarray, np.ndarray, np.ndarray], drawn: np.ndarray, steps: np.ndarray,
-        state: np.ndarray, actuators: np.ndarray,
+        self, advanced: tuple[np.ndarray, np.ndarray, np.ndarray], drawn: np.ndarray,
+        steps: np.ndarray, state: np.ndarray, actuators: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         drifting, noise, exogenous = advanced
         if self.forces.constant:

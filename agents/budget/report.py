@@ -52,8 +52,8 @@ def legend(budget: Budget) -> str:
         f" the search is at least {budget.keep:g}; keeps less: all of it is below; not decided: it"
         " reaches both. Confirmed: all of the interval on fresh seeds is at least that; not"
         " confirmed: it begins below. Refused: the environment cannot carry the estimator on these"
-        " sensors. Not run: no better in any sensor than one that keeps less, or at least as dear as"
-        " one that keeps it."
+        " sensors. Not run: no better in any sensor than one that keeps less, or at least as dear"
+        " as one that keeps it."
     )
 
 

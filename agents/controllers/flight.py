@@ -9,7 +9,7 @@ from agents.controllers.loops import Controller, bryson, jacobian, regulator_gai
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.puna import Puna, trim
 
-# Deviations that count alike in the quadratic costs (Bryson's rule): each weight is 1 / tolerance^2.
+# Deviations that count alike in the quadratic costs, by Bryson's rule: weights are 1 / tolerance^2.
 CROSS_TRACK = 2.0  # m
 COURSE = 0.15  # rad
 BANK = 0.25  # rad, of the command

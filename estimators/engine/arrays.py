@@ -77,7 +77,9 @@ class TracedArray(np.ndarray):
         total = self.sum(axis, **others)
         return total / (self.size / np.size(total))
 
-    def clip(self, low: Any = None, high: Any = None, *, min: Any = None, max: Any = None) -> Any:  # type: ignore[override]
+    def clip(  # type: ignore[override]
+        self, low: Any = None, high: Any = None, *, min: Any = None, max: Any = None
+    ) -> Any:
         """The entries clipped to bounds."""
         low, high = low if min is None else min, high if max is None else max
         x = self if low is None else np.maximum(self, low)
@@ -154,7 +156,8 @@ def _apply(ufunc: Any, method: str, operands: Sequence[Any], others: dict[str, A
     if out is not None:
         if not isinstance(out, TracedArray):
             raise NotTraceable(
-                "a traced function cannot write into a fresh array of floats: use np.stack or np.where"
+                "a traced function cannot write into a fresh array of floats: use np.stack or"
+                " np.where"
             )
         out[...] = found
         return out
@@ -179,16 +182,18 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.full_like: _full,
     np.round: lambda x: np.rint(x),
 }
-for _name, _ufunc in {"sum": np.add, "prod": np.multiply, "max": np.maximum, "min": np.minimum, "any": np.logical_or,
-                      "all": np.logical_and}.items():  # fmt: skip
+for _name, _ufunc in {
+    "sum": np.add, "prod": np.multiply, "max": np.maximum, "min": np.minimum,
+    "any": np.logical_or, "all": np.logical_and,
+}.items():  # fmt: skip
     FUNCTIONS[getattr(np, _name)] = _reduction(_ufunc)
     setattr(TracedArray, _name, _reduction(_ufunc))
 _REARRANGING = frozenset((
-    "stack", "concatenate", "hstack", "vstack", "column_stack", "split", "moveaxis", "swapaxes", "transpose",
-    "matrix_transpose", "reshape", "ravel", "squeeze", "expand_dims", "broadcast_to", "broadcast_arrays", "roll",
-    "flip", "repeat", "tile", "take", "diagonal", "diag", "trace", "append", "atleast_1d", "atleast_2d", "dot",
-    "inner", "outer", "cross", "einsum", "norm", "cumsum", "diff", "copy", "shape", "ndim", "size",
-    "block", "unstack", "polyval",
+    "stack", "concatenate", "hstack", "vstack", "column_stack", "split", "moveaxis", "swapaxes",
+    "transpose", "matrix_transpose", "reshape", "ravel", "squeeze", "expand_dims", "broadcast_to",
+    "broadcast_arrays", "roll", "flip", "repeat", "tile", "take", "diagonal", "diag", "trace",
+    "append", "atleast_1d", "atleast_2d", "dot", "inner", "outer", "cross", "einsum", "norm",
+    "cumsum", "diff", "copy", "shape", "ndim", "size", "block", "unstack", "polyval",
 ))  # fmt: skip
 """NumPy's functions that move, add or multiply entries; NumPy applies them to any objects."""
 

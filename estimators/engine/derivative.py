@@ -16,8 +16,8 @@ from estimators.engine.program import Instruction, NotTraceable, Program
 from estimators.engine.tracer import Tracer, operation, program_of, where
 
 _FLAT = frozenset((
-    "floor", "ceil", "trunc", "rint", "greater", "greater_equal", "equal", "not_equal", "cast", "lookup",
-    "bitwise_and", "bitwise_or", "bitwise_xor", "left_shift", "right_shift",
+    "floor", "ceil", "trunc", "rint", "greater", "greater_equal", "equal", "not_equal", "cast",
+    "lookup", "bitwise_and", "bitwise_or", "bitwise_xor", "left_shift", "right_shift",
 ))  # fmt: skip
 """Opcodes whose results are piecewise constant in their operands."""
 

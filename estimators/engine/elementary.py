@@ -136,8 +136,9 @@ def _log(x: Any) -> Any:
     s = f / (2.0 + f)
     z = s * s
     r = z * _polynomial(
-        z, 6.666666666666735130e-01, 3.999999999940941908e-01, 2.857142874366239149e-01, 2.222219843214978396e-01,
-        1.818357216161805012e-01, 1.531383769920937332e-01, 1.479819860510658591e-01,
+        z, 6.666666666666735130e-01, 3.999999999940941908e-01, 2.857142874366239149e-01,
+        2.222219843214978396e-01, 1.818357216161805012e-01, 1.531383769920937332e-01,
+        1.479819860510658591e-01,
     )  # fmt: skip
     half = 0.5 * f * f
     value = k * _LN2_HIGH - ((half - (s * (half + r) + k * _LN2_LOW)) - f)
@@ -249,10 +250,10 @@ def _tanh(x: Any) -> Any:
 
 
 EXPANSIONS: dict[str, tuple[int, Callable[..., Any]]] = {
-    "sin": (1, lambda x: _sincos(x)[0]), "cos": (1, lambda x: _sincos(x)[1]), "sincos": (1, _sincos),
-    "exp": (1, _exp), "log": (1, _log), "log1p": (1, _log1p),
-    "arctan": (1, _arctan), "arctan2": (2, _arctan2), "arcsin": (1, _arcsin), "arccos": (1, _arccos),
-    "hypot": (2, _hypot), "tanh": (1, _tanh),
+    "sin": (1, lambda x: _sincos(x)[0]), "cos": (1, lambda x: _sincos(x)[1]),
+    "sincos": (1, _sincos), "exp": (1, _exp), "log": (1, _log), "log1p": (1, _log1p),
+    "arctan": (1, _arctan), "arctan2": (2, _arctan2), "arcsin": (1, _arcsin),
+    "arccos": (1, _arccos), "hypot": (2, _hypot), "tanh": (1, _tanh),
 }  # fmt: skip
 """Number of operands of each function, and its formula."""
 
@@ -322,8 +323,10 @@ def _traced_loop(
         return found
 
     def traced(*parameters: int) -> list[int]:
-        after = [np.broadcast_to(np.asarray(each, object), array.shape)
-                 for each, array in zip(body(*rebuilt(parameters)), arrays, strict=True)]  # fmt: skip
+        after = [
+            np.broadcast_to(np.asarray(each, object), array.shape)
+            for each, array in zip(body(*rebuilt(parameters)), arrays, strict=True)
+        ]
         flat = (constant(program, entry) for array in after for entry in array.flat)
         return [
             cast(x, program.kinds[value]).value for x, value in zip(flat, parameters, strict=True)

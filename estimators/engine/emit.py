@@ -18,13 +18,14 @@ from estimators.engine.program import Instruction, Loop, Program
 from estimators.engine.tracer import KINDS, Tracer, cast, constant, within
 
 _OPERATIONS = {
-    "add": ("fadd", "add", "add"), "subtract": ("fsub", "sub", "sub"), "multiply": ("fmul", "mul", "mul"),
-    "divide": ("fdiv",), "negative": ("fneg",), "fmod": ("frem",),
-    "bitwise_and": ("", "and", "and", "and"),
+    "add": ("fadd", "add", "add"), "subtract": ("fsub", "sub", "sub"),
+    "multiply": ("fmul", "mul", "mul"), "divide": ("fdiv",), "negative": ("fneg",),
+    "fmod": ("frem",), "bitwise_and": ("", "and", "and", "and"),
     "bitwise_or": ("", "or", "or", "or"), "bitwise_xor": ("", "xor", "xor", "xor"),
     "left_shift": ("", "shl", "shl"), "right_shift": ("", "ashr", "lshr"),
-    "greater": ("fcmp ogt", "icmp sgt", "icmp ugt", "icmp ugt"), "equal": ("fcmp oeq", *["icmp eq"] * 3),
-    "greater_equal": ("fcmp oge", "icmp sge", "icmp uge", "icmp uge"), "not_equal": ("fcmp une", *["icmp ne"] * 3),
+    "greater": ("fcmp ogt", "icmp sgt", "icmp ugt", "icmp ugt"),
+    "greater_equal": ("fcmp oge", "icmp sge", "icmp uge", "icmp uge"),
+    "equal": ("fcmp oeq", *["icmp eq"] * 3), "not_equal": ("fcmp une", *["icmp ne"] * 3),
 }  # fmt: skip
 """LLVM's operations on floats, integers, words and masks."""
 _UNROLLED = 4
@@ -249,8 +250,8 @@ class Emitter:
         return self.lanes(width).value(self.line(all_lanes), x.kind)
 
     def loop(
-        self, first: Any, count: Any, body: Callable[..., Any], initial: Sequence[Tracer] = (), step: int = 1,
-        going: Callable[..., Tracer] | None = None,
+        self, first: Any, count: Any, body: Callable[..., Any], initial: Sequence[Tracer] = (),
+        step: int = 1, going: Callable[..., Tracer] | None = None,
     ) -> list[Tracer]:  # fmt: skip
         """Carried values after ``for i in range(first, count, step)``, while ``going``.
 

@@ -212,7 +212,8 @@ class Driver(LinearEmitter):
         self.loop(0, end, body, step=self.width)
         arrays = [f"%a{i}" for i in arguments] + [f"%o{i}" for i in range(len(results))]
         loads = [
-            f"  {name}.at = getelementptr ptr, ptr %arrays, i64 {i}\n  {name} = load ptr, ptr {name}.at"
+            f"  {name}.at = getelementptr ptr, ptr %arrays, i64 {i}\n"
+            f"  {name} = load ptr, ptr {name}.at"
             for i, name in enumerate(arrays)
         ]
         head = (

@@ -75,7 +75,10 @@ class LinearEmitter(MatrixEmitter):
         name = f"@outlined.{sha256(f'{own} {list(program.tables)}'.encode()).hexdigest()[:16]}"
         if name not in self.module.functions:
             MatrixEmitter.special(emitter, own)
-            head = f"define internal void {name}({', '.join(parameters)}, ptr noalias %r) noinline nounwind {{\nentry:"
+            head = (
+                f"define internal void {name}({', '.join(parameters)}, ptr noalias %r)"
+                " noinline nounwind {\nentry:"
+            )
             self.module.functions[name] = "\n".join([head, *emitter.lines, "  ret void\n}"])
         return name
 
@@ -237,8 +240,10 @@ class LinearEmitter(MatrixEmitter):
                 p + 1, n, lambda q, turned: [turned | self._turned((z, v), p, q)], [turning]
             )
 
-        self.loop(0, _SWEEPS, lambda _, _turning: self.loop(0, n, row, [still]), [constant(self.one, np.True_)],
-                  going=lambda turning: turning)  # fmt: skip
+        self.loop(
+            0, _SWEEPS, lambda _, _turning: self.loop(0, n, row, [still]),
+            [constant(self.one, np.True_)], going=lambda turning: turning,
+        )  # fmt: skip
 
     def _turned(self, matrices: Sequence[Matrix], p: Index, q: Index) -> Tracer:
         """Turn columns p and q where they are not orthogonal; a mask: were any row's not?"""

@@ -122,8 +122,8 @@ class MatrixTracer(_Operators):
         first, *named = key if isinstance(key, tuple) else (key,)
         if first is not Ellipsis or not {*map(type, named)} <= _INDICES:
             raise NotTraceable(
-                "a traced formula's arrays are indexed from behind, by a[..., i] with whole numbers,"
-                " slices and None"
+                "a traced formula's arrays are indexed from behind, by a[..., i] with whole"
+                " numbers, slices and None"
             )
         return self._part(self.places[key])
 

@@ -41,10 +41,11 @@ def lookup(table: Any, index: Any) -> Any:
         return table[np.clip(np.nan_to_num(index, nan=0.0), 0, len(table) - 1).astype(int)]
     program, width = index.program, table[0].size
     place, entry = program.table(table), index if index.kind == "f" else cast(index, "i")
+    own = place, len(table), width
     values = [
-        Tracer(program, program.add("lookup", (entry.value,), "f", None, (place, len(table), width, column)))
+        Tracer(program, program.add("lookup", (entry.value,), "f", None, (*own, column)))
         for column in range(width)
-    ]  # fmt: skip
+    ]
     return values[0] if table.ndim == 1 else TracedArray.of(values).reshape(table.shape[1:])
 
 

@@ -45,8 +45,10 @@ class Tracer(_Operators):
         )
 
     def _no_number(self, *_: Any) -> NoReturn:
-        raise NotTraceable("a traced function cannot turn values into Python's numbers or fresh arrays of floats: "
-                           "use NumPy's functions and np.stack")  # fmt: skip
+        raise NotTraceable(
+            "a traced function cannot turn values into Python's numbers or fresh arrays of floats:"
+            " use NumPy's functions and np.stack"
+        )
 
     __float__ = __int__ = __index__ = __complex__ = __iter__ = __len__ = __hash__ = _no_number
 
@@ -187,8 +189,8 @@ def operation(opcode: str, *operands: Any) -> Any:
 
 
 _IDENTITIES = {
-    "multiply": 1, "add": -0.0, "subtract": 0, "divide": 1, "bitwise_and": True, "bitwise_or": False,
-    "bitwise_xor": False,
+    "multiply": 1, "add": -0.0, "subtract": 0, "divide": 1, "bitwise_and": True,
+    "bitwise_or": False, "bitwise_xor": False,
 }  # fmt: skip
 
 
@@ -283,9 +285,9 @@ def _operator(opcode: str, swapped: bool = False) -> Callable[[Tracer, Any], Any
 
 OPERATORS = {
     "add": "add", "sub": "subtract", "mul": "multiply", "truediv": "divide", "and": "bitwise_and",
-    "or": "bitwise_or", "xor": "bitwise_xor", "lshift": "left_shift", "rshift": "right_shift", "mod": "remainder",
-    "gt": "greater", "ge": "greater_equal", "lt": "less", "le": "less_equal", "eq": "equal",
-    "ne": "not_equal",
+    "or": "bitwise_or", "xor": "bitwise_xor", "lshift": "left_shift", "rshift": "right_shift",
+    "mod": "remainder", "gt": "greater", "ge": "greater_equal", "lt": "less", "le": "less_equal",
+    "eq": "equal", "ne": "not_equal",
 }  # fmt: skip
 """Python's operators of two numbers, and NumPy's functions."""
 UNARY = {"neg": "negative", "abs": "absolute", "invert": "invert"}

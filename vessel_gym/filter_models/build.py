@@ -101,6 +101,19 @@ class Composition(Parts):
                     '{"as": "states"}, or leave it out'
                 )
 
+    def check_white_input(self, estimator: object) -> None:
+        """Refuse a white input of known variance for every filter but the Kalman filter.
+
+        Raises:
+            ValueError: naming the estimator.
+        """
+        if self.assumed_as == "white-input" and estimator != "kf":
+            name = estimator if isinstance(estimator, str) else "an estimator of one's own"
+            raise ValueError(
+                f'only kf can assume a white input of known variance, not {name}: say "as":'
+                ' "process-noise"'
+            )
+
     def flow(self, mean: np.ndarray, input_mean: np.ndarray | None = None) -> np.ndarray:
         """Ambient flow ``(..., f)`` from means of state and d ``(..., q)``; 0 if unknown."""
         names = self.vehicle.ambient_flows
@@ -168,52 +181,53 @@ def compose(
     asked = assumed_as in ("unknown-input", "white-input")
     unknown = forces.unknown if asked else []
     changing = [i - forces.size for i in forces.inputs if asked and i >= forces.size]
-    estimated = (
-        np.zeros(0, int)
-        if assumed_as == "process-noise"
-        else relevant(forces, sensors, len(own), unknown, changing)
-    )
+    estimated = np.zeros(0, int)
+    if assumed_as != "process-noise":
+        estimated = relevant(forces, sensors, len(own), unknown, changing)
     observable: np.ndarray = np.any(seen_anywhere(vehicle, sensors), 0)
     ended = [i for i in forces.increments if observable[i] and i not in unknown]
     parts = Parts(forces, sensors, own, estimated, unknown, ended)
-    names = (
-        *own,
-        *(disturbance.names[i] for i in estimated),
-        *sensors.bias_names,
-        *parts.ended_names,
-    )
-    incremented = np.zeros(
-        (len(names), len(vehicle.increments))
-    )  # K: effect of increments on the state
-    for j, name in enumerate(vehicle.incremented):
-        if name in own:
-            incremented[own.index(name), j] = 1.0
-    incremented[np.arange(len(names) - len(ended), len(names)), ended] = 1.0
-    feedthrough = seen(sensors, cruising(vehicle))
+    assumed = (disturbance.names[i] for i in estimated)
+    names = *own, *assumed, *sensors.bias_names, *parts.ended_names
     options: dict[str, Any] = {
         "state_angles": tuple(i for i, name in enumerate(own) if name in vehicle.angles),
         "measurement_angles": sensors.angles,
-        **_noise(parts, assumed_as == "process-noise", changing, incremented),
+        "delayed_feedthrough": True,  # unless measurements show the present d
+        **_noise(parts, assumed_as == "process-noise", changing),
     }  # fmt: skip
     inputs = forces.input_names if asked else ()
-    G, H = np.zeros((len(names), len(inputs))), np.zeros((sensors.size, len(inputs)))
-    for j, i in enumerate(forces.inputs if asked else ()):
-        if i < len(vehicle.increments):
-            G[:, j] = incremented[:, i]
-        elif i >= forces.size:
-            G[len(own) + estimated.tolist().index(i - forces.size), j] = 1.0
-        if i < forces.outside:
-            H[:, j] = feedthrough[:, i]
-    options["delayed_feedthrough"] = _delayed(parts, inputs, H)
-    if kind not in vehicle.linear_kinds:
-        model: LinearModel | NonlinearModel = nonlinear_model(parts, G, H, options)
-    elif isinstance(given := vehicle.linear(kind), Trims):
-        model = linearised_model(parts, G, H, options, given)
-    else:
-        model = linear_model(parts, kind, incremented, G, H, options)
+    if inputs:
+        G, H = _input_effects(parts)
+        options |= {"G": G, "H": H, "delayed_feedthrough": _delayed(parts, inputs, H)}
+    model = _model(parts, kind, options)
     return Composition(
         **vars(parts), model=model, names=names, inputs=inputs, assumed_as=assumed_as
     )
+
+
+def _model(parts: Parts, kind: str, options: dict[str, Any]) -> LinearModel | NonlinearModel:
+    """Model of a kind: nonlinear, linearised or linear."""
+    if kind not in parts.vehicle.linear_kinds:
+        return nonlinear_model(parts, options)
+    given = parts.vehicle.linear(kind)
+    if isinstance(given, Trims):
+        return linearised_model(parts, options, given)
+    return linear_model(parts, kind, options)
+
+
+def _input_effects(parts: Parts) -> tuple[np.ndarray, np.ndarray]:
+    """G and H: effects of increments and changes in d on the state, and of d on measurements."""
+    forces, incremented, inputs = parts.forces, parts.incremented, parts.forces.inputs
+    feedthrough = seen(parts.sensors, cruising(parts.vehicle))
+    G, H = np.zeros((len(incremented), len(inputs))), np.zeros((parts.sensors.size, len(inputs)))
+    for j, i in enumerate(inputs):
+        if i < len(parts.vehicle.increments):
+            G[:, j] = incremented[:, i]
+        elif i >= forces.size:
+            G[parts.base + parts.estimated.tolist().index(i - forces.size), j] = 1.0
+        if i < forces.outside:
+            H[:, j] = feedthrough[:, i]
+    return G, H
 
 
 def _delayed(parts: Parts, inputs: tuple[str, ...], H: np.ndarray) -> bool:
@@ -233,20 +247,17 @@ def _delayed(parts: Parts, inputs: tuple[str, ...], H: np.ndarray) -> bool:
     return not feedthrough[~increments].any()
 
 
-def _noise(
-    parts: Parts, as_noise: bool, changing: list[int], incremented: np.ndarray
-) -> dict[str, Any]:
+def _noise(parts: Parts, as_noise: bool, changing: list[int]) -> dict[str, Any]:
     """Q and R.
 
     Args:
         parts: Parts of the model.
         as_noise: Are the disturbance's increments process noise?
         changing: Indices of the disturbance's states whose changes are the unknown input.
-        incremented: ``(n, increments)`` effect of increments on the state.
     """
     forces, sensors, estimated, n = parts.forces, parts.sensors, parts.estimated, parts.base
-    disturbance, bias = forces.disturbance, parts.sensors.bias
-    process, white = disturbance.process, forces.white.copy()
+    process, bias = forces.disturbance.process, sensors.bias
+    white, incremented, biases = forces.white.copy(), parts.incremented, n + len(estimated)
     first = white.shape[-1]
     root = np.zeros((len(incremented), first + process.normals + bias.normals))
     if not as_noise:
@@ -254,8 +265,7 @@ def _noise(
         fresh = process.root.copy()
         fresh[changing] = 0.0
         root[:, :first] = incremented @ white[: incremented.shape[-1]]
-        root[n : n + len(estimated), first : first + process.normals] = fresh[estimated]
-    biases = n + len(estimated)
+        root[n:biases, first : first + process.normals] = fresh[estimated]
     root[biases : biases + bias.size, first + process.normals :] = bias.root
     Q = root @ root.T
     Q[:n, :n] += np.diag(np.asarray(parts.vehicle.process_sd)[:n] ** 2)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -85,31 +86,39 @@ class Forces:
         """Number of increments and flows, the first components of an exogenous input."""
         self.faulty = max(self.to, default=-1) >= self.outside
         """Does the exogenous input have faults and losses of actuators?"""
-        known = known if self.faulty else known[: self.outside]
-        self.size = len(known)
+        self.channels = known if self.faulty else known[: self.outside]
+        """Names of the components of an exogenous input."""
+        self.size = len(self.channels)
         self._losses = (self.outside + self.size) // 2
         self.white_indices = [known.index(name) for name in disturbance.white_increments]
         self.increments = [i for i in range(increments) if i in self.to + self.white_indices]
         """Indices of the increments that the disturbance gives."""
         self.has_increments = min(self.to, default=increments) < increments
         """Does an increment follow from the disturbance's state, instead of being white?"""
-        changes = [*known, *map(change_of, disturbance.names)]
-        given = (
-            (known[i] for i in self.increments)
-            if disturbance.inputs is None
-            else disturbance.inputs
-        )
-        self.input_names = tuple(given)
-        """Names of the components of the unknown input d."""
-        self.inputs = [changes.index(name) for name in self.input_names]
-        """Indices of these components in the exogenous input followed by the changes of z."""
-        self.unknown = [i for i in self.inputs if i < self.size]
-        """Indices of the exogenous inputs treated as d; an actuator's fault includes its loss."""
-        self.unknown += [
-            i + len(known) - self._losses for i in self.unknown if self.outside <= i < self._losses
-        ]
-        self.constant = getattr(disturbance.effect, "linear", False) and not self.faulty
+
+    @cached_property
+    def constant(self) -> bool:
         """Is the effect declared linear, so that it is `gains` times z at every state?"""
+        return getattr(self.disturbance.effect, "linear", False) and not self.faulty
+
+    @cached_property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the components of the unknown input d."""
+        named = self.disturbance.inputs
+        return tuple(self.channels[i] for i in self.increments) if named is None else tuple(named)
+
+    @cached_property
+    def inputs(self) -> list[int]:
+        """Indices of d's components in the exogenous input followed by the changes of z."""
+        changes = [*self.channels, *map(change_of, self.disturbance.names)]
+        return [changes.index(name) for name in self.input_names]
+
+    @cached_property
+    def unknown(self) -> list[int]:
+        """Indices of the exogenous inputs treated as d; an actuator's fault includes its loss."""
+        acting = [i for i in self.inputs if i < self.size]
+        faults = range(self.outside, self._losses)
+        return acting + [i + self.size - self._losses for i in acting if i in faults]
 
     @cached_property
     def gains(self) -> np.ndarray:
@@ -157,6 +166,12 @@ class Forces:
         still = self.on(np.zeros((1, k)), state[None])
         return (self.on(np.eye(k), np.tile(state, (k, 1))) - still).T
 
+    @cached_property
+    def carried(self) -> np.ndarray | None:
+        """Effect ``(n, k)`` of z on the initial state, if flows carry the vehicle."""
+        carried, first = self.vehicle.carried, len(self.vehicle.increments)
+        return None if carried is None else carried @ self.linear[first : self.outside]
+
     @property
     def increment_cov(self) -> np.ndarray:
         """Stationary covariance of the increments."""
@@ -191,7 +206,38 @@ class Forces:
 
 def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
     """Reasons why a disturbance does not fit a vehicle."""
-    who, known, process = type(disturbance).__name__, input_channels(vehicle), disturbance.process
+    who, known = type(disturbance).__name__, input_channels(vehicle)
+    yield from _mistaken_values(who, disturbance)
+    for name in (*disturbance.forces, *disturbance.white_increments):
+        if name not in known:
+            yield (
+                f"{who} gives {short_repr(name)}, but what acts on this vehicle is"
+                f" {', '.join(known)}"
+            )
+    for name in disturbance.white_increments:
+        if name not in vehicle.increments or name in disturbance.forces:
+            increments = ", ".join(vehicle.increments)
+            yield (
+                f"{who} gives white increments to {name}, which must be an increment ({increments})"
+                " that its effect does not give"
+            )
+    for name in disturbance.names:
+        if name in vehicle.state_names:
+            yield f"{who} calls a component {name!r}, as another is called"
+    ship = getattr(disturbance, "ship", None)
+    flown = getattr(vehicle, "ship", ship)
+    dimensions = attrgetter("length", "beam", "draught", "mass")
+    if ship and dimensions(ship) != dimensions(flown):
+        yield f"{who} was made for another ship than the vehicle's: give it ship=vehicle.ship"
+    if disturbance.dt not in (None, vehicle.dt):
+        own, dt = disturbance.dt, vehicle.dt
+        yield f"{who} was made for steps of {own} s, the vehicle's are {dt:g} s: give it dt={dt:g}"
+    yield from _contradictions(who, disturbance)
+    yield from _mistakes_of_effect(f"effect of {who}", vehicle, disturbance)
+
+
+def _mistaken_values(who: str, disturbance: Disturbance) -> Iterator[str]:
+    """Attributes of a disturbance that no vehicle can take."""
     for what in ("forces", "white_increments", "names", "inputs"):
         given: Any = getattr(disturbance, what) or ()
         if isinstance(given, str) or len(set(given)) < len(given):
@@ -200,26 +246,22 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
     if not isinstance(believed, Disturbance | None):
         yield f"believed of {who} must be a Disturbance, or None, got {short_repr(believed)}"
     for what, least, wanted in (("input_sd", 0.0, "of at least 0"), ("scale", 1e-300, "above 0")):
-        sizes = numbers(getattr(disturbance, what) or ())
+        given = getattr(disturbance, what)
+        sizes = numbers(given or ())
         if sizes is None or not ((sizes >= least) & np.isfinite(sizes)).all():
-            yield (
-                f"{what} of {who} must be numbers {wanted}, got"
-                f" {short_repr(getattr(disturbance, what))}"
-            )
-    for name in (*disturbance.forces, *disturbance.white_increments):
-        if name not in known:
-            yield (
-                f"{who} gives {short_repr(name)}, but what acts on this vehicle is"
-                f" {', '.join(known)}"
-            )
+            yield f"{what} of {who} must be numbers {wanted}, got {short_repr(given)}"
+    uniforms = disturbance.uniforms
+    if not is_integer(uniforms) or uniforms < 0:
+        yield (
+            f"uniforms of {who} must be a whole number of at least 0, got {short_repr(uniforms)}"
+        )
     for name in disturbance.averaged:
         if name not in disturbance.forces:
             yield f"averaged of {who} must name some of its forces, got {short_repr(name)}"
-    if not is_integer(disturbance.uniforms) or disturbance.uniforms < 0:
-        yield (
-            f"uniforms of {who} must be a whole number of at least 0, got"
-            f" {short_repr(disturbance.uniforms)}"
-        )
+
+
+def _contradictions(who: str, disturbance: Disturbance) -> Iterator[str]:
+    """Parts of a disturbance that contradict each other, and a process that grows."""
     owners = [
         next(c for c in type(disturbance).__mro__ if name in vars(c))
         for name in ("effect", "effect_at")
@@ -229,53 +271,26 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
             f"{owners[0].__name__} gives another effect, but as a field it acts by effect_at: give"
             " that instead"
         )
-    for name in disturbance.white_increments:
-        if name not in vehicle.increments or name in disturbance.forces:
-            increments = ", ".join(vehicle.increments)
-            yield (
-                f"{who} gives white increments to {name}, which must be an increment ({increments})"
-                " that its effect does not give"
-            )
-    possible = (
-        *disturbance.forces,
-        *disturbance.white_increments,
-        *map(change_of, disturbance.names),
-    )
+    names, white, process = disturbance.names, disturbance.white_increments, disturbance.process
+    possible = *disturbance.forces, *white, *map(change_of, names)
     for name in disturbance.inputs or ():
         if name not in possible:
             yield (
                 f"{who} has the unknown input {short_repr(name)}, which must be one of"
                 f" {', '.join(possible)}"
             )
-    ship = getattr(disturbance, "ship", None)
-    flown = getattr(vehicle, "ship", ship)
-    if any(
-        getattr(ship, name) != getattr(flown, name)
-        for name in ("length", "beam", "draught", "mass")
-        if ship
-    ):
-        yield f"{who} was made for another ship than the vehicle's: give it ship=vehicle.ship"
-    if disturbance.dt not in (None, vehicle.dt):
-        own, dt = disturbance.dt, vehicle.dt
-        yield f"{who} was made for steps of {own} s, the vehicle's are {dt:g} s: give it dt={dt:g}"
-    if (
-        process.size
-        and (modulus := np.abs(np.linalg.eigvals(process.transition)).max()) > 1.0 + 1e-6
-    ):
+    modulus = np.abs(np.linalg.eigvals(process.transition)).max(initial=0.0)
+    if modulus > 1.0 + 1e-6:
         yield (
             f"process of {who} grows by a factor of {modulus:.3g} a step: eigenvalues must be of"
             " modulus 1 at most"
         )
-    if len(disturbance.names) != process.size:
-        yield f"{who} names {len(disturbance.names)} components of a state that has {process.size}"
-    for name in disturbance.names:
-        if name in vehicle.state_names:
-            yield f"{who} calls a component {name!r}, as another is called"
-    for what, rows in (("white", len(disturbance.white_increments)), ("scale", process.size)):
+    if len(names) != process.size:
+        yield f"{who} names {len(names)} components of a state that has {process.size}"
+    for what, rows in (("white", len(white)), ("scale", process.size)):
         given = getattr(disturbance, what)
         if given is not None and len(given) != rows:
             yield f"{what} of {who} must have {rows} rows, got {len(given)}"
-    yield from _mistakes_of_effect(f"effect of {who}", vehicle, disturbance)
 
 
 def _mistakes_of_effect(effect: str, vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:

@@ -11,43 +11,29 @@ from vessel_gym.filter_models.exogenous import input_channels
 from vessel_gym.filter_models.parts import Parts, moving
 
 
-def linear_model(
-    parts: Parts,
-    kind: str,
-    incremented: np.ndarray,
-    G: np.ndarray,
-    H: np.ndarray,
-    options: dict[str, Any],
-) -> LinearModel:
+def linear_model(parts: Parts, kind: str, options: dict[str, Any]) -> LinearModel:
     """The linear model.
 
     Args:
         parts: Parts of the model.
         kind: One of the vehicle's linear models.
-        incremented: ``(n, increments)`` effect of increments on the state.
-        G: ``(n, q)`` effect of d on the state, without flows.
-        H: ``(p, q)`` effect of d on the measurements.
-        options: Further options of the model.
+        options: Further options of the model; G is the effect ``(n, q)`` of d without flows.
 
     Raises:
         ValueError: for a sensor that is not linear, or a flow or fault that the vehicle's model
             does not include.
     """
     forces, vehicle, drift = parts.forces, parts.vehicle, parts.drift
-    n, k, increments, given = (
-        parts.base,
-        len(parts.estimated),
-        len(vehicle.increments),
-        vehicle.linear(kind),
-    )
-    size = n + drift.size + len(parts.ended)
+    n, k, incremented = parts.base, len(parts.estimated), parts.incremented
+    size, increments = incremented.shape
     effect = np.zeros((forces.size, size))  # E: exogenous input per unit of the filter's state
     effect[:, n : n + k] = forces.linear[:, parts.estimated]
     effect[parts.unknown] = 0.0
-    A, B, flowed = given if len(given) == 3 else (*given, np.zeros((n, len(vehicle.ambient_flows))))
+    A, B, *flows = vehicle.linear(kind)
+    flowed = flows[0] if flows else np.zeros((n, len(vehicle.ambient_flows)))
     moved = [i for i in np.flatnonzero(moving(forces, n)) if i in parts.unknown or effect[i].any()]
     for i in moved:
-        if len(given) == 2 or i >= forces.outside:
+        if not flows or i >= forces.outside:
             what = input_channels(vehicle)[i]
             raise ValueError(
                 f"the {kind} model does not say what {what} does to it: choose a nonlinear one"
@@ -56,35 +42,32 @@ def linear_model(
     for j, channel in enumerate(forces.inputs):
         if channel in parts.unknown and channel in moved:
             chosen[channel - increments, j] = 1.0
-    carry, constant = effect[increments : forces.outside], np.zeros((size, size))
-    constant[:] = incremented @ effect[:increments]
+    carry, rows = effect[increments : forces.outside], size - n
+    constant = incremented @ effect[:increments]
     constant[n : n + drift.size, n : n + drift.size] += drift.transition
 
     def transition(u: np.ndarray | None) -> np.ndarray:
         own = resolve(A, u)
-        rest = np.zeros((*own.shape[:-1], size - n))
-        moved = np.concatenate([own, rest], -1)
+        moved = np.concatenate([own, np.zeros((*own.shape[:-1], rows))], -1)
         if carry.any():
             moved = moved + resolve(flowed, u) @ carry
-        return _above(moved, size - n) + constant
+        return _above(moved, rows) + constant
 
-    def known(u: np.ndarray | None) -> np.ndarray:
-        return _above(resolve(B, u), size - n)
-
-    def pushed(u: np.ndarray | None) -> np.ndarray:
-        return _above(resolve(flowed, u) @ chosen, size - n) + G
-
-    def function(form: Callable[..., np.ndarray], *used: Matrix) -> Matrix:
-        if not any(map(callable, used)):
-            return form(None)
-        return compiled(form) if all(map(is_compiled, used)) else form
-
-    if H.size:
-        options |= {"G": function(pushed, flowed) if chosen.any() else G, "H": H}
+    if chosen.any():
+        G = options["G"]
+        options["G"] = _scheduled(lambda u: _above(resolve(flowed, u) @ chosen, rows) + G, flowed)
     C = _measured(parts, effect)
-    if size == n:
+    if not rows:
         return LinearModel(A, C, B=B, **options)
-    return LinearModel(function(transition, A, flowed), C, B=function(known, B), **options)
+    known = _scheduled(lambda u: _above(resolve(B, u), rows), B)
+    return LinearModel(_scheduled(transition, A, flowed), C, B=known, **options)
+
+
+def _scheduled(form: Callable[..., np.ndarray], *used: Matrix) -> Matrix:
+    """A function of the known input; its value if none of the matrices used depends on that."""
+    if not any(map(callable, used)):
+        return form(None)
+    return compiled(form) if all(map(is_compiled, used)) else form
 
 
 def _above(matrix: np.ndarray, rows: int) -> np.ndarray:

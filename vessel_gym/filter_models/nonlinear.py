@@ -7,7 +7,7 @@ import numpy as np
 from estimators import LinearModel, NonlinearModel
 from estimators.differences import central_differences, steps
 from estimators.engine import compiled
-from estimators.varying import Schedule
+from estimators.varying import Schedule, StateMatrix
 from vessel_gym.filter_models.exogenous import change_of
 from vessel_gym.filter_models.parts import Parts, seen_alike
 from vessel_gym.vehicles.integration import incremented as with_increments
@@ -15,16 +15,13 @@ from vessel_gym.vehicles.vehicle import Trims
 from vessel_gym.verified import is_verified
 
 
-def nonlinear_model(
-    parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[str, Any]
-) -> NonlinearModel:
+def nonlinear_model(parts: Parts, options: dict[str, Any]) -> NonlinearModel:
     """The nonlinear model.
 
     Args:
         parts: Parts of the model.
-        G: ``(n, q)`` effect of d on the state, without flows and faults.
-        H: ``(p, q)`` effect of d on the measurements.
-        options: Further options of the model.
+        options: Further options of the model; G is the effect ``(n, q)`` of d without flows and
+            faults.
 
     Raises:
         ValueError: for an unknown flow whose effect on the measurements depends on the state.
@@ -44,6 +41,26 @@ def nonlinear_model(
         ended = [np.stack([acting[..., i] + zero for i in parts.ended], -1)] if parts.ended else []
         return np.concatenate([after, parts.drifted(x, after), *ended], -1)
 
+    measurement = parts.expected
+    if forces.drift_verified:
+        transition = compiled(transition)
+    if forces.effect_verified and all(is_verified(sensor.reads) for sensor in parts.sensors.each):
+        measurement = compiled(measurement)
+    if "G" in options:
+        options["G"] = _input_matrix(parts, options["G"], options["state_angles"])
+    return NonlinearModel(transition, measurement, **options)
+
+
+def _input_matrix(parts: Parts, G: np.ndarray, angles: tuple[int, ...]) -> StateMatrix:
+    """G with the effects of flows and faults in d: a function of state and known input, if any.
+
+    The effects are central differences about zero flows and faults.
+
+    Raises:
+        ValueError: for an unknown flow whose effect on the measurements depends on the state.
+    """
+    forces, vehicle, n = parts.forces, parts.vehicle, parts.base
+    increments = len(vehicle.increments)
     flowing = [
         (j, i) for j, i in enumerate(forces.inputs) if i in parts.unknown and i >= increments
     ]
@@ -56,7 +73,6 @@ def nonlinear_model(
             )
 
     def pushed(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """G at a state; the effects of flows and faults in d are central differences about zero."""
         own, acting = x[..., None, :n], parts.acting(x)[..., None, :]
 
         def after(d: np.ndarray, u: np.ndarray | None) -> np.ndarray:
@@ -66,33 +82,22 @@ def nonlinear_model(
             return forces.moved(np.broadcast_to(own, d.shape[:-1] + (n,)), u, with_d)
 
         none = np.zeros(x.shape[:-1] + (len(flowing),))
-        columns = central_differences(
-            "drift", after, none, u, n, options["state_angles"], steps(none, None)
-        )[1]
+        columns = central_differences("drift", after, none, u, n, angles, steps(none, None))[1]
         pushes = np.empty(x.shape[:-1] + G.shape)
         pushes[...] = G
         pushes[..., :n, [j for j, _ in flowing]] = columns
         return pushes
 
-    measurement, push = parts.expected, G if not flowing else pushed
-    if forces.drift_verified:
-        transition = compiled(transition)
-    if forces.effect_verified and all(is_verified(sensor.reads) for sensor in parts.sensors.each):
-        measurement = compiled(measurement)
-    if H.size:
-        options |= {"G": push, "H": H}
-    return NonlinearModel(transition, measurement, **options)
+    return pushed if flowing else G
 
 
-def linearised_model(
-    parts: Parts, G: np.ndarray, H: np.ndarray, options: dict[str, Any], trims: Trims
-) -> LinearModel:
+def linearised_model(parts: Parts, options: dict[str, Any], trims: Trims) -> LinearModel:
     """The nonlinear model, linearised about each steady motion; arguments as `nonlinear_model`.
 
     Raises:
         ValueError: for a sensor that is not linear there.
     """
-    model, n = nonlinear_model(parts, G, H, options.copy()), trims.x.shape[-1]
+    model, n = nonlinear_model(parts, options.copy()), trims.x.shape[-1]
     x = np.zeros((len(trims.x), model.n))
     x[:, :n], u = trims.x, trims.u
     after, A = model.linearise_transition(x, u)
@@ -115,10 +120,7 @@ def linearised_model(
     def scheduled(table: np.ndarray) -> Schedule:
         return Schedule(np.ascontiguousarray(table), *trims[2:])
 
-    pushes = (
-        None if model.G is None else np.broadcast_to(model.input_matrix(x, u), (*x.shape, model.q))
-    )
-    scheduled_G = None if pushes is None else scheduled(pushes)
-    return LinearModel(
-        scheduled(A), scheduled(C), B=scheduled(B), G=scheduled_G, H=model.H, **options
-    )
+    if "G" in options:
+        pushes = np.broadcast_to(model.input_matrix(x, u), (*x.shape, model.q))
+        options["G"] = scheduled(pushes)
+    return LinearModel(scheduled(A), scheduled(C), B=scheduled(B), **options)

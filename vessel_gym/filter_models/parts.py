@@ -43,6 +43,17 @@ class Parts:
         return len(self.own)
 
     @property
+    def incremented(self) -> np.ndarray:
+        """Effect ``(n, increments)`` of the vehicle's increments on the filter's state."""
+        last = self.base + self.drift.size
+        effect = np.zeros((last + len(self.ended), len(self.vehicle.increments)))
+        for j, name in enumerate(self.vehicle.incremented):
+            if name in self.own:
+                effect[self.own.index(name), j] = 1.0
+        effect[np.arange(last, len(effect)), self.ended] = 1.0
+        return effect
+
+    @property
     def vehicle(self) -> Vehicle:
         """Vehicle of the forces."""
         return self.forces.vehicle
@@ -69,9 +80,12 @@ class Parts:
         """Exogenous input ``(..., f)`` of a filter's state, without d; ``(f,)`` if zero."""
         if not len(self.estimated):
             return np.zeros(self.forces.size)
-        components = {int(i): x[..., self.base + j] for j, i in enumerate(self.estimated)}
-        z = spread(components, self.forces.disturbance.process.size, x)
-        return self.forces.on(z, self.state(x), self.unknown)
+        return self.forces.on(self._z(x[..., self.base :]), self.state(x), self.unknown)
+
+    def _z(self, estimated: np.ndarray) -> np.ndarray:
+        """State of the disturbance, given its estimated components first; 0 elsewhere."""
+        components = {int(i): estimated[..., j] for j, i in enumerate(self.estimated)}
+        return spread(components, self.forces.disturbance.process.size, estimated)
 
     def drifted(self, x: np.ndarray, after: np.ndarray) -> np.ndarray:
         """States of disturbance and biases a step later, when the vehicle's is ``after``."""
@@ -79,9 +93,7 @@ class Parts:
         moved = drift.advance(x[..., self.base : self.base + drift.size])
         if not (k and self.forces.meets):
             return moved
-        components = {int(i): moved[..., j] for j, i in enumerate(self.estimated)}
-        z = spread(components, self.forces.disturbance.process.size, x)
-        z = self.forces.disturbance.met(z, self.state(x), self.state(after))
+        z = self.forces.disturbance.met(self._z(moved), self.state(x), self.state(after))
         return np.concatenate(
             [np.stack([z[..., int(i)] for i in self.estimated], -1), moved[..., k:]], -1
         )

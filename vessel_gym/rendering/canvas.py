@@ -94,8 +94,7 @@ class Canvas:
     @contextmanager
     def clipped(self, box: Box) -> Iterator[None]:
         """Context in which nothing is drawn outside a box."""
-        k = _OVERSAMPLING
-        self._ink.set_clip(pygame.Rect(box.left * k, box.top * k, box.width * k, box.height * k))
+        self._ink.set_clip(_rect(box))
         try:
             yield
         finally:
@@ -103,8 +102,7 @@ class Canvas:
 
     def panel(self, box: Box, colour: str = "paper") -> None:
         """Draw a card with a thin edge."""
-        k = _OVERSAMPLING
-        rect = pygame.Rect(box.left * k, box.top * k, box.width * k, box.height * k)
+        k, rect = _OVERSAMPLING, _rect(box)
         pygame.draw.rect(self._ink, LIGHT[colour], rect, border_radius=6 * k)
         pygame.draw.rect(self._ink, LIGHT["edge"], rect, width=k, border_radius=6 * k)
 
@@ -172,8 +170,8 @@ class Canvas:
         self.segments((points[:, None, None] + arms).reshape(-1, 2, 2), colour, width)
 
     def text(
-        self, x: float, y: float, text: str, colour: str = "ink", size: int = 12, align: Align = "left",
-        bold: bool = False,
+        self, x: float, y: float, text: str, colour: str = "ink", size: int = 12,
+        align: Align = "left", bold: bool = False,
     ) -> float:  # fmt: skip
         """Write a line of text, vertically centred on ``y``, and return its width."""
         label = _label(text, size, colour, bold)
@@ -181,6 +179,11 @@ class Canvas:
         left = x * _OVERSAMPLING - {"left": 0.0, "centre": 0.5, "right": 1.0}[align] * width
         self._ink.blit(label, (round(left), round(y * _OVERSAMPLING - 0.5 * height)))
         return width / _OVERSAMPLING
+
+
+def _rect(box: Box) -> pygame.Rect:
+    k = _OVERSAMPLING
+    return pygame.Rect(box.left * k, box.top * k, box.width * k, box.height * k)
 
 
 def _scaled(points: np.ndarray) -> Any:

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-CIRCLE = np.stack(
-    [np.cos(np.linspace(0.0, 2.0 * np.pi, 48)), np.sin(np.linspace(0.0, 2.0 * np.pi, 48))], -1
-)
+_ANGLES = np.linspace(0.0, 2.0 * np.pi, 48)
+CIRCLE = np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], -1)
 """Points ``(48, 2)`` of a unit circle."""
 
 
@@ -48,12 +47,12 @@ _STERN = np.array(
 )
 _TORPEDO = _mirrored(np.concatenate([_NOSE, _STERN]))
 _WING = _mirrored(np.array([
-    [0.17, 0.0], [0.15, 0.035], [0.08, 0.07], [-0.12, 0.48], [-0.13, 0.5], [-0.25, 0.5], [-0.22, 0.47], [-0.1, 0.1],
-    [-0.13, 0.03],
+    [0.17, 0.0], [0.15, 0.035], [0.08, 0.07], [-0.12, 0.48], [-0.13, 0.5], [-0.25, 0.5],
+    [-0.22, 0.47], [-0.1, 0.1], [-0.13, 0.03],
 ]))  # fmt: skip
 _FUSELAGE = np.array([
-    [0.17, 0.0], [0.12, 0.025], [-0.1, 0.03], [-0.22, 0.0], [-0.25, -0.09], [-0.2, -0.09], [-0.12, -0.025],
-    [0.1, -0.025],
+    [0.17, 0.0], [0.12, 0.025], [-0.1, 0.03], [-0.22, 0.0], [-0.25, -0.09], [-0.2, -0.09],
+    [-0.12, -0.025], [0.1, -0.025],
 ])  # fmt: skip
 _DOT = 0.5 * CIRCLE
 

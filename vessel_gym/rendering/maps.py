@@ -72,8 +72,8 @@ class Frame:
     """
 
     def __init__(
-        self, box: Box, points: np.ndarray, margins: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
-        hung: bool = False,
+        self, box: Box, points: np.ndarray,
+        margins: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0), hung: bool = False,
     ) -> None:  # fmt: skip
         low, high = points.min(0), points.max(0)
         up, right = np.maximum(high - low, 1e-9)

@@ -52,21 +52,15 @@ class Marks:
             mark: Half width of a cross [pixels].
             close: Is the frame a close-up, which shows more of the belief?
         """
-        scene, around, box = self.scene, self.scene.surroundings, frame.box
+        scene, around = self.scene, self.scene.surroundings
 
         def at(points: np.ndarray) -> np.ndarray:
             return frame.pixels(view.seen(points))
 
-        with canvas.clipped(box):
+        with canvas.clipped(frame.box):
             draw_grid(canvas, frame, bar_length(frame))
             if view.aside and around.surface is not None:
-                y = float(frame.pixels(np.array([-around.surface, 0.0]))[1])
-                if y > box.top:
-                    sky = [[box.left, box.top], [box.right, box.top], [box.right, y], [box.left, y]]
-                    canvas.polygon(np.array(sky), "paper")
-                    canvas.line(np.array([[box.left, y], [box.right, y]]), "true_soft", 2.0)
-                    if not close:
-                        canvas.text(box.right - 10, y - 9, "surface", "muted", 10, "right")
+                _draw_sky(canvas, frame, around.surface, not close)
             for north, east, radius in () if view.aside else around.obstacles:
                 canvas.polygon(
                     frame.pixels([north, east] + radius * CIRCLE), "obstacle_pale", "obstacle", 1.0
@@ -141,6 +135,17 @@ class Marks:
             canvas.dot(at, "goal", 2.0)
         elif kind == "obstacle":
             canvas.polygon(at + CIRCLE * 7.0, "obstacle_pale", "obstacle", 1.0)
+
+
+def _draw_sky(canvas: Canvas, frame: Frame, surface: float, named: bool) -> None:
+    """Draw all above the water's surface, seen from the side, with the surface's name if asked."""
+    box, y = frame.box, float(frame.pixels(np.array([-surface, 0.0]))[1])
+    if y > box.top:
+        sky = [[box.left, box.top], [box.right, box.top], [box.right, y], [box.left, y]]
+        canvas.polygon(np.array(sky), "paper")
+        canvas.line(np.array([[box.left, y], [box.right, y]]), "true_soft", 2.0)
+        if named:
+            canvas.text(box.right - 10, y - 9, "surface", "muted", 10, "right")
 
 
 def _draw_start(canvas: Canvas, at: np.ndarray) -> None:

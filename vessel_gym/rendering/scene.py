@@ -17,7 +17,8 @@ from vessel_gym.seaway import Seaway
 from vessel_gym.surroundings import Surroundings, in_words, pose
 
 RECORDED = (
-    "truth", "estimate", "covariance", "measurement", "available", "unknown_input", "input_estimate", "score",
+    "truth", "estimate", "covariance", "measurement", "available", "unknown_input",
+    "input_estimate", "score",
 )  # fmt: skip
 """Keys of a history that a scene needs; ``action`` and ``ensemble`` are optional."""
 _FIRST = ("x", "y", "psi", "u", "climb", "z", "h", "theta")

@@ -12,7 +12,7 @@ from estimators.engine import Compiled, as_word, compiled
 from estimators.factory import unknown
 from estimators.threefry import normals, threefry, uniform
 from estimators.varying import StateNoise
-from vessel_gym.checks import check_names, check_numbers
+from vessel_gym.checks import all_are, check_names, check_numbers
 from vessel_gym.foreign import copying, refuse_not_finite
 from vessel_gym.processes import Process, product
 from vessel_gym.sensor_faults import SensorFault
@@ -34,10 +34,8 @@ class Sensors:
         size: p, the number of channels.
         delays: Latency of each sensor in steps ``(sensors,)``.
         horizon: Largest of these delays.
-        sd: Standard deviations ``(p,)``; NaN where they depend on the measurement.
         gives: State or component of the exogenous input that each channel measures directly.
         bias: Joint process of all biases.
-        bias_gain: ``(p, k)`` effect of the biases' states on the measurements.
 
     Raises:
         TypeError: for objects that are no sensors, or no faults of sensors.
@@ -55,15 +53,7 @@ class Sensors:
         dt: float,
         faults: Sequence[SensorFault] = (),
     ) -> None:
-        self.each = tuple(sensors) if isinstance(sensors, tuple | list) else ()
-        if not self.each or not all(isinstance(sensor, Sensor) for sensor in self.each):
-            raise TypeError(
-                f"sensors must be Sensor objects, one at least, got {short_repr(sensors)}"
-            )
-        names = [sensor.name for sensor in self.each]
-        for name in names:
-            if names.count(name) > 1:
-                raise ValueError(f"two sensors are called {name!r}: give each a name of its own")
+        self.each = _checked_sensors(sensors)
         check_names("states of Sensors", states)
         check_names("exogenous of Sensors", exogenous)
         check_numbers("Sensors", {"dt": dt}, positive="dt")
@@ -71,28 +61,16 @@ class Sensors:
         sizes = [len(sensor.channels) for sensor in self.each]
         self.owner = np.repeat(np.arange(len(self.each)), sizes)  # index of each channel's sensor
         self.size = len(self.owner)
-        self._own = [
-            slice(end - size, end)
-            for size, end in zip(sizes, np.cumsum(sizes).tolist(), strict=True)
-        ]
-        self.sd = np.array([
-            sd for sensor, k in zip(self.each, sizes, strict=True)
-            for sd in ((np.nan,) * k if callable(sensor.sd) else sensor.sd)
-        ], float)  # fmt: skip
-        ranges = [
-            r
-            for sensor in self.each
-            for r in sensor.range or ((-np.inf, np.inf),) * len(sensor.channels)
-        ]
-        self._ranges = np.array(ranges, float).T
+        ends = np.cumsum(sizes).tolist()
+        self._own = [slice(end - k, end) for k, end in zip(sizes, ends, strict=True)]
         self._periods = [sensor.period(dt) for sensor in self.each]
         self.delays = np.array([sensor.delay(dt) for sensor in self.each])
         self.horizon = int(self.delays.max())
-        self.faults = self._checked_faults(faults, names)
+        self.faults = self._checked_faults(faults)
         self.angles = tuple(own.start + i for s, own in self._owning for i in s.angles)
-        self.scale = np.array([x for s in self.each for x in s.scale or (1.0,) * len(s.channels)])
-        self.gives = tuple(name for s in self.each for name in s.gives or (None,) * len(s.channels))
-        self.channels = tuple(channel for sensor in self.each for channel in sensor.channels)
+        self.scale = np.array(self._entries("scale", 1.0))
+        self.gives = tuple(self._entries("gives", None))
+        self.channels = tuple(self._entries("channels", ""))
         biased = [sensor.bias for sensor in self.each if sensor.bias is not None]
         self.bias = Process.joined(*(bias.process(dt) for bias in biased))
         self.bias_names = tuple(name for bias in biased for name in bias.states)
@@ -101,26 +79,52 @@ class Sensors:
                 raise ValueError(
                     f"a bias is called {name!r}, as another component is: give it a name of its own"
                 )
-        self.bias_gain = np.zeros((self.size, self.bias.size))
-        for sensor, own in self._owning:
-            if sensor.bias is not None:
-                gain, first = sensor.bias.gain, self.bias_names.index(sensor.bias.names[0])
-                self.bias_gain[own.start : own.start + len(gain), first : first + gain.shape[1]] = (
-                    gain
-                )
         self.bias_scale = np.array([bias.scale for bias in biased for _ in bias.states])
         self._check()
-        n, units = len(states), np.eye(len(states) + len(exogenous))
-        self._gains = np.zeros(
-            (self.size, len(units) + self.bias.size)
-        )  # of state, exogenous input and biases
-        self._gains[:, len(units) :] = self.bias_gain
-        self.called = []  # channels and functions that are evaluated in every step
+        self._gains, self.called = self._gained()
+
+    def _entries(self, name: str, default: Any) -> list[Any]:
+        """An attribute of the sensors, one entry for each channel; ``default`` without one."""
+        return [x for s in self.each for x in getattr(s, name) or (default,) * len(s.channels)]
+
+    @cached_property
+    def sd(self) -> np.ndarray:
+        """Standard deviations ``(p,)``; NaN where they depend on the measurement."""
+        return np.concatenate([
+            np.full(len(s.channels), np.nan) if callable(s.sd) else np.asarray(s.sd, float)
+            for s in self.each
+        ])  # fmt: skip
+
+    @cached_property
+    def _ranges(self) -> np.ndarray:
+        """Least and greatest value ``(2, p)`` of each channel."""
+        return np.array(self._entries("range", (-np.inf, np.inf)), float).T
+
+    @cached_property
+    def bias_gain(self) -> np.ndarray:
+        """Effect ``(p, k)`` of the biases' states on the measurements."""
+        gain = np.zeros((self.size, self.bias.size))
+        for sensor, own in self._owning:
+            if sensor.bias is not None:
+                k, states = sensor.bias.gain.shape
+                first = self.bias_names.index(sensor.bias.names[0])
+                gain[own.start : own.start + k, first : first + states] = sensor.bias.gain
+        return gain
+
+    def _gained(self) -> tuple[np.ndarray, list[tuple[slice, Callable[..., np.ndarray]]]]:
+        """Gains ``(p, m)`` of linear sensors; channels and functions called in every step.
+
+        The columns of the gains are state, exogenous input and biases.
+        """
+        n = len(self.state_names)
+        units = np.eye(n + len(self.exogenous_names))
+        gains, called = np.hstack([np.zeros((self.size, len(units))), self.bias_gain]), []
         for (sensor, own), reads in zip(self._owning, self._reads, strict=True):
             if getattr(sensor.reads, "linear", False) and not callable(sensor.sd):
-                self._gains[own, : len(units)] = reads(units[:, :n], units[:, n:]).T
+                gains[own, : len(units)] = reads(units[:, :n], units[:, n:]).T
             else:
-                self.called.append((own, compiled(reads) if is_verified(sensor.reads) else reads))
+                called.append((own, compiled(reads) if is_verified(sensor.reads) else reads))
+        return gains, called
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Sensors, (self.each, self.state_names, self.exogenous_names, self.dt, self.faults)
@@ -186,11 +190,9 @@ class Sensors:
                         unknown(f"state that {sensor.name} gives", name, self.state_names)
                     )
 
-    def _checked_faults(self, faults: Any, names: list[str]) -> tuple[SensorFault, ...]:
-        listed = isinstance(faults, list | tuple) and all(
-            isinstance(fault, SensorFault) for fault in faults
-        )
-        if not listed:
+    def _checked_faults(self, faults: Any) -> tuple[SensorFault, ...]:
+        names = [sensor.name for sensor in self.each]
+        if not all_are(SensorFault, faults):
             raise TypeError(
                 f"sensor_faults must be a list of SensorFault objects, got {short_repr(faults)}"
             )
@@ -199,8 +201,10 @@ class Sensors:
                 raise ValueError(unknown("sensor of sensor_faults", fault.sensor, names))
             channels = len(self.each[names.index(fault.sensor)].channels)
             if np.size(fault.size) not in (1, channels):
-                raise ValueError(f"{fault.sensor} has {channels} channels, so size of {fault} must be one number or "
-                                 f"{channels}, got {short_repr(fault.size)}")  # fmt: skip
+                raise ValueError(
+                    f"{fault.sensor} has {channels} channels, so size of {fault} must be one number"
+                    f" or {channels}, got {short_repr(fault.size)}"
+                )
         return tuple(faults)
 
     def exact(
@@ -360,3 +364,19 @@ class Sensors:
             if sensor.inverse is not None:
                 known.update(copying(sensor.inverse)(measurements[..., own], known))
         return known
+
+
+def _checked_sensors(sensors: Any) -> tuple[Sensor, ...]:
+    """One or more sensors, each with a name of its own.
+
+    Raises:
+        TypeError: for objects that are no sensors.
+        ValueError: for two sensors with one name.
+    """
+    if not all_are(Sensor, sensors) or not sensors:
+        raise TypeError(f"sensors must be Sensor objects, one at least, got {short_repr(sensors)}")
+    names = [sensor.name for sensor in sensors]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"two sensors are called {name!r}: give each a name of its own")
+    return tuple(sensors)

@@ -194,8 +194,10 @@ class _GradesFile(TomlFile):
             scale = max((1e-9, *given["start"], *given.get("constant", ())))
             bias = Bias(names, **given, scale=scale, time=figures["bias"].get("time"))
         return replace(
-            own, sd=_tuple(figures["sd"], channels), rate=None if period == 1 else 1.0 / (period * self.dt),
-            dropout=figures.get("dropout", 0.0), latency=round(times["latency"] / self.dt) * self.dt, bias=bias,
+            own, sd=_tuple(figures["sd"], channels),
+            rate=None if period == 1 else 1.0 / (period * self.dt),
+            dropout=figures.get("dropout", 0.0),
+            latency=round(times["latency"] / self.dt) * self.dt, bias=bias,
         )  # fmt: skip
 
     def _suites(

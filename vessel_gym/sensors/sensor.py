@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from estimators.checks import numbers, short_repr
-from vessel_gym.checks import check_names, check_numbers, function, instance
+from vessel_gym.checks import all_are, check_names, check_numbers, function, instance
 from vessel_gym.foreign import copying, repeated
 from vessel_gym.processes import Process, linear
 from vessel_gym.verified import verified
@@ -154,9 +154,23 @@ class Sensor:
             instance(f"bias of {title}", self.bias, Bias)
         function(f"inverse of {title}", self.inverse, "(measurements, known)")
         check_names(f"channels of {title}", self.channels)
-        k = len(self.channels)
-        if not k:
+        if not self.channels:
             raise ValueError(f"channels of {title} must be one or more names")
+        self._check_channels(title, len(self.channels))
+        check_numbers(title, vars(self), share="dropout outliers", positive="rate?")
+        check_numbers(title, vars(self), not_negative="outlier_scale latency")
+        if not callable(self.reads):
+            raise ValueError(
+                f"reads of {title} must be a function of (state, exogenous), got"
+                f" {short_repr(self.reads)}"
+            )
+
+    def _check_channels(self, title: str, k: int) -> None:
+        """Refuse attributes that do not fit k channels.
+
+        Raises:
+            ValueError: naming the attribute.
+        """
         for name in ("sd", "range", "scale", "gives"):
             values = getattr(self, name)
             if callable(values) if name == "sd" else values is None:
@@ -181,13 +195,6 @@ class Sensor:
             if pair is None or pair.shape != (2,) or not pair[0] < pair[1]:
                 each = "(least, greatest) for each channel"
                 raise ValueError(f"range of {title} must have {each}, got {short_repr(self.range)}")
-        check_numbers(title, vars(self), share="dropout outliers", positive="rate?")
-        check_numbers(title, vars(self), not_negative="outlier_scale latency")
-        if not callable(self.reads):
-            raise ValueError(
-                f"reads of {title} must be a function of (state, exogenous), got"
-                f" {short_repr(self.reads)}"
-            )
         angles = self.angles if isinstance(self.angles, tuple | list) else (None,)
         if any(not isinstance(i, int | np.integer) or not 0 <= i < k for i in angles):
             raise ValueError(
@@ -253,9 +260,7 @@ class SensorSuite:
 
     def of(self, nominal: Sequence[Sensor]) -> tuple[Sensor, ...]:
         """Sensors of a vehicle in this quality."""
-        if not isinstance(nominal, tuple | list) or not all(
-            isinstance(sensor, Sensor) for sensor in nominal
-        ):
+        if not all_are(Sensor, nominal):
             raise TypeError(f"nominal must be Sensor objects, got {short_repr(nominal)}")
         return tuple(
             replace(
