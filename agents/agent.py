@@ -39,7 +39,7 @@ class RandomAgent:
         self._rng = np.random.default_rng(self._seed)
 
     def act(self, observations: np.ndarray) -> np.ndarray:
-        """Uniform in [-1, 1]."""
+        """Actions, uniform in [-1, 1]."""
         return self._rng.uniform(-1.0, 1.0, (len(observations), self._size)).astype(np.float32)
 
 

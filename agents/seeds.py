@@ -46,7 +46,7 @@ def _seeds(kind: str, begin: int, count: int, first: int = 0) -> list[int]:
 
 
 def training_seed(seed: int) -> int:
-    """The seed of a training batch by number: batches of up to 100,000 share no environment.
+    """First seed of training batch number ``seed``; batches of up to 100,000 rows share no seed.
 
     Raises:
         ValueError: for a negative seed, or one too great for the libraries that learn.

@@ -97,10 +97,10 @@ def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | Non
     """The mean of ``(runs, seeds)`` with its 95 % interval for other runs on other seeds.
 
     The variance of the mean is that of a two-way layout without replication, with runs and seeds as
-    random factors. It is the part from the means of runs, plus the part from the means of seeds
-    that exceeds the residual. A mean square of few runs is uncertain, so the quantile is Student's
-    with Satterthwaite's degrees of freedom (Hillis 2007). For one run the result is Student's
-    interval over its seeds.
+    random factors: a sum of mean squares, divided by the number of values. The sum is the mean
+    square between runs plus the excess of that between seeds over the residual. A mean square of
+    few runs is uncertain, so the quantile is Student's with Satterthwaite's degrees of freedom
+    (Hillis 2007). For one run the result is Student's interval over its seeds.
 
     Args:
         values: Finite numbers for every run on every seed.
@@ -189,8 +189,8 @@ def skewed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None
 def share_interval(hits: float, trials: int) -> Interval:
     """A share of trials with Clopper and Pearson's 95 % interval, which has a width at 0 and 1.
 
-    Hits may be the mean over several tasks: their mean share varies less than if all had that share
-    (Hoeffding 1956).
+    ``hits`` may be the mean over several tasks. If the shares of the tasks differ, the interval is
+    at least as wide as needed (Hoeffding 1956).
     """
     from scipy.stats import beta
 
@@ -201,11 +201,11 @@ def share_interval(hits: float, trials: int) -> Interval:
 
 
 def normalise(scores: np.ndarray, floor: np.ndarray, ceiling: np.ndarray) -> np.ndarray:
-    """Share kept ``(runs, seeds)``: ``floor`` is 0 and ``ceiling`` 1; nothing is clipped.
+    """Normalised scores ``(runs, seeds)``: ``floor`` is 0 and ``ceiling`` 1; nothing is clipped.
 
     The mean of a row is the run's ``(mean score - mean floor) / (mean ceiling - mean floor)``. The
     value at a seed is a linearisation of this ratio in the score, floor and ceiling at that seed.
-    An interval over the row therefore includes the error of the scale.
+    An interval over the row therefore includes the errors of floor and ceiling.
 
     Args:
         scores: ``(runs, seeds)``, in any unit in which more is better.

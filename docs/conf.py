@@ -7,6 +7,7 @@ import sys
 from importlib import import_module
 from importlib.metadata import version as installed
 from pathlib import Path
+from typing import Any
 
 from docutils import nodes
 from docutils.statemachine import StringList
@@ -260,11 +261,13 @@ def _linked(text: list[str], folder: Path) -> None:
 
 
 def _docstrings_as_they_are_written(
-    app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]
+    app: Sphinx, what: str, name: str, obj: Any, options: object, lines: list[str]
 ) -> None:
     """Of an environment, which has a page, what stands above its headings; a colon in an attribute's is no type."""
     if what in ("attribute", "data", "property"):
         lines[:0] = ["..", ""]  # an empty comment, after which a colon marks no type
     first = next((i for i, line in enumerate(lines) if line.startswith("## ")), len(lines))
-    del lines[first:]
+    if first < len(lines):
+        page = re.sub("(?<=[a-z])(?=[A-Z])", "-", obj.system.name.partition("-")[0]).lower()
+        lines[first:] = [f"Manual: docs/environments/{page}.md.", ""]
     lines[:] = [re.sub(r"`*\bdocs/([\w/-]+)\.md`*", r":doc:`/\1`", line) for line in lines]

@@ -15,8 +15,9 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
     """A model without feedthrough, whose states n + 1 to n + q are the unknown input.
 
     ``(x, d)+ = [A, G; 0, 0] (x, d) + [0; I] d(k+1)`` and ``y = [C, H] (x, d)``. So filters that
-    need H = 0 can use a model with feedthrough: their input of the step before is the d that acts
-    now. The prior of the filter joins that of the state and that of the input.
+    need H = 0 can use a model with feedthrough. At step k they estimate the new model's input of
+    step k - 1, which is d(k). The prior of the filter joins that of the state and that of the
+    input.
 
     Args:
         model: A model with unknown inputs, and H of rank q if an unbiased filter is to estimate

@@ -103,7 +103,7 @@ class Belief:
         return self.of({k: None if a is None else a[rows] for k, a in self.arrays().items()})
 
     def with_rows(self, rows: np.ndarray, other: "Belief") -> Self:
-        """The belief with the rows of a mask ``(...)`` replaced, in order, by those of ``other``.
+        """The belief with the k rows that a mask selects replaced by the k of ``other``.
 
         Raises:
             ValueError: if the two are beliefs of different filters.

@@ -99,8 +99,8 @@ class Band:
 
     Attributes:
         x: ``(K,)`` times or lags.
-        found: ``(K, j)`` the statistics.
-        expected: ``(K,)`` what they should be.
+        found: ``(K, j)`` the statistics; j is 1 or, for whiteness, the number of measurements.
+        expected: ``(K,)`` expected values of the statistics for a consistent filter.
         low: ``(K,)`` lower end of the band.
         high: ``(K,)`` upper end of the band.
         p_value: Probability that a consistent filter gives a result at least as extreme.
@@ -142,7 +142,7 @@ def whiteness_test(
     available: np.ndarray | None = None,
     lags: int = 20,
 ) -> Band:
-    """Test of Ljung & Box for white innovations, of Hosking for vectors, over runs and gaps.
+    """Portmanteau test for white innovations in several runs, in which measurements may be missing.
 
     Innovations are whitened by the filter's covariance and then by their own sample covariance. So
     a wrong scale, which the NIS tests, does not count here. The test needs no truth, and one run is
@@ -225,7 +225,7 @@ class Consistency:
 
     @property
     def p_value(self) -> float:
-        """Bonferroni bound on the probability that a consistent filter fails a test as clearly."""
+        """Bonferroni bound on the probability of so extreme a result of a consistent filter."""
         tests = filter(None, (self.nees, self.nis, self.whiteness))
         return _any_of(np.array([test.p_value for test in tests]))
 

@@ -33,7 +33,7 @@ def _held(A: np.ndarray, B: np.ndarray) -> np.ndarray:
 def van_loan(
     A: np.ndarray, G: np.ndarray, Q: np.ndarray, dt: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Transition and noise of ``x' = A x + G w`` over ``dt``, white ``w`` of intensity ``Q``.
+    """Transition matrix and noise covariance of ``x' = A x + G w`` over ``dt``; w has intensity Q.
 
     Source: Van Loan (1978), Computing integrals involving the matrix exponential.
 

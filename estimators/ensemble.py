@@ -44,11 +44,11 @@ _REDRAWS = 16
 class EnsembleFilter(Filter[EnsembleBelief]):
     """Base of ensemble filters: members, their prediction, the moments and inflation.
 
-    Random numbers: the members of ``init`` and the process noise of ``predict`` are drawn and
-    centred, so that they do not move the ensemble's mean. With exact draws their sample covariance
-    is exact, and process noise has no sample correlation with the members. With independent draws
-    both hold in expectation. Process noise takes rank(Q) numbers a member, or n where Q is a
-    function of ``u``.
+    The members of ``init`` and the process noise of ``predict`` are drawn at random and centred, so
+    that they do not move the ensemble's mean. With exact draws their sample covariance is exact,
+    and process noise has no sample correlation with the members. With independent draws both hold
+    in expectation. Process noise takes rank(Q) numbers a member, or n where Q is a function of
+    ``u``.
 
     A member has left the model's domain if it is not finite after a step, or if its expectation of
     an available measurement is not finite. It is drawn again from the mean and covariance of the
@@ -232,9 +232,10 @@ class EnsembleKalmanFilter(EnsembleFilter):
 class EnsembleTransformFilter(EnsembleFilter):
     """ETKF, or EnKF-SR: members are transformed to the covariance of the Kalman filter.
 
-    The update draws no random numbers. ``A <- T A`` with the symmetric, mean-preserving ``T = (I +
-    Y R^-1 Y' / (N - 1))^-1/2``, computed as a reduced gain in p x p algebra: with ``S = L L'``, the
-    singular value decomposition ``L^-1 R^1/2 = U s V'`` and ``W = L^-T U``::
+    The update draws no random numbers. It is ``A <- T A`` of the anomalies A, with the symmetric,
+    mean-preserving ``T = (I + Y R^-1 Y' / (N - 1))^-1/2`` and Y the anomalies of the measurements.
+    It is computed as a reduced gain in p x p algebra, with ``S = L L'``, the singular value
+    decomposition ``L^-1 R^1/2 = U s V'`` and ``W = L^-T U``::
 
         K = (C P-)' W W'        K~ = (C P-)' W diag(1 / (1 + s)) W'
         A <- A - Y K~'

@@ -52,8 +52,8 @@ def make(name: str, model: Model, **options: Any) -> Filter:
         **options: The filter's own options, documented with its class.
 
     Raises:
-        ValueError: for an unknown name, or a model that the filter cannot work with (which
-            condition fails, and what to do).
+        ValueError: for an unknown name, or a model that the filter cannot work with; the message
+            names the condition that fails, and a remedy.
         TypeError: for an option that the filter does not have.
     """
     if not isinstance(name, str) or name not in _FILTERS:

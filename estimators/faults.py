@@ -54,7 +54,7 @@ class MonitorState(NamedTuple):
     memory: np.ndarray
 
     def with_rows(self, rows: np.ndarray, other: "MonitorState") -> "MonitorState":
-        """The state with the rows of a mask ``(...)`` replaced, in order, by those of ``other``."""
+        """The state with the k rows that a mask selects replaced by the k of ``other``."""
         merged = MonitorState(*map(np.array, self))
         for mine, theirs in zip(merged, other, strict=True):
             mine[rows] = theirs
@@ -65,8 +65,8 @@ class FaultMonitor(ABC):
     """Base of fault monitors, which test a filter's innovations sensor by sensor.
 
     Args:
-        sensors: Number of channels of a measurement, each a sensor by itself; or names with the
-            channels of each.
+        sensors: Number of channels of a measurement, each a sensor by itself; or a dictionary of
+            the channels of each sensor by name.
         false_alarms: Share of the steps of one row that raise an alarm though nothing is wrong,
             between 1e-9 and 0.5.
 

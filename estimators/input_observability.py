@@ -42,8 +42,8 @@ def input_conditions(
     """Observability of the unknown inputs of ``x+ = A x + G d + w``, ``y = C x + H d + v``.
 
     A direction of d shows at once if H shows it, else one step later through C G, in measurements
-    free of the directions that H shows. This covers the conditions on rank H, on rank C G and of
-    `ULISE`. The standard deviations of the result assume that the state is known as well as by a
+    free of the directions that H shows. This covers the rank conditions of all filters with unknown
+    input. The standard deviations of the result assume that the state is known as well as by a
     Kalman filter with known d, in its steady state. Without a steady state they assume a known
     state, so that R alone counts. An unbiased filter knows the state less well. Zeros above 1000 in
     modulus count as infinite and are left out.

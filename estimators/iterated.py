@@ -39,8 +39,8 @@ class IteratedExtendedKalmanFilter(ExtendedKalmanFilter):
     Args:
         model: A `LinearModel` or a `NonlinearModel`.
         iterations: Largest number of times that the measurement is linearised.
-        tolerance: A row stops when a whole step is shorter than this many standard deviations of
-            the prediction.
+        tolerance: A row of a batch stops when its step for t = 1 is shorter than this many standard
+            deviations of the prediction.
 
     Raises:
         ValueError: if ``iterations`` is below 1 or ``tolerance`` is not positive.

@@ -49,9 +49,9 @@ def nis(
     Args:
         innovation: ``(..., p)``.
         innovation_cov: ``(..., p, p)``.
-        size: ``(..., p)`` or ``(..., 1)`` size of the numbers whose difference is the innovation,
-            for its rounding, such as that of the state, ``abs(mean).max(-1, keepdims=True)``; 0: no
-            rounding.
+        size: ``(..., p)`` or ``(..., 1)`` magnitude of the measurements, which sets the
+            innovation's rounding error. The magnitude of the state, ``abs(mean).max(-1,
+            keepdims=True)``, serves, too. 0: no rounding error.
     """
     error, cov = np.asarray(innovation, float), np.asarray(innovation_cov, float)
     return semidefinite_form(error, cov, size)[0][()]

@@ -123,7 +123,7 @@ class ParticleFilter(Filter[ParticleBelief]):
         return self._believed(particles, even)
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
-        """A root ``(..., n, r)`` of the process noise; particles move after their resampling."""
+        """Root ``(..., n, r)`` of the process noise; `predict` moves particles after resampling."""
         return (process_root(self, u),)
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:

@@ -53,7 +53,7 @@ class RandomKeys:
 
     @classmethod
     def seeded(cls, seeds: Sequence[int]) -> "RandomKeys":
-        """Keys of rows from a seed each: whole numbers of any size that are not negative."""
+        """Keys from a seed for each row; a seed is a whole number of any size, not negative."""
         return cls(np.array([key(seed) for seed in seeds], np.uint64).reshape(-1, 2))
 
     @property
@@ -87,7 +87,7 @@ class RandomKeys:
         return self._flat(threefry.two_uniforms, 2, count, use)
 
     def members(self, members: int, count: int, use: int = 0) -> np.ndarray:
-        """Standard normals ``(..., members, count)``, unchanged if there are more members.
+        """Standard normals ``(..., members, count)``; further members leave those before unchanged.
 
         The array is a transposed view: in memory its axes are ``(..., count, members)``.
         """

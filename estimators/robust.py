@@ -25,14 +25,14 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
     """A Kalman filter whose update minimises Huber's loss: for measurements with outliers.
 
     The whitened residuals of the measurement and of the prediction, ``zeta = [R^-1/2 (y - h(x));
-    (P-)^-1/2 (x- - x)]`` with Cholesky roots, enter quadratically up to ``gamma`` and linearly
-    beyond. With ``psi = min(1, gamma / |zeta|)`` a Kalman update is done with::
+    (P-)^-1/2 (x- - x)]`` with Cholesky roots, enter the loss quadratically up to ``gamma`` and
+    linearly beyond. With ``psi = min(1, gamma / |zeta|)`` a Kalman update is done with::
 
         R~ = R^1/2 diag(psi_y)^-1 R^T/2
         P~ = (P-)^1/2 diag(psi_x)^-1 (P-)^T/2
 
     and the residuals are computed again, which lowers the loss each time. The first weights are
-    those of the residuals at the prediction, so that an outlier is seen as one before it moves the
+    those of the residuals at the prediction, so that an outlier loses weight before it moves the
     estimate. The posterior covariance is that of the last update, ``(P~^-1 + C' R~^-1 C)^-1``, so
     it grows with an outlier. Where every ``|zeta|`` is below ``gamma`` the update is the Kalman
     filter's. A nonlinear model is linearised at the prediction.
@@ -101,16 +101,16 @@ class RobustKalmanFilter(ExtendedKalmanFilter):
 
     At each step nature may replace the joint density of the next state and the measurement by any
     other within relative entropy ``radius / 2`` of the model's. Against the worst choice the best
-    estimate is a Kalman filter with a larger prediction covariance: after ``P = A P+ A' + Q``::
+    estimate is a Kalman filter that replaces the prediction covariance ``P = A P+ A' + Q`` by V::
 
         V = (I - theta P)^-1 P
         sum_i [x_i / (1 - x_i) + log(1 - x_i)] = radius    x_i = theta l_i < 1
 
-    over the eigenvalues ``l_i`` of P. The belief's covariance is this least-favourable one:
-    conservative by design where the model is true. ``radius = 0`` gives the Kalman filter exactly.
-    With a nonlinear model it is the robust EKF, linearised at the mean. The ball is measured in the
-    units of the state: theta compares states as they are scaled, so scale them such that errors of
-    1 are equally bad.
+    with the eigenvalues ``l_i`` of P. This least-favourable V is the covariance of the predicted
+    belief. It is too large where the model is true, by design. ``radius = 0`` gives the Kalman
+    filter exactly. With a nonlinear model the filter is the robust EKF, linearised at the mean. The
+    worst choice depends on the units of the states, so scale them such that errors of 1 are equally
+    bad.
 
     Sources: Levy & Nikoukhah (2013), Robust state space filtering under incremental model
     perturbations subject to a relative entropy tolerance; Zorzi (2017), Robust Kalman filtering

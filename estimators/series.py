@@ -93,8 +93,8 @@ def run(
     """Filter a series of measurements.
 
     The prior holds at the first measurement; each later measurement follows a prediction. To
-    continue an earlier series, give its ``series.last`` as the prior. The first measurement then
-    follows a prediction, too, and the results are those of a single run.
+    continue an earlier series, give the ``last`` of its result as the prior. The first measurement
+    then follows a prediction, too, and the results are those of a single run.
 
     Args:
         filter: Any filter, also one of your own: an object with ``init``, ``predict`` and
@@ -109,9 +109,9 @@ def run(
             it uses the input at the previous measurement.
         t: ``(T,)`` or ``(T, ...)`` times of the measurements, if steps differ in length. `run` then
             appends the length of the step to the known input, and the model must use it (see
-            `sampled`, or give functions of u). A measurement has the length of the step before it,
-            0 at the first. If the series continues from a belief, u and t have T + 1 entries: the
-            first is at the belief's time.
+            `sampled`, or give functions of u). The input of a measurement holds the length of the
+            step before it, 0 at the first. If the series continues from a belief, u and t have T +
+            1 entries: the first is at the belief's time.
         available: ``(T, ..., p)`` mask of the measurements that arrived; None: all that are finite.
         R: ``(T, ..., p, p)`` covariance of each measurement; None: the model's.
         rng: For filters that draw numbers: a seed, `RandomKeys` with a key a row, or a Generator.

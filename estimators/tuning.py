@@ -50,7 +50,7 @@ class Fit:
     """Estimated parameters with standard errors and intervals.
 
     Attributes:
-        estimates: The most likely value of each, by name.
+        estimates: Maximum-likelihood estimate of each parameter, by name.
         standard_errors: Standard error of each, by name; infinite where the measurements do not
             determine the parameter, or the search found no maximum.
         intervals: 95 % interval of each, by name, symmetric in the logarithm of a positive
@@ -105,9 +105,9 @@ def fit(
 
     Args:
         build: Function that makes a filter and its prior from the parameters, given by name.
-        start: Where the search begins, by name: positive numbers, which are searched as their
-            logarithms. If the measurements are likelier with all of them multiplied by a power of
-            e^8, the search begins there.
+        start: Parameters at which the search begins, by name: positive numbers, which are searched
+            as their logarithms. If all of them multiplied by a power of e^8 are likelier, the
+            search begins there.
         y: ``(T, ..., p)`` measurements, as `run` takes them; rows of a batch are independent series
             of the same parameters.
         u: Known inputs, as `run` takes them.

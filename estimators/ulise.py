@@ -30,8 +30,9 @@ class ULISE(DelayedInputFilter):
 
     with ``x-+`` the next prediction. The source splits H by its singular values and transforms the
     measurements to match; its estimates are the same, because least squares does not depend on
-    coordinates. The form with projectors holds for any rank of H in any row. If a channel of H
-    drops, the next measurement shows its part of d(k), and no prior is needed.
+    coordinates. The form with projectors lets the rank of H differ between the rows of a batch. If
+    a channel with feedthrough drops out, the next measurement shows its part of d(k) without a
+    prior.
 
     In directions that H hardly shows, d(k) first counts as noise of covariance ``input_prior``,
     also in the formula of D. The belief keeps the effect of this noise on the errors of x and d1
@@ -51,7 +52,8 @@ class ULISE(DelayedInputFilter):
         model: A `LinearModel` with rank(C2 G2) = q - rank(H). C2 belongs to the measurements
             without feedthrough, G2 to the inputs that H does not show.
         input_prior: Covariance ``(q, q)`` of the unknown input where two measurements hardly show
-            it; a number stands for that number times identity. Set it to the scale of the problem.
+            it; a number stands for that number times identity. Set it to the square of usual
+            inputs.
 
     Raises:
         ValueError: if the rank condition fails.

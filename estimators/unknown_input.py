@@ -33,8 +33,8 @@ class UnknownInputFilter(Filter[Any]):
     Let ``input_prior = W W'``, and let the innovation be ``e = F d`` plus noise of covariance S.
     Each eigenvalue of ``W' F' S^-1 F W`` belongs to a direction of ``d``: it is the ratio of the
     prior variance to the variance that the measurement alone leaves. Directions whose ratio exceeds
-    `OBSERVABLE` are estimated without bias; the belief's ``input_observed`` is the projector on
-    them. The other directions have the prior N(0, ``input_prior``), as in a Kalman filter: their
+    `OBSERVABLE`, 0.1, are estimated without bias; the belief's ``input_observed`` is the projector
+    on them. The other directions have the prior N(0, ``input_prior``), as in a Kalman filter: their
     effect on the measurement is noise.
     """
 
@@ -203,12 +203,13 @@ class UMVFilter(UnknownInputFilter):
     estimate, C that of h at the prediction, and f gives the mean. What d adds is linear, ``G d``
     and ``H d``; the Jacobians neglect that G may depend on the state.
 
-    Sources: Gillijns & De Moor (2007b); Pan et al. (2010); Hermawan (2020), Table 2.5.
+    Sources: Gillijns & De Moor (2007b), with direct feedthrough; Pan et al. (2010); Hermawan
+    (2020), Table 2.5.
 
     Args:
         model: A model with rank(H) = q; a nonlinear one may give G as a function of ``(x, u)``.
         input_prior: Covariance ``(q, q)`` of the unknown input where a measurement hardly shows it;
-            a number stands for that number times identity. Set it to the scale of the problem.
+            a number stands for that number times identity. Set it to the square of usual inputs.
 
     Raises:
         ValueError: if the rank condition fails.
@@ -331,14 +332,14 @@ class ExtendedUMVFilter(NoFeedthroughFilter):
 
     With ``delayed_feedthrough`` the measurement also contains d(k-1) directly: ``F = C G + H``.
 
-    Sources: Kitanidis (1987); Gillijns & De Moor (2007a); Pan et al. (2010), the extended filter
-    without feedthrough.
+    Sources: Kitanidis (1987); Gillijns & De Moor (2007a) and Pan et al. (2010), both without direct
+    feedthrough.
 
     Args:
         model: A model with H = 0 and rank(C G) = q, or with ``delayed_feedthrough`` and rank(C G +
             H) = q; a nonlinear one may give G as a function of ``(x, u)``.
         input_prior: Covariance ``(q, q)`` of the unknown input where a measurement hardly shows it;
-            a number stands for that number times identity. Set it to the scale of the problem.
+            a number stands for that number times identity. Set it to the square of usual inputs.
 
     Raises:
         ValueError: if H feeds d(k) through, or the rank condition cannot hold.
@@ -361,13 +362,13 @@ class EndedUMVFilter(ExtendedUMVFilter):
     d(k-1) has already moved. The filter equals `UMVFilter` on the equivalent model of ``x' = x - G
     d(k-1)``, with ``G' = A G`` and ``H' = C G + H``.
 
-    Sources: Gillijns & De Moor (2007b); Kitanidis (1987).
+    Sources: Gillijns & De Moor (2007b), with direct feedthrough; Kitanidis (1987).
 
     Args:
         model: A model with rank(C G + H) = q; a nonlinear one may give G as a function of ``(x,
             u)``.
         input_prior: Covariance ``(q, q)`` of the unknown input where a measurement hardly shows it;
-            a number stands for that number times identity. Set it to the scale of the problem.
+            a number stands for that number times identity. Set it to the square of usual inputs.
 
     Raises:
         ValueError: if the model feeds d(k) through, or the rank condition cannot hold.
@@ -383,7 +384,8 @@ class DelayedUMVFilter(NoFeedthroughFilter):
     The formulas are those of `ExtendedUMVFilter` with the next prediction ``x-+ = A x + B u``, and
     are exact here.
 
-    Sources: Kitanidis (1987); Darouach & Zasadzinski (1997); Gillijns & De Moor (2007a).
+    Sources: Kitanidis (1987); Darouach & Zasadzinski (1997); Gillijns & De Moor (2007a), without
+    direct feedthrough.
 
     Args:
         model: A `LinearModel` with H = 0 and rank(C G) = q.

@@ -202,7 +202,7 @@ class UnscentedUMVFilter(SigmaPoints, NoFeedthroughFilter):
         self._set_points(alpha, beta, kappa)
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
-        """Next mean and covariance, including an input that no measurement has shown, and Q."""
+        """Next mean, covariance with any input that no measurement has shown, and Q."""
         return super().propagate(belief.replaced({"cov": self._covariance(belief)}), u)
 
     def _predict(self, belief: Any, u: Any, mean: Any, cov: Any, Q: Any, *more: Any) -> Changes:

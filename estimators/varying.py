@@ -86,7 +86,7 @@ class Schedule(Frozen):
         return self.table.take(within.astype(np.intp), axis=0)
 
     def changed(self, change: Callable[[np.ndarray], np.ndarray]) -> "Schedule":
-        """A copy with ``change`` applied to the table, such as twice the table."""
+        """A copy with the function ``change``, such as doubling, applied to the table."""
         return replace(self, table=change(self.table))
 
 
@@ -107,5 +107,5 @@ class StateNoise:
         return self.nominal
 
     def changed(self, change: Callable[[np.ndarray], np.ndarray]) -> "StateNoise":
-        """A copy with ``change`` applied to R, such as twice the covariance."""
+        """A copy with the function ``change``, such as doubling, applied to R."""
         return StateNoise(lambda x, u: change(self.function(x, u)), change(self.nominal))

@@ -41,8 +41,8 @@ class Disturbance(Verified, verified=True):
             ``names`` in a step. None: the increments.
         input_sd: Standard deviations of d that filters assume where no measurement shows d. None:
             derived from `process` and ``white``.
-        scale: Sizes of z that count as 1 in an observation of standard deviations. None: the
-            standard deviations at the start.
+        scale: Divisors of the standard deviations of z in an observation. None: the standard
+            deviations at the start.
         averaged: Names from ``forces`` that are means over the coming step, which no sensor may
             read.
         dt: Time step [s] for which the disturbance was made; None: any.

@@ -127,8 +127,8 @@ class Process:
     ) -> "Process":
         """Independent random walks.
 
-        ``start (k,)`` is the standard deviation at the start, ``pace (k,)`` that of what a second
-        adds. A pace of zero gives unknown constants.
+        ``start (k,)`` is the standard deviation at the start, ``pace (k,)`` that of the increment
+        in 1 s. A pace of zero gives unknown constants.
         """
         start, pace = _sizes("start", start), _sizes("pace", pace)
         check_numbers("Process.walk", {"dt": dt}, positive="dt")

@@ -104,7 +104,7 @@ class Seaway(Disturbance, verified=True):
     def believed(self) -> Sea:  # type: ignore[override]
         """Default assumption of filters, a `Sea` whose current includes the leeway.
 
-        The RMS of its yaw rate is that over all directions of the waves.
+        The variance of its yaw rate is the mean over all directions of the waves.
         """
         beta = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
         yaw = self.yaw_rate(beta, 0.8 * self.ship.speed, self.dt)

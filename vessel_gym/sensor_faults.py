@@ -1,7 +1,7 @@
 """Scheduled faults of sensors, which change measurements before delivery.
 
-The kinds are those of PX4's failure injection; its "wrong" is divided into bias, drift (of several
-channels of a fix: spoofing) and scale. For faults of actuators see `vessel_gym.disturbances.Fault`.
+The kinds are those of PX4's failure injection; its "wrong" is divided into bias, drift (spoofing,
+if a whole fix drifts) and scale. For faults of actuators see `vessel_gym.disturbances.Fault`.
 """
 
 from collections.abc import Iterable
@@ -32,9 +32,9 @@ class SensorFault:
         kind: ``"off"``: nothing arrives. ``"stuck"``: the last measurement before the fault
             repeats, or else the first one during the fault. ``"bias"``, ``"drift"``, ``"scale"``
             and ``"garbage"`` have a ``size``.
-        size: For ``"bias"`` the addition, for ``"drift"`` the addition of each second, for
-            ``"scale"`` the factor, for ``"garbage"`` the standard deviation of noise that replaces
-            the measurement. One number in the units of the channels, or one for each channel.
+        size: For ``"bias"`` the addition, for ``"drift"`` the addition per second, for ``"scale"``
+            the factor, for ``"garbage"`` the standard deviation of noise that replaces the
+            measurement. One number in the units of the channels, or one for each channel.
         begin: Time after an episode's start [s]; a pair: drawn uniformly between both in each
             episode.
         end: Time after an episode's start [s] at which the fault ends, or a pair as for ``begin``;
@@ -81,7 +81,7 @@ class SensorFault:
         return f"the fault {self.kind!r} of {self.sensor}"
 
     def times(self, name: str) -> tuple[float, float]:
-        """Earliest and latest time [s] at which the fault begins or ends.
+        """Earliest and latest time [s] of the beginning or end; ``name`` is "begin" or "end".
 
         Raises:
             ValueError: for anything but a number of at least 0 or an ordered pair of such numbers.

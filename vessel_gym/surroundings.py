@@ -137,7 +137,7 @@ def pose(states: np.ndarray, names: Sequence[str]) -> np.ndarray:
 
 
 def in_words(name: str, angles: Sequence[str]) -> tuple[str, str, float]:
-    """Words, displayed unit, and factor from SI to that unit, of a component of a state.
+    """Name in words, displayed unit, and factor from SI to that unit of a component of a state.
 
     Args:
         name: Name of the component.

@@ -154,7 +154,7 @@ class System:
 
     @property
     def verified(self) -> bool:
-        """Are vehicle, task and tuning verified?"""
+        """Do tests verify the vehicle, the task and the tuning?"""
         return is_verified(self.vehicle) and is_verified(self.task) and is_verified(self.tuning)
 
     @property

@@ -38,15 +38,16 @@ def episode(
 
     Args:
         env_id: A registered environment of this package, or your own.
-        estimators: Estimators in the order of the page. None: the environment's own estimator, then
-            those of ``ekf``, ``enkf``, ``dead-reckoning`` and ``truth`` that its models allow.
+        estimators: Estimators in the order in which the result shows them. None: the environment's
+            own estimator, then those of ``ekf``, ``enkf``, ``dead-reckoning`` and ``truth`` that
+            its models allow.
         agent: An agent as for `rollout`; it is reset for each estimator.
         seed: Seed of the episode. None: of 40 evaluation episodes, the one whose scores lie nearest
             to the means; in an environment of another package, 0.
         env_options: Passed to the environment.
 
     Raises:
-        ValueError: if there is no such environment or estimator, or the agent cannot fly it.
+        ValueError: if there is no such environment or estimator, or the agent cannot act there.
         TypeError: for arguments of another kind.
     """
     options = checks.options("env_options", env_options)

@@ -1,9 +1,9 @@
 """Metrics of episodes, registered for classes of tasks.
 
 Every task has these metrics: score, return, steps, RMS error of the estimated unknown input, NEES
-and failed updates. A vehicle with an attribute ``steering`` also has the costs of steering.
-`register_metrics` adds a task's own metrics. A task without its own has the RMS error of each
-estimated component of the state instead.
+and failed updates. A vehicle with an attribute ``steering`` also has travel, reversals and
+saturation of its actuators. `register_metrics` adds a task's own metrics. A task without its own
+has the RMS error of each estimated component of the state instead.
 
 For contributors: `agents.metrics` may import rollouts and statistics; studies, pages of episodes
 and commands import `agents.metrics`.

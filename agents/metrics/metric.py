@@ -190,7 +190,7 @@ def _known(rollout: Rollout, names: tuple[str, ...]) -> tuple[int, ...]:
 
 
 def consistency(rollout: Rollout, *names: str) -> float | None:
-    """Share of times at which the mean NEES over the runs lies in its 95 % chi-square band.
+    """Share of times at which the mean NEES over the episodes lies in its 95 % chi-square band.
 
     About 0.95 for an estimator with a correct covariance; None for one without a covariance of its
     own.

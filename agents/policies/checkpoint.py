@@ -75,7 +75,7 @@ def save_agent(model: Any, path: str | Path) -> Path:
 
     Raises:
         ValueError: if the model or its environment holds what cannot be stored in arrays.
-        TypeError: for what is no model of stable-baselines3.
+        TypeError: if ``model`` is no model of stable-baselines3.
         OSError: if the policy cannot be written.
         ModuleNotFoundError: without torch or stable-baselines3.
     """

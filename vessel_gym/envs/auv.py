@@ -81,10 +81,10 @@ def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
 class AUVEnv(VesselEnv):
     """Dive along a curve with an underwater vehicle of your own, with an estimator in the loop.
 
-    `SegorogeniAUVEnv` documents spaces, rewards and arguments; for a vehicle in the vertical plane,
-    `ItsunusaAUVEnv` does. The length of the path is in proportion to the vehicle's cruise speed.
-    Truncation is after 500 steps; for a vehicle in the plane, ``gym.make(...,
-    max_episode_steps=600)`` allows the time of `ItsunusaAUVEnv`.
+    Spaces, rewards and arguments are those of docs/environments/segorogeni-auv.md; for a vehicle in
+    the vertical plane, those of docs/environments/itsunusa-auv.md. The length of the path is in
+    proportion to the vehicle's cruise speed. Truncation is after 500 steps; for a vehicle in the
+    plane, ``gym.make(..., max_episode_steps=600)`` allows the time of `ItsunusaAUVEnv`.
 
     Args:
         vessel: Vehicle file (docs/vehicles.md), or the name of a vehicle of the package.
@@ -124,7 +124,7 @@ class SegorogeniAUVEnv(VesselEnv):
 
 
 class SegorogeniAUVVectorEnv(VesselVectorEnv):
-    """Vector environment of `SegorogeniAUVEnv`, which documents spaces, rewards and arguments."""
+    """Vector environment of `SegorogeniAUVEnv`; manual: docs/environments/segorogeni-auv.md."""
 
     system = SEGOROGENI_AUV
 
@@ -137,6 +137,6 @@ class ItsunusaAUVEnv(VesselEnv):
 
 
 class ItsunusaAUVVectorEnv(VesselVectorEnv):
-    """Vector environment of `ItsunusaAUVEnv`, which documents spaces, rewards and arguments."""
+    """Vector environment of `ItsunusaAUVEnv`; manual: docs/environments/itsunusa-auv.md."""
 
     system = ITSUNUSA_AUV

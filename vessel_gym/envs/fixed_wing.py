@@ -53,10 +53,10 @@ def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0")
 class FixedWingEnv(VesselEnv):
     """Fly a path round obstacles with an aircraft of your own, with an estimator in the loop.
 
-    `PunaUAVEnv` documents spaces, rewards and arguments. The lengths of paths are in proportion to
-    the square of the cruise speed. Truncation is after 900 steps. A much faster aircraft needs
-    more: make the environment again with ``gym.make(..., max_episode_steps=horizon)``, with
-    ``horizon = env.unwrapped.system.task.horizon``.
+    Spaces, rewards and arguments are those of docs/environments/puna-uav.md. The lengths of paths
+    are in proportion to the square of the cruise speed. Truncation is after 900 steps. A much
+    faster aircraft needs more: make the environment again with ``gym.make(...,
+    max_episode_steps=horizon)``, with ``horizon = env.unwrapped.system.task.horizon``.
 
     Args:
         vessel: Vehicle file of an aircraft (docs/vehicles.md), or the name of an aircraft of the
@@ -96,6 +96,6 @@ class PunaUAVEnv(VesselEnv):
 
 
 class PunaUAVVectorEnv(VesselVectorEnv):
-    """Vector environment of `PunaUAVEnv`, which documents spaces, rewards and arguments."""
+    """Vector environment of `PunaUAVEnv`; manual: docs/environments/puna-uav.md."""
 
     system = PUNA_UAV

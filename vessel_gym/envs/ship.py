@@ -78,9 +78,9 @@ def ship_system(
 class ShipEnv(VesselEnv):
     """Hold a turning circle with a ship of your own, with an estimator in the loop.
 
-    `SigmaCorvetteEnv` documents spaces, rewards and arguments. Times and the length of a step are
-    in proportion to the time in which the ship sails its own length, and yaw rates in inverse
-    proportion.
+    Spaces, rewards and arguments are those of docs/environments/sigma-corvette.md. Times and the
+    length of a step are in proportion to the time in which the ship sails its own length, and yaw
+    rates in inverse proportion.
 
     Args:
         vessel: Vehicle file of a ship (docs/vehicles.md), or the name of a ship of the package.
@@ -129,7 +129,7 @@ class SigmaCorvetteEnv(VesselEnv):
 
 
 class SigmaCorvetteVectorEnv(VesselVectorEnv):
-    """Vector environment of `SigmaCorvetteEnv`, which documents spaces, rewards and arguments."""
+    """Vector environment of `SigmaCorvetteEnv`; manual: docs/environments/sigma-corvette.md."""
 
     system = SIGMA_CORVETTE
 
@@ -142,6 +142,6 @@ class SigmaChannelEnv(VesselEnv):
 
 
 class SigmaChannelVectorEnv(VesselVectorEnv):
-    """Vector environment of `SigmaChannelEnv`, which documents spaces, rewards and arguments."""
+    """Vector environment of `SigmaChannelEnv`; manual: docs/environments/sigma-channel.md."""
 
     system = SIGMA_CHANNEL

@@ -54,6 +54,6 @@ class ThesisCorvetteEnv(VesselEnv):
 
 
 class ThesisCorvetteVectorEnv(VesselVectorEnv):
-    """Vector environment of `ThesisCorvetteEnv`, which documents spaces, rewards and arguments."""
+    """Vector environment of `ThesisCorvetteEnv`; manual: docs/environments/thesis-corvette.md."""
 
     system = THESIS_CORVETTE

@@ -128,7 +128,7 @@ class Composition(Parts):
 
     @cached_property
     def scale(self) -> np.ndarray:
-        """Standard deviations that count as 1 in an observation, behind the vehicle's state."""
+        """Divisors of observed standard deviations, after those of the vehicle's state."""
         disturbance = self.forces.disturbance
         sizes = disturbance.scale or np.sqrt(np.diag(disturbance.process.start_cov))
         ended = np.sqrt(np.diag(self.forces.cov))[self.ended]

@@ -35,7 +35,7 @@ _NEAR = 1.01  # a path of at most this many lower bounds needs no second search
 
 
 class NoPath(ValueError):
-    """No path was found; only a message about a closed way proves that no path exists."""
+    """No path was found; none exists if the message says that obstacles close every way."""
 
 
 # --- the check ------------------------------------------------------------------------------------
@@ -126,8 +126,8 @@ def plan(
         margin: Distance [m] to keep from obstacles.
 
     Raises:
-        NoPath: (a ValueError) if no path was found. The message distinguishes a closed way, which
-            is certain, from a failed search.
+        NoPath: (a ValueError) if no path was found. The message says whether the obstacles close
+            every way, or only the search failed.
         ValueError: for invalid numbers, for a start or a goal within the margin of an obstacle, and
             for a way round obstacles over more than a million turn radii, where rounding decides.
     """

@@ -42,7 +42,7 @@ class Sensors:
         ValueError: for no sensors, two sensors or biases with one name, a rate that does not divide
             the steps a second, or a delay of no whole number of steps. Also for a fault of an
             unknown sensor or with a wrong number of channels. Functions ``reads`` and ``sd`` must
-            return one value for each channel, broadcast and repeat themselves.
+            be deterministic, broadcast, and return one value for each channel.
     """
 
     def __init__(
@@ -136,7 +136,7 @@ class Sensors:
 
     @property
     def verified(self) -> bool:
-        """Are all functions verified that are called in every step?"""
+        """Do tests verify all functions that are called in every step?"""
         return not self._varying and all(isinstance(reads, Compiled) for _, reads in self.called)
 
     @cached_property

@@ -1,6 +1,6 @@
 """Grades of a vehicle's sensors, best first, and the suites that choose among them, with sources.
 
-A TOML file has a table for each grade of each sensor, in the order from the best to the cheapest:
+A TOML file has a table for each grade of each sensor, in the order from the best to the cheapest::
 
     ["gyro compass".magnetic]
     sd = 3.5e-3
@@ -9,12 +9,13 @@ A TOML file has a table for each grade of each sensor, in the order from the bes
     assumed = ["time"]
 
 ``sd`` is a number for all channels or one for each; ``rate`` [Hz] and ``latency`` [s] are rounded
-to whole steps of the vehicle; ``dropout`` is a probability; ``bias`` has ``start``, and ``pace``,
-``slope``, ``time`` or ``constant``, see `vessel_gym.sensors.Bias`, on the first channels. A missing
-figure is 0, and a missing rate is one measurement in every step. ``source`` names the document of
-the figures, and ``assumed`` lists the keys of figures that no document states. The grade
-``nominal``, which every sensor has, is the vehicle's own sensor: its table has ``source`` and
-``assumed`` alone. ``[suites.NAME]`` chooses a grade for each sensor; the default is ``nominal``.
+to whole steps of the vehicle; ``dropout`` is a probability. ``bias``, of the first channels, has
+``start`` and possibly ``pace``, ``slope``, ``time`` or ``constant``, see `vessel_gym.sensors.Bias`.
+A missing figure is 0, and a missing rate is one measurement in every step. ``source`` names the
+document of the figures, and ``assumed`` lists the keys of figures that no document states. The
+grade ``nominal``, which every sensor has, is the vehicle's own sensor: its table has only
+``source`` and ``assumed``. ``[suites.NAME]`` chooses a grade for each sensor; the default is
+``nominal``.
 """
 
 from collections.abc import Sequence
@@ -70,7 +71,7 @@ def grades_of(system: Any) -> dict[str, dict[str, Sensor]]:
 
 
 def load_grades(path: str | Path, system: Any) -> dict[str, dict[str, Sensor]]:
-    """Grades of a file of one's own, as `grades_of` returns them.
+    """Grades from a file of your own, in the form that `grades_of` returns.
 
     Raises:
         ValueError: for anything wrong in the file, in one sentence with its line.

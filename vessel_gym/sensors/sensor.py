@@ -24,16 +24,15 @@ class Bias:
     Attributes:
         names: Names of the filter's states, one for each of the channels with a bias.
         start: Standard deviations at the start.
-        pace: Standard deviations of what a second adds to a random walk; 0 for a constant bias.
+        pace: Standard deviations of a random walk's increment in 1 s; 0 for a constant bias.
         slope: Standard deviations of a constant, unknown drift [per s], which has states of its
             own; 0 for none.
-        scale: Standard deviation that counts as 1 in an observation.
+        scale: Divisor of the standard deviations of the states in observations.
         time: Correlation time [s] of a stationary first-order Gauss-Markov process, instead of
             ``pace`` and ``slope``. Its standard deviation is ``start`` at all times. None: no such
             process.
-        constant: Standard deviations of a constant error that is added to this process and has
-            states of its own, such as the static error of a compass beside its dynamic error; 0 for
-            none.
+        constant: Standard deviations of a constant error besides the moving bias, with states of
+            its own, such as the static error of a compass beside its dynamic error; 0 for none.
 
     Raises:
         ValueError: for negative values, a number of values that differs from the number of names,
@@ -123,7 +122,7 @@ class Sensor:
         bias: Slowly moving error of the first channels, as many as the `Bias` has names.
         range: Least and greatest value of each channel; no measurement arrives beyond them.
         angles: Indices of the channels that are angles [rad].
-        scale: Size of each channel that counts as 1 in a raw observation; None: 1.
+        scale: Divisor of each channel in a raw observation; None: 1.
         gives: State or component of the exogenous input that each channel measures directly; None
             for a channel that measures neither.
         inverse: Function of the measurements ``(..., k)`` and of the states from preceding sensors
@@ -224,7 +223,7 @@ class Sensor:
         """Latency in steps of ``dt`` [s].
 
         Raises:
-            ValueError: if the latency is not a whole number of steps, or exceeds `LONGEST` steps.
+            ValueError: if the latency is not a whole number of steps, or exceeds 1000 steps.
         """
         check_numbers("a sensor's delay", {"dt": dt}, positive="dt")
         steps = self.latency / dt

@@ -297,7 +297,7 @@ class Flight(Task, verified=True):
         return self.body.actions(actuators)
 
     std_scale: ClassVar[tuple[float, ...]] = (1.0,) * 3 + (0.2,) * 3 + (0.02,)
-    """Standard deviations of the state's components that count as 1 [SI]."""
+    """Divisors of the standard deviations of the state's components in observations [SI]."""
 
     @cached_property
     def _mission_gains(self) -> np.ndarray:

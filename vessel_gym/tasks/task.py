@@ -62,18 +62,18 @@ class Task(Verified):
     success: str = ""
     """Entry of ``end_reasons`` that means success; empty if reaching the time limit is success."""
     commanding: ClassVar[slice | list[int] | None] = None
-    """Columns of the reference that hold the commands, for verified tasks.
+    """Columns of the reference that hold the commands; None: the commands come from `commanded`.
 
-    With None, `commanded` returns the commands.
+    Only in a verified task (see `verified`) do these columns take the place of `commanded`.
     """
     BOUND = 10.0
     """Observations are scaled to be of order 1 and clipped to +-10."""
     prior_sd: ClassVar[tuple[float, ...]]
     """Standard deviations of the vehicle's estimated components at the start."""
     state_scale: ClassVar[tuple[float, ...]]
-    """Sizes of the vehicle's estimated components that count as 1."""
+    """Divisors of the vehicle's estimated components in observations."""
     std_scale: ClassVar[tuple[float, ...]]
-    """Standard deviations of the vehicle's estimated components that count as 1."""
+    """Divisors of the estimated components' standard deviations in observations."""
 
     @property
     def perfect(self) -> float:
@@ -219,24 +219,27 @@ class Task(Verified):
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward of a step, from the truth; every subclass must define this method.
 
-        The score of an episode, in ``info``, is the sum of its rewards over ``perfect``, clipped to
-        [0, 1]. Negative sums count as 0, so express a cost as a factor such as ``1 / (1 + cost)``.
+        The score of an episode, in ``info``, is the sum of its rewards divided by ``perfect``,
+        clipped to [0, 1]. Negative sums count as 0, so express a cost as a factor such as ``1 / (1
+        + cost)``.
 
         Args:
-            state: ``(B, n)`` true state of the vehicle, the components ``vehicle.state_names``.
-            exogenous: ``(B, f)`` true exogenous input over the coming step: ``vehicle.increments``,
+            state: ``(B, n)`` true state of the vehicle after the step, with the components
+                ``vehicle.state_names``.
+            exogenous: ``(B, f)`` true exogenous input over the next step: ``vehicle.increments``,
                 then ``vehicle.ambient_flows``.
             reference: ``(B, r)`` as `reference` returns it. It is evaluated at the estimated state,
                 so a reward that depends on it scores the estimate; if raw measurements are
                 observed, it is evaluated at the true state.
-            over: ``(B,)`` as `over` returns it; with ``termination="task"``, at the true state.
+            over: ``(B,)`` as `over` returns it for the reference at the estimated state or, with
+                ``termination="task"``, at the true state.
             actuators: ``(B, a)`` after the step.
             action: ``(B, a)``, clipped to [-1, 1].
             score_state: ``(B, k)`` of the step before; see `initial_score_state`.
 
         Returns:
-            Reward ``(B,)``, number of the end reason ``(B,)`` (0: the episode goes on), and the
-            next score state.
+            Reward ``(B,)``, number of the end reason ``(B,)``, 0 where the episode goes on,
+            and the next score state.
         """
         raise NotImplementedError(
             f"{type(self).__name__} needs a method score: what is a step worth?"

@@ -172,4 +172,4 @@ class Vehicle(Protocol):
 
     @property
     def carried(self) -> np.ndarray | None:
-        """Effect ``(n, flows)`` of initial flows on the prior; None for speeds relative to them."""
+        """Effect ``(n, flows)`` of initial flows on the prior; None if speeds are flow-relative."""
