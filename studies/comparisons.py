@@ -171,7 +171,7 @@ def turns(sea: str, other: str) -> str:
     """Scores and errors of filters that assume the corvette's sea rightly, wrongly or not."""
     believed: Any = SIGMA_CORVETTE.disturbances[sea].believed
     rows = [of.format(other=other) for of in SETTINGS["turns"]["rows"]]
-    still = {"without a current": assuming(replace(believed, current=0.0))}
+    still = {"assuming no current": assuming(replace(believed, current=0.0))}
     return comparison("turns", rows=rows, variants=VARIANTS | still, disturbance=sea)
 
 

@@ -60,7 +60,7 @@ def _advice(ranking: Ranking) -> str:
         more = f"; by their scatter it takes at least {enough:.0f} to tell" if enough > 0 else ""
         return (
             f"{ranking.results.plan.study.episodes} episodes cannot tell which estimator to use in"
-            f" {where}: so far {best} keeps most{more}."
+            f" {where}: so far {best} keeps the largest share{more}."
         )
     share, lost = amount(ranking.kept(best)), amount(ranking.price(best))
     return (
@@ -149,7 +149,7 @@ def _trend(ranking: Ranking) -> str | None:
         enough = max(episodes_for(change, margin, comparisons) for change in changes)
         enough = max(enough, len(first) + 1.0)
         more = f"; a difference of {margin:g} takes at least {enough:.0f} episodes to show"
-    most = f" {pick} keeps most over all conditions. At" if ranking.verdicts else ", at"
+    most = f" {pick} keeps the largest share overall. At" if ranking.verdicts else ", at"
     return (
         f"In {_where(environments)}{most} {names[0]} {results.who} on {pick} keeps"
         f" {amount(mean_interval(first))} {_GAIN}. From there the share changes by"
@@ -217,9 +217,9 @@ def legend(results: Results) -> str:
     """Sentences on the intervals and verdicts of all other tables."""
     margin = f"{results.plan.study.margin:g}"
     return (
-        "95 % intervals and verdicts hold simultaneously for all estimators of an environment, or"
-        f" of all environments together. Equivalent: within ±{margin} of the best. Worse: more"
-        f" than {margin} below it. Lower: below it, perhaps by less. Not decided: none of these."
+        "For each environment, and for all together, 95 % intervals and verdicts hold simultaneously"
+        f" for all estimators. Equivalent: within ±{margin} of the best. Worse: more than {margin}"
+        f" below it. Lower: below it, perhaps by less than {margin}. Not decided: none of these."
     )
 
 

@@ -51,7 +51,7 @@ class Flight(Task, verified=True):
     scenario.
 
     The flight ends when the estimated position has covered the path; if no estimate is observed,
-    the true position counts (see `vessel_gym.core.Core`).
+    the true position replaces the estimate (see `vessel_gym.core.Core`).
     """
 
     body: PunaParameters
