@@ -1,4 +1,4 @@
-"""Means, shares kept (normalised scores) and comparisons, with their 95 % intervals.
+"""Means, normalised scores and comparisons, with their 95 % intervals.
 
 For the reasons see docs/statistics.md.
 
