@@ -60,8 +60,7 @@ def _advice(ranking: Ranking) -> str:
         more = f"; by their scatter it takes at least {enough:.0f} to tell" if enough > 0 else ""
         return (
             f"{ranking.results.plan.study.episodes} episodes cannot tell which estimator to use in"
-            f" {where}: so far {best} keeps the largest share"
-            f" {_GAIN}{more}."
+            f" {where}: so far {best} keeps the largest share {_GAIN}{more}."
         )
     share, lost = amount(ranking.kept(best)), amount(ranking.price(best))
     return (
@@ -150,11 +149,10 @@ def _trend(ranking: Ranking) -> str | None:
         enough = max(episodes_for(change, margin, comparisons) for change in changes)
         enough = max(enough, len(first) + 1.0)
         more = f"; a difference of {margin:g} takes at least {enough:.0f} episodes to show"
-    most = f" {pick} keeps the largest share {_GAIN} overall. At" if ranking.verdicts else ", at"
-    gain = "of this gain" if ranking.verdicts else _GAIN
+    most = f" {pick} has the largest share kept overall. At" if ranking.verdicts else ", at"
     return (
         f"In {_where(environments)}{most} {names[0]} {results.who} on {pick} keeps"
-        f" {amount(mean_interval(first))} {gain}. From there the share changes by"
+        f" {amount(mean_interval(first))} {_GAIN}. From there the share changes by"
         f" {listed(each)}. {_last(names, found, more)}"
     )
 
