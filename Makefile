@@ -60,7 +60,7 @@ lint: venv  ## Check style, format, types, spelling and the language of pages
 
 docs: .venv/.docs  ## Build the documentation site into docs/_build/html; a warning is an error
 	rm -rf docs/api/generated  # pages of names that are gone
-	$(BIN)/sphinx-build -W --keep-going -n -q docs docs/_build/html
+	VESSEL_GYM_OPTIMISE=0 $(BIN)/sphinx-build -W --keep-going -n -q docs docs/_build/html
 
 linkcheck: .venv/.docs  ## Look up every link of the site that leads elsewhere (needs the network)
 	$(BIN)/sphinx-build -q -b linkcheck docs docs/_build/linkcheck

@@ -217,9 +217,10 @@ def legend(results: Results) -> str:
     """Sentences on the intervals and verdicts of all other tables."""
     margin = f"{results.plan.study.margin:g}"
     return (
-        "For each environment, and for all together, 95 % intervals and verdicts hold simultaneously"
-        f" for all estimators. Equivalent: within ±{margin} of the best. Worse: more than {margin}"
-        f" below it. Lower: below it, perhaps by less than {margin}. Not decided: none of these."
+        "For each environment, and for all together, 95 % intervals and verdicts hold"
+        " simultaneously for all estimators. A verdict is on the interval of the difference from"
+        f" the best. Equivalent: all of it within ±{margin}. Worse: all of it below -{margin}. Lower:"
+        " all of it below 0. Not decided: none of these."
     )
 
 
