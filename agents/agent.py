@@ -54,8 +54,8 @@ def load_agent(name: str | Path, env: Any) -> Agent:
             - ``"ppo"``, which comes with the package, trained on the environment's default
               estimates;
             - ``"random"``;
-            - the path of a policy that `agents.save_agent` or ``vessel-gym train`` wrote, or of the
-              model beside it;
+            - the path of a policy (``.npz``) that `agents.save_agent` or ``vessel-gym train``
+              wrote, or of the stable-baselines3 model (``.zip``) beside it;
             - ``"module:object"``, a controller of your own: the object is called with the
               environment's `System`. The module is imported, which runs its code.
         env: The environment in which the agent will act, single or vector, wrapped or not.

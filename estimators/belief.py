@@ -29,7 +29,8 @@ class Belief:
             prediction.
         healthy: ``(...)`` False where the last step gave values that are not finite, or a
             covariance that is not positive semidefinite. Such a row was computed again with
-            pseudo-inverses and without channels that are not finite, or kept its values.
+            pseudo-inverses and without channels that are not finite. If that failed, too, the row
+            kept what it had before the step.
         u: ``(..., m)`` the known input of the last prediction or measurement, or None.
     """
 
@@ -103,7 +104,7 @@ class Belief:
         return self.of({k: None if a is None else a[rows] for k, a in self.arrays().items()})
 
     def with_rows(self, rows: np.ndarray, other: "Belief") -> Self:
-        """The belief with the k rows that a mask selects replaced by the k of ``other``.
+        """This belief with the rows that a mask selects taken, in order, from ``other``.
 
         Raises:
             ValueError: if the two are beliefs of different filters.

@@ -79,7 +79,7 @@ class DelayedBelief:
         return type(self)(self.now[rows], steps, self.reach[rows], self.refused[rows])
 
     def with_rows(self, rows: np.ndarray, other: Self) -> Self:
-        """This belief with the k rows that a mask selects replaced by the k of ``other``."""
+        """This belief with the rows that a mask selects taken, in order, from ``other``."""
         steps = list(self.steps)
         for i in range(-min(len(steps), len(other.steps)), 0):
             steps[i] = Step(*map(partial(_with_rows, rows), steps[i], other.steps[i]))

@@ -307,7 +307,8 @@ class Filter(ABC, Generic[Record]):
 
         A channel that the preceding channels determine without noise adds nothing, or minus
         infinity if it contradicts them. If a linear combination of uncertain states is known
-        exactly, its variance is only rounding: make the combination a state.
+        exactly, its computed variance is a rounding error and the density has no meaning. Make the
+        combination a state instead.
 
         Args:
             predicted: The belief before the measurement.

@@ -42,9 +42,9 @@ def nis(
 ) -> np.ndarray:
     """Normalised innovation squared ``e' S^-1 e``, shape ``(...)``.
 
-    Chi-square for a consistent filter, with the rank of S among the measurements that arrived as
-    degrees of freedom. Measurements that are missing, or that others determine without noise, add
-    nothing. Infinite where a measurement contradicts an exact one by more than rounding.
+    Chi-square for a consistent filter. The degrees of freedom are the rank of S, restricted to the
+    measurements that arrived. Measurements that are missing, or that others determine without
+    noise, add nothing. Infinite where a measurement contradicts an exact one by more than rounding.
 
     Args:
         innovation: ``(..., p)``.

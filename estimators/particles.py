@@ -123,7 +123,7 @@ class ParticleFilter(Filter[ParticleBelief]):
         return self._believed(particles, even)
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
-        """Root ``(..., n, r)`` of the process noise; `predict` moves particles after resampling."""
+        """Root ``(..., n, r)`` of the process noise; particles themselves move in `predict`."""
         return (process_root(self, u),)
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:

@@ -108,10 +108,10 @@ def run(
             step that follows. A measurement uses the input at its own time; the prediction before
             it uses the input at the previous measurement.
         t: ``(T,)`` or ``(T, ...)`` times of the measurements, if steps differ in length. `run` then
-            appends the length of the step to the known input, and the model must use it (see
-            `sampled`, or give functions of u). The input of a measurement holds the length of the
-            step before it, 0 at the first. If the series continues from a belief, u and t have T +
-            1 entries: the first is at the belief's time.
+            appends the length of a step to the known input, and the model must use it (see
+            `sampled`, or give functions of u). A prediction gets the length of its own step. A
+            measurement gets the length of the step before it, 0 at the first. If the series
+            continues from a belief, u and t have T + 1 entries: the first is at the belief's time.
         available: ``(T, ..., p)`` mask of the measurements that arrived; None: all that are finite.
         R: ``(T, ..., p, p)`` covariance of each measurement; None: the model's.
         rng: For filters that draw numbers: a seed, `RandomKeys` with a key a row, or a Generator.

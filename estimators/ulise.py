@@ -31,8 +31,8 @@ class ULISE(DelayedInputFilter):
     with ``x-+`` the next prediction. The source splits H by its singular values and transforms the
     measurements to match; its estimates are the same, because least squares does not depend on
     coordinates. The form with projectors lets the rank of H differ between the rows of a batch. If
-    a channel with feedthrough drops out, the next measurement shows its part of d(k) without a
-    prior.
+    a channel with feedthrough drops out, the part of d(k) that it would have shown is estimated,
+    without a prior, from the next measurement.
 
     In directions that H hardly shows, d(k) first counts as noise of covariance ``input_prior``,
     also in the formula of D. The belief keeps the effect of this noise on the errors of x and d1

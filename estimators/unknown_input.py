@@ -28,7 +28,7 @@ OBSERVABLE = 0.1
 
 
 class UnknownInputFilter(Filter[Any]):
-    """Base of filters that estimate an unknown input: its prior and its observable directions.
+    """Base of filters with an unknown input: provides its prior and its observable directions.
 
     Let ``input_prior = W W'``, and let the innovation be ``e = F d`` plus noise of covariance S.
     Each eigenvalue of ``W' F' S^-1 F W`` belongs to a direction of ``d``: it is the ratio of the

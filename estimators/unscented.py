@@ -161,11 +161,12 @@ class UnscentedKalmanFilter(SigmaPoints, ExtendedKalmanFilter):
 class UnscentedUMVFilter(SigmaPoints, NoFeedthroughFilter):
     """UKF-UMV: `ekf-ui-wdf` with sigma points in place of Jacobians; the input shows one step late.
 
-    With ``C = Pxy' (P-)^-1``, ``K = Pxy Pyy^-1`` and R replaced by ``Pyy - C P- C'``, where Pyy
-    includes R::
+    With ``C = Pxy' (P-)^-1`` and ``K = Pxy Pyy^-1``, where Pyy includes R::
 
         F = C G      M = (F' Pyy^-1 F)^-1 F' Pyy^-1      d(k-1) = M e
         x = x- + (K + (I - K C) G M) e
+
+    The covariance is that of `ekf-ui-wdf`, with ``Pyy - C P- C'`` in place of R.
 
     The points lie about a prediction without d(k-1). So the estimate of an input that moves the
     state beyond the spread of ``P-`` within one step uses the wrong C.
@@ -202,7 +203,7 @@ class UnscentedUMVFilter(SigmaPoints, NoFeedthroughFilter):
         self._set_points(alpha, beta, kappa)
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
-        """Next mean, covariance with any input that no measurement has shown, and Q."""
+        """Next mean; P, which includes the effect of an input not measured so far; and Q."""
         return super().propagate(belief.replaced({"cov": self._covariance(belief)}), u)
 
     def _predict(self, belief: Any, u: Any, mean: Any, cov: Any, Q: Any, *more: Any) -> Changes:

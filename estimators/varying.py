@@ -53,7 +53,8 @@ class Schedule(Frozen):
         table: ``(k, n, m)``.
         component: Index of the component of ``u``.
         scale: Table entries per unit of the component.
-        middle: Index of the entry at 0, plus 0.5.
+        middle: Index of the entry for a component of 0, plus 0.5. The index of the entry in use is
+            ``scale * u[component] + middle``, rounded down.
     """
 
     table: np.ndarray

@@ -41,14 +41,14 @@ class Disturbance(Verified, verified=True):
             ``names`` in a step. None: the increments.
         input_sd: Standard deviations of d that filters assume where no measurement shows d. None:
             derived from `process` and ``white``.
-        scale: Divisors of the standard deviations of z in an observation. None: the standard
-            deviations at the start.
+        scale: An agent that observes standard deviations receives those of z divided by these
+            numbers. None: divided by the standard deviations at the start.
         averaged: Names from ``forces`` that are means over the coming step, which no sensor may
             read.
         dt: Time step [s] for which the disturbance was made; None: any.
         believed: Disturbance that filters assume unless the user names another; None: this one.
-        modelled: Disturbance that takes the place of this one in filters that assume it; None: this
-            one.
+        modelled: Where a filter assumes this disturbance, ``modelled`` takes its place. None: no
+            replacement.
         uniforms: Number of uniform random numbers that `draw` receives in an episode.
     """
 
@@ -312,10 +312,10 @@ class Air(Disturbance, verified=True):
 
     Gusts have the low-altitude Dryden spectra (MIL-F-8785C) at a constant airspeed. The vertical
     gust has the second-order form. North and east gusts have the first-order, longitudinal form, so
-    that a turn does not change the spectrum. The state is mean wind north and east, then gusts
-    north, east and two of the vertical gust [m/s]. Turbulence shorter than a step is white noise
-    that adds increments to velocities and bank, with variances in proportion to the step's length.
-    A filter that assumes this disturbance has an exact model of it.
+    that a turn does not change the spectrum. The states are the mean wind north and east, the gusts
+    north and east, and two states of the vertical gust [m/s]. Turbulence shorter than a step is
+    white noise that adds increments to velocities and bank, with variances in proportion to the
+    step's length. A filter that assumes this disturbance has an exact model of it.
     """
 
     wind: float  # RMS speed of the mean wind, which is horizontal, m/s

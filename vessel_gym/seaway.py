@@ -164,9 +164,9 @@ class Seaway(Disturbance, verified=True):
     ) -> np.ndarray:
         """Components ``(..., 8)`` of the effect, see `Seaway`, in an episode's waves.
 
-        Yaw increment and sway velocity of the waves are means over the coming step. If a step is a
-        large part of the waves' period, these means are smaller than momentary values. The heading
-        therefore swings as far as in continuous time. The roll moment is constant over a step,
+        Yaw increment and sway velocity of the waves are means over the coming step, so that the
+        heading swings as far as in continuous time. If a step is a large part of the waves' period,
+        these means are smaller than momentary values. The roll moment is constant over a step,
         which reduces a wave's effect by the factor ``sinc(w_e dt / 2)``. The moment is therefore
         that in the middle of the step, divided by this factor, and the roll is as large as in
         continuous time.

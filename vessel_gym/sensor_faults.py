@@ -29,9 +29,9 @@ class SensorFault:
 
     Attributes:
         sensor: Name of the sensor.
-        kind: ``"off"``: nothing arrives. ``"stuck"``: the last measurement before the fault
-            repeats, or else the first one during the fault. ``"bias"``, ``"drift"``, ``"scale"``
-            and ``"garbage"`` have a ``size``.
+        kind: ``"off"``: nothing arrives. ``"stuck"``: every measurement during the fault
+            repeats the last one before it or, without one, the first one during it. ``"bias"``,
+            ``"drift"``, ``"scale"`` and ``"garbage"`` have a ``size``.
         size: For ``"bias"`` the addition, for ``"drift"`` the addition per second, for ``"scale"``
             the factor, for ``"garbage"`` the standard deviation of noise that replaces the
             measurement. One number in the units of the channels, or one for each channel.
@@ -84,7 +84,8 @@ class SensorFault:
         """Earliest and latest time [s] of the beginning or end; ``name`` is "begin" or "end".
 
         Raises:
-            ValueError: for anything but a number of at least 0 or an ordered pair of such numbers.
+            ValueError: if that time is neither a number of at least 0 nor an ordered pair of such
+                numbers.
         """
         time = getattr(self, name)
         given = None if isinstance(time, bool) else numbers(time)

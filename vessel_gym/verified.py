@@ -19,7 +19,7 @@ class Verified:
     """
 
     verified: ClassVar[bool] = False
-    """Do tests verify this class itself? A class argument, which subclasses do not inherit."""
+    """True if tests verify this class: ``class NAME(..., verified=True)``; False in subclasses."""
 
     def __init_subclass__(cls, verified: bool = False, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)

@@ -142,8 +142,8 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
 def mean(metric: Metric, values: np.ndarray) -> Interval | None:
     """Mean of a metric ``(runs, seeds)`` with its 95 % interval.
 
-    A seed at which any run lacks the metric is left out. Shares of the episodes of one agent have
-    Clopper and Pearson's interval.
+    A seed at which any run lacks the metric is left out. With a single run, a metric of yes or
+    no has Clopper and Pearson's interval.
     """
     values = values[:, np.isfinite(values).all(axis=0)]
     if metric.yes_or_no and len(values) == 1 and values.size:

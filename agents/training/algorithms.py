@@ -211,8 +211,9 @@ def train(
         folder: Place of learning curves, evaluations, the best policy and checkpoints. With a
             folder, the model of stable-baselines3 is also saved, beside the policy (``.zip``).
             None: no such files.
-        resume: Go on from the last checkpoint in the folder, in new episodes; without a checkpoint,
-            begin anew. A checkpoint holds pickles, as all of stable-baselines3's.
+        resume: Go on from the last checkpoint in the folder, in new episodes. If the interrupted
+            training has no checkpoint yet, begin it anew. A checkpoint holds pickles, as all of
+            stable-baselines3's.
         force: Replace an earlier training in the folder.
 
     Returns:
@@ -221,7 +222,7 @@ def train(
     Raises:
         ValueError: for an environment, memory or algorithm without settings, a budget below one
             rollout, settings that the algorithm refuses, or another training in the folder.
-        OSError: if a file cannot be written, or there is no training to resume.
+        OSError: if a file cannot be written, or the folder has no interrupted training to resume.
         ModuleNotFoundError: without torch or stable-baselines3.
     """
     described = describe(env_id, env_options, seed, steps, memory, settings, algorithm)

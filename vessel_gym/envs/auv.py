@@ -59,7 +59,7 @@ def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
         name: Id of the environment.
 
     Raises:
-        ValueError: for an error in the file, in one sentence with its line.
+        ValueError: for an error in the file; the message names its line.
         OSError: if the file cannot be read.
     """
     body: Any = load(vessel, AUVParameters)
@@ -91,7 +91,7 @@ class AUVEnv(VesselEnv):
         options: Arguments of `VesselEnv`.
 
     Raises:
-        ValueError: for an error in the file, in one sentence with its line; otherwise as
+        ValueError: for an error in the file; the message names its line. Otherwise as
             `VesselEnv`.
     """
 

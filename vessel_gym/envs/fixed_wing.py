@@ -33,7 +33,7 @@ def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0")
         name: Id of the environment.
 
     Raises:
-        ValueError: for an error in the file, in one sentence with its line.
+        ValueError: for an error in the file; the message names its line.
         OSError: if the file cannot be read.
     """
     body = load(vessel, PunaParameters)
@@ -64,7 +64,7 @@ class FixedWingEnv(VesselEnv):
         options: Arguments of `VesselEnv`.
 
     Raises:
-        ValueError: for an error in the file, in one sentence with its line; otherwise as
+        ValueError: for an error in the file; the message names its line. Otherwise as
             `VesselEnv`.
     """
 

@@ -57,7 +57,7 @@ def ship_system(
         name: Id of the environment.
 
     Raises:
-        ValueError: for an error in the file, in one sentence with its line.
+        ValueError: for an error in the file; the message names its line.
         OSError: if the file cannot be read.
     """
     instance("name", name, str)
@@ -87,7 +87,7 @@ class ShipEnv(VesselEnv):
         options: Arguments of `VesselEnv`.
 
     Raises:
-        ValueError: for an error in the file, in one sentence with its line; otherwise as
+        ValueError: for an error in the file; the message names its line. Otherwise as
             `VesselEnv`.
     """
 

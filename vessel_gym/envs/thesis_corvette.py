@@ -48,7 +48,7 @@ THESIS_CORVETTE = System(
 
 @documented
 class ThesisCorvetteEnv(VesselEnv):
-    """Follow a turning circle trial while an unknown step enters the measurements."""
+    """Follow a turning circle trial while a step-shaped unknown input enters the measurements."""
 
     system = THESIS_CORVETTE
 

@@ -323,8 +323,8 @@ class Sensors:
         Args:
             expected: Function from a filter's states and known inputs to expected measurements
                 ``(..., p)``.
-            x: A state ``(n,)`` at which R is evaluated for checks and as its default.
-            u: A known input for the same use.
+            x: A state ``(n,)``. R there is checked, and a filter shows it as its constant R.
+            u: A known input at which R is evaluated with ``x``.
 
         Raises:
             ValueError: for a standard deviation that is negative or NaN there.

@@ -9,8 +9,8 @@ A TOML file has a table for each grade of each sensor, in the order from the bes
     assumed = ["time"]
 
 ``sd`` is a number for all channels or one for each; ``rate`` [Hz] and ``latency`` [s] are rounded
-to whole steps of the vehicle; ``dropout`` is a probability. ``bias``, of the first channels, has
-``start`` and possibly ``pace``, ``slope``, ``time`` or ``constant``, see `vessel_gym.sensors.Bias`.
+to whole steps of the vehicle; ``dropout`` is a probability. ``bias`` has ``start`` and possibly
+``pace``, ``slope``, ``time`` or ``constant``, see `vessel_gym.sensors.Bias`.
 A missing figure is 0, and a missing rate is one measurement in every step. ``source`` names the
 document of the figures, and ``assumed`` lists the keys of figures that no document states. The
 grade ``nominal``, which every sensor has, is the vehicle's own sensor: its table has only

@@ -27,7 +27,8 @@ class Bias:
         pace: Standard deviations of a random walk's increment in 1 s; 0 for a constant bias.
         slope: Standard deviations of a constant, unknown drift [per s], which has states of its
             own; 0 for none.
-        scale: Divisor of the standard deviations of the states in observations.
+        scale: An agent that observes standard deviations receives those of the states divided by
+            this number.
         time: Correlation time [s] of a stationary first-order Gauss-Markov process, instead of
             ``pace`` and ``slope``. Its standard deviation is ``start`` at all times. None: no such
             process.
