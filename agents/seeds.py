@@ -19,7 +19,7 @@ _SPACING = 100_000
 
 
 def evaluation_seeds(count: int, first: int = 0) -> list[int]:
-    """``count`` seeds that training and tuning never use, from number ``first`` of their range on.
+    """``count`` evaluation seeds, numbers ``first`` and following; no training or tuning uses them.
 
     Raises:
         ValueError: if there are none, or they would leave the evaluation range.

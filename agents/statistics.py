@@ -52,9 +52,9 @@ class Interval:
 
 
 EQUIVALENT, UNDECIDED = "equivalent", "not decided"
-"""One of the six results of `verdict`, which defines them."""
+"""Verdicts, of which `verdict` defines six and gives one."""
 BETTER, HIGHER, LOWER, WORSE = "better", "higher", "lower", "worse"
-"""One of the six results of `verdict`, which defines them."""
+"""Verdicts, of which `verdict` defines six and gives one."""
 
 
 def verdict(differences: np.ndarray, margin: float, span: float, comparisons: int = 1) -> str:

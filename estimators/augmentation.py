@@ -16,8 +16,8 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
 
     ``(x, d)+ = [A, G; 0, 0] (x, d) + [0; I] d(k+1)`` and ``y = [C, H] (x, d)``. So filters that
     need H = 0 can use a model with feedthrough. At step k they estimate the new model's input of
-    step k - 1, which is d(k). The prior of the filter joins that of the state and that of the
-    input.
+    step k - 1, which is d(k). Give the filter one prior
+    of (x, d).
 
     Args:
         model: A model with unknown inputs, and H of rank q if an unbiased filter is to estimate

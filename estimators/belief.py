@@ -104,7 +104,7 @@ class Belief:
         return self.of({k: None if a is None else a[rows] for k, a in self.arrays().items()})
 
     def with_rows(self, rows: np.ndarray, other: "Belief") -> Self:
-        """This belief with the rows that a mask selects taken, in order, from ``other``.
+        """A copy whose k rows selected by the mask ``rows`` are the k rows of ``other``.
 
         Raises:
             ValueError: if the two are beliefs of different filters.

@@ -52,10 +52,10 @@ class DelayedBelief:
     Attributes:
         now: The filter's own belief.
         steps: The steps, oldest first; the last is that of ``now``.
-        reach: ``(...)`` greatest age in steps of a measurement that a row accepts: the number of
-            steps since the row began, at most the horizon.
-        refused: ``(...)`` number of measurements refused since the row began, because they came too
-            late or a second time.
+        reach: ``(...)`` greatest age in steps of a measurement that each system of the batch
+            accepts: the number of steps since its `init`, at most the horizon.
+        refused: ``(...)`` number of measurements refused since then, because they came too late or
+            a second time.
     """
 
     now: Any
@@ -79,7 +79,7 @@ class DelayedBelief:
         return type(self)(self.now[rows], steps, self.reach[rows], self.refused[rows])
 
     def with_rows(self, rows: np.ndarray, other: Self) -> Self:
-        """This belief with the rows that a mask selects taken, in order, from ``other``."""
+        """A copy whose k rows selected by the mask ``rows`` are the k rows of ``other``."""
         steps = list(self.steps)
         for i in range(-min(len(steps), len(other.steps)), 0):
             steps[i] = Step(*map(partial(_with_rows, rows), steps[i], other.steps[i]))
@@ -94,8 +94,8 @@ class Delayed:
     Its ``update`` takes measurements by age, ``y (..., ages, p)``: ``y[..., 0, :]`` are
     measurements of the present step, ``y[..., a, :]`` those of ``a`` steps ago. Each is NaN or
     masked unless it comes with this call. A channel has one measurement a step. Measurements are
-    refused if they are older than the horizon, date from before a row began, or come a second time;
-    the belief's ``refused`` counts them. Everything else is as in the filter.
+    refused if they are older than the horizon, date from before their system's `init`, or come a
+    second time; the belief's ``refused`` counts them. Everything else is as in the filter.
 
     Args:
         filter: Any filter, also one of your own: an object with ``init``, ``predict`` and

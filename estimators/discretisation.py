@@ -66,7 +66,7 @@ def sampled(
     Args:
         A: ``(n, n)``, of continuous time.
         C: ``(p, n)``.
-        Q: ``(n, n)`` intensity of the white noise w: variance a unit of time.
+        Q: ``(n, n)`` intensity of the white noise w, a variance per unit of time.
         R: ``(p, p)`` covariance of a measurement.
         B: ``(n, m)``, or None.
 

@@ -54,7 +54,7 @@ class MonitorState(NamedTuple):
     memory: np.ndarray
 
     def with_rows(self, rows: np.ndarray, other: "MonitorState") -> "MonitorState":
-        """This state with the rows that a mask selects taken, in order, from ``other``."""
+        """A copy whose k rows selected by the mask ``rows`` are the k rows of ``other``."""
         merged = MonitorState(*map(np.array, self))
         for mine, theirs in zip(merged, other, strict=True):
             mine[rows] = theirs
@@ -218,11 +218,11 @@ class CusumMonitor(FaultMonitor):
     """CUSUM test of the mean of each channel: detects a lasting bias sooner than a window.
 
     With ``w = S^-1 e`` of the innovation e, ``z = w / sqrt(diag S^-1)`` is standard normal in each
-    channel. Two sums are kept, ``g+ = max(0, g+ + z - k)`` and ``g- = max(0, g- - z - k)``, with k
-    half of ``shift``. A sum above the threshold raises the alarm. All sums of this system of the
-    batch then begin again at 0. The threshold treats the channels' rates of false alarms as if they
-    added up. Channels that raise alarms together make the true rate lower, so the mean time between
-    false alarms is never shorter than stated.
+    channel. Each channel of each system of the batch has two sums, ``g+ = max(0, g+ + z - k)`` and
+    ``g- = max(0, g- - z - k)``, with k half of ``shift``. A sum above the threshold raises the
+    alarm, and all sums of the same system begin again at 0. The threshold treats the channels'
+    rates of false alarms as if they added up. Channels that raise alarms together make the true
+    rate lower, so the mean time between false alarms is never shorter than stated.
 
     Source: Page (1954), Continuous inspection schemes; Basseville & Nikiforov (1993), sec. 2.2 and
     ch. 5.

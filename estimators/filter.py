@@ -57,7 +57,7 @@ class Filter(ABC, Generic[Record]):
     """
 
     name: str
-    """Name given to `make`; otherwise the name that the class defines or inherits."""
+    """The name by which `make` made the filter, else the class attribute ``name``."""
     record: type[Belief] = Belief
     """Class of the filter's beliefs."""
     input_delay: int | None = None
@@ -164,7 +164,7 @@ class Filter(ABC, Generic[Record]):
         return *model.linearise_transition(belief.mean, u, belief.cov), resolve(model.Q, u)
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
-        """Expected measurement, C, and R unless given."""
+        """Expected measurement, C, and R: the argument, or the model's if it is None."""
         y, C = self.model.linearise_measurement(belief.mean, u, belief.cov)
         return y, C, self._noise(belief, u, R)
 

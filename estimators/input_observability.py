@@ -22,7 +22,8 @@ class InputConditions(NamedTuple):
             Infinite if part of the input does not show at all.
         zeros: Invariant zeros that d adds to the system. Each stands for an input that no
             measurement ever shows. With a zero on or outside the unit circle the errors of an
-            unbiased filter grow without bound. A single NaN means that every number is a zero.
+            unbiased filter grow without bound. A single NaN stands for all complex numbers: each is
+            a zero.
     """
 
     rank: int
@@ -43,10 +44,10 @@ def input_conditions(
 
     A direction of d shows at once if H shows it, else one step later through C G, in measurements
     free of the directions that H shows. This covers the rank conditions of all filters with unknown
-    input. The standard deviations of the result assume that the state is known as well as by a
-    Kalman filter with known d, in its steady state. Without a steady state they assume a known
-    state, so that R alone counts. An unbiased filter knows the state less well. Zeros above 1000 in
-    modulus count as infinite and are left out.
+    input. The result's ``sd`` assumes that the state has the covariance of a Kalman filter with
+    known d, in its steady state. Without a steady state it assumes a known state, so that R alone
+    counts. An unbiased filter knows the state less well. The result's ``zeros`` lack those above
+    1000 in modulus, which count as infinite.
 
     Args:
         A: ``(n, n)``; no argument has batch axes.

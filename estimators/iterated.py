@@ -20,8 +20,8 @@ class IteratedExtendedKalmanFilter(ExtendedKalmanFilter):
         V(x) = (y - h(x))' R^-1 (y - h(x)) / 2 + (x - x-)' P^-1 (x - x-) / 2
 
     and is found by the Gauss-Newton method. The measurement is linearised at the latest estimate,
-    not at the prediction, until the estimate stops moving. With ``x = x- + P a`` a step inverts
-    only S::
+    not at the prediction, until the estimate stops moving. Written as ``x = x- + P a``, a step
+    inverts only S::
 
         a <- a + t (C' S^-1 [y - h(x) + C P a] - a)
         C = dh/dx at x      S = C P C' + R

@@ -173,12 +173,11 @@ def truth_first(study: str) -> str:
     )
 
 
-def headline(study: str, environment: str, sea: str = "") -> str:
+def headline(study: str, environment: str) -> str:
     """Score lost against the truth, and steering, in each suite."""
     travel = episodes(study, environment, key="steering_travel")
     at = {str(each): each for each in columns(study)}
-    places = [f"{sea}, {suite}" if sea else suite for suite in SUITE]
-    chosen = [at[f"{environment}, {place}"] for place in places]
+    chosen = [at[f"{environment}, {suite}"] for suite in SUITE]
     lost = [
         listed([f"{(each.scores[ORACLE] - each.scores[name or each.best()]).mean():.3f}"
                 for each in chosen])

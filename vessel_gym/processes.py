@@ -207,7 +207,8 @@ def advance(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
     """Processes a step later, noise of the coming step, and exogenous input from both.
 
-    The parts are the disturbance and the bias of each sensor; s is the number of white increments.
+    The processes are the disturbance and each sensor's bias, together called parts; s is the number
+    of white increments.
 
     Args:
         keys: ``(..., parts, 2)`` keys of the random numbers of each part.

@@ -154,7 +154,7 @@ class System:
 
     @property
     def verified(self) -> bool:
-        """Do tests verify the vehicle, the task and the tuning?"""
+        """True if vehicle, task and tuning are declared verified (`Verified`)."""
         return is_verified(self.vehicle) and is_verified(self.task) and is_verified(self.tuning)
 
     @property

@@ -19,7 +19,7 @@ class Verified:
     """
 
     verified: ClassVar[bool] = False
-    """True if tests verify this class: ``class NAME(..., verified=True)``; False in subclasses."""
+    """Was this class declared with ``verified=True``? Its subclasses must declare it themselves."""
 
     def __init_subclass__(cls, verified: bool = False, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)

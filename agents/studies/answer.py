@@ -158,17 +158,17 @@ def _trend(ranking: Ranking) -> str | None:
 
 
 def _last(names: Sequence[str], changes: Sequence[Interval | None], more: str) -> str:
-    """The first condition with a significant loss and the one before it, by the changes to each.
+    """Sentence on the first condition whose change is a significant loss.
 
-    Where nothing is decided, there is more to say.
+    If no change is significant, the sentence ends with ``more``.
     """
     for i, change in enumerate(changes):
         if change and change.high < 0.0:
             if i == 0:
                 return f"Already the loss at {names[1]} is significant."
             return (
-                f"The first significant loss is at {names[i + 1]}; the last condition before it is"
-                f" {names[i]}."
+                f"The first significant loss is at {names[i + 1]}; up to {names[i]} none is"
+                " significant."
             )
     more = "" if any(change and change.low > 0.0 for change in changes) else more
     return f"No loss against {names[0]} is significant{more}."

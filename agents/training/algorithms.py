@@ -340,7 +340,7 @@ def batch(
 ) -> Any:
     """Environments of the learner, from the result of `describe`.
 
-    ``env_options`` are those given to `describe`; None: those in its result.
+    ``env_options`` replace the environment's options in that result; None: take those.
     """
     from stable_baselines3.common.vec_env import VecFrameStack
 

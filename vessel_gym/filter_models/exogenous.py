@@ -221,9 +221,6 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
                 f"{who} gives white increments to {name}, which must be an increment ({increments})"
                 " that its effect does not give"
             )
-    for name in disturbance.names:
-        if name in vehicle.state_names:
-            yield f"{who} calls a component {name!r}, as another is called"
     ship = getattr(disturbance, "ship", None)
     flown = getattr(vehicle, "ship", ship)
     dimensions = attrgetter("length", "beam", "draught", "mass")
@@ -233,6 +230,9 @@ def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
         own, dt = disturbance.dt, vehicle.dt
         yield f"{who} was made for steps of {own} s, the vehicle's are {dt:g} s: give it dt={dt:g}"
     yield from _contradictions(who, disturbance)
+    for name in disturbance.names:
+        if name in vehicle.state_names:
+            yield f"{who} calls a component {name!r}, as another is called"
     yield from _mistakes_of_effect(f"effect of {who}", vehicle, disturbance)
 
 
@@ -255,13 +255,13 @@ def _mistaken_values(who: str, disturbance: Disturbance) -> Iterator[str]:
         yield (
             f"uniforms of {who} must be a whole number of at least 0, got {short_repr(uniforms)}"
         )
-    for name in disturbance.averaged:
-        if name not in disturbance.forces:
-            yield f"averaged of {who} must name some of its forces, got {short_repr(name)}"
 
 
 def _contradictions(who: str, disturbance: Disturbance) -> Iterator[str]:
     """Parts of a disturbance that contradict each other, and a process that grows."""
+    for name in disturbance.averaged:
+        if name not in disturbance.forces:
+            yield f"averaged of {who} must name some of its forces, got {short_repr(name)}"
     owners = [
         next(c for c in type(disturbance).__mro__ if name in vars(c))
         for name in ("effect", "effect_at")

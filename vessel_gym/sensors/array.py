@@ -41,8 +41,9 @@ class Sensors:
         TypeError: for objects that are no sensors, or no faults of sensors.
         ValueError: for no sensors, two sensors or biases with one name, a rate that does not divide
             the steps a second, or a delay of no whole number of steps. Also for a fault of an
-            unknown sensor or with a wrong number of channels. Functions ``reads`` and ``sd`` must
-            be deterministic, broadcast, and return one value for each channel.
+            unknown sensor or with a wrong number of channels, and for a sensor's function ``reads``
+            or ``sd`` that is random, does not broadcast, or does not return one value for each
+            channel.
     """
 
     def __init__(
@@ -136,7 +137,7 @@ class Sensors:
 
     @property
     def verified(self) -> bool:
-        """Do tests verify all functions that are called in every step?"""
+        """True if all functions that are called in every step are compiled."""
         return not self._varying and all(isinstance(reads, Compiled) for _, reads in self.called)
 
     @cached_property
@@ -323,8 +324,9 @@ class Sensors:
         Args:
             expected: Function from a filter's states and known inputs to expected measurements
                 ``(..., p)``.
-            x: A state ``(n,)``. R there is checked, and a filter shows it as its constant R.
-            u: A known input at which R is evaluated with ``x``.
+            x: A state ``(n,)`` at which R is checked. If R varies, its value there is also the
+                constant R of the result.
+            u: Known input that belongs to ``x``.
 
         Raises:
             ValueError: for a standard deviation that is negative or NaN there.

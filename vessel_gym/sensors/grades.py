@@ -74,7 +74,7 @@ def load_grades(path: str | Path, system: Any) -> dict[str, dict[str, Sensor]]:
     """Grades from a file of your own, in the form that `grades_of` returns.
 
     Raises:
-        ValueError: for anything wrong in the file, in one sentence with its line.
+        ValueError: for anything wrong in the file; the message names its line.
         OSError: if the file cannot be read.
     """
     return read_grades(system, path).sensors

@@ -44,9 +44,9 @@ class Task(Verified):
     """Base class of missions; by default without scenario, guidance, or end before the time limit.
 
     A subclass must define `score` and may override all else. Default observations are the estimate
-    or the measurements, the scenario and the actuators, divided by their scales. Only `score`
-    receives the truth, directly or through `reference` and `over`. No argument of an ``observe``
-    method contains the truth.
+    or the measurements, the scenario and the actuators, divided by their scales. `score`
+    receives the truth, and so may the methods that it calls, `reference` and `over`. No argument of
+    an ``observe`` method contains the truth.
 
     A task may also have ``exogenous(scenario, step)``, which returns an addition ``(B, f)`` to the
     disturbance's increments and flows over the coming step.

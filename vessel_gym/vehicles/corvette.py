@@ -107,6 +107,7 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
     the ray from zero to the equilibrium of the commanded turn, at the speed of that turn (8-point
     Gauss-Legendre). It is exact at both ends.
     """
+    instance("ship of secant_models", ship, CorvetteParameters)
     check_numbers("secant_models", {"dt": dt}, positive="dt")
     turns = steady_turns(ship)
     nodes, weights = np.polynomial.legendre.leggauss(8)
@@ -124,6 +125,7 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
 @cache
 def surge_models(ship: CorvetteParameters, dt: float) -> np.ndarray:
     """Share ``(k,)`` of a deviation from each turn's speed that remains after a step."""
+    instance("ship of surge_models", ship, CorvetteParameters)
     check_numbers("surge_models", {"dt": dt}, positive="dt")
     turns, step = steady_turns(ship), 1e-4
 
@@ -146,6 +148,7 @@ def linear_matrices(
         inputs: Number of components of ``u = (rudder, commanded yaw rate, ...)``; the rudder alone
             moves the ship.
     """
+    instance("ship of linear_matrices", ship, CorvetteParameters)
     A_table, B_table = secant_models(ship, dt)
     A_table = np.concatenate([A_table[:0:-1], A_table])  # turns to port mirror those to starboard
     B_table = np.concatenate([B_table[:0:-1], B_table])

@@ -83,7 +83,7 @@ def load(source: str | Path, expected: type[Any] = object, *, stable: bool = Tru
             needs steady turns.
 
     Raises:
-        ValueError: for an unknown name, or an error in the file, in one sentence with its line.
+        ValueError: for an unknown name, or an error in the file; the message names its line.
         TypeError: for anything but a name or a path.
         OSError: if the file cannot be read.
     """

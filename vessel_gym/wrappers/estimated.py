@@ -68,7 +68,8 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         observe: "mean"; "mean+std", with the standard deviations of the states appended, or as
             ``std`` in a dictionary; or "measurement": measurements, mask of those that arrived, and
             ``passes``.
-        sensor_faults: `SensorFault` objects, with times in the same unit.
+        sensor_faults: `SensorFault` objects. Their times are in s if the environment has a time
+            step ``dt``, otherwise in steps.
 
     Raises:
         TypeError: for an object that is no model, prior or estimator, or observations that are
@@ -130,8 +131,8 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
     def compute_reward(self) -> Callable[..., Any]:
         """``compute_reward(achieved, desired, info)`` of an environment with goals.
 
-        Other environments have no such method. The method does not use the truth: for an estimated
-        achieved goal it returns the reward of reaching that goal.
+        Other environments have no such method. The method does not use the truth: it computes the
+        reward from the achieved goal that it is given, which may be an estimate.
         """
         own: Callable[..., Any] = self.env.get_wrapper_attr("compute_reward")
         return own

@@ -171,14 +171,12 @@ def test_over_conditions_that_are_numbers_the_answer_is_their_trend():
         r" −0\.0\d+ ± \S+ at 1 Hz and −0\.4\d+ ± \S+ at 0\.2 Hz\.",
         told,
     )
-    assert told.endswith(
-        " The first significant loss is at 1 Hz; the last condition before it is 5 Hz."
-    )
+    assert told.endswith(" The first significant loss is at 1 Hz; up to 5 Hz none is significant.")
 
     late = "in time", "1 s late", "2 s late"
     told = answer(numbered(*late, **{"kf-umv-ui_in_1 s late": 0.9}))[0]
     assert re.search(
-        r'At "in time" .* at "1 s late" and .* "2 s late"\. Already the loss at "1 s', told
+        r'At "in time" .* at "1 s late" and .* at "2 s late"\. Already the loss at "1 s', told
     )
 
 
