@@ -26,7 +26,12 @@ from agents import episode
 
 episode("SigmaCorvette-v0", seed=None, env_options={"disturbance": "rough"}).save(sys.argv[1])
 """
-UNBROKEN = re.compile(r" ± |(?<=\d) (?=%|(?:s|m|km|kn|Hz)\b)")  # a space that is no end of a line
+UNBROKEN = re.compile(  # spaces at which no line ends
+    r" ± |(?<=\d) (?=%|(?:s|m|km|kn|kg|t|rad|deg|hPa|Hz|m/s|rad/s)\b)"
+    r"|\b(?:(?:eqs?|Figs?|secs?)\.|Table|line|row) (?=\d)"
+)
+SHORT = 24
+"""Largest length of code in a sentence that stays on one line."""
 SPACED = re.compile(
     r"(?<=[\w)\]}])\s*(?=\\(?:sin|cos|tan)\b)"
     r"|(?<=\\(?:sin|cos|tan))\s*(?=[A-Za-z]|\\[a-z]*(?:eta|pha|phi|psi|mma)\b)"
@@ -82,6 +87,7 @@ napoleon_numpy_docstring = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True
 add_module_names = False
+highlight_language = "none"  # of a literal block in a docstring: most are formulas
 nitpick_ignore_regex = [
     ("py:.*", ".*")
 ]  # types of other packages; pages, anchors and labels are checked
@@ -180,7 +186,7 @@ def setup(app: Sphinx) -> None:
     app.add_directive("manual", Manual)
     app.add_directive("episode", Episode)
     app.add_html_math_renderer("mathml", (_write_mathml, None), (_write_mathml, None))
-    app.connect("builder-inited", _fly_the_episode)
+    app.connect("config-inited", _fly_the_episode)  # before the gallery: compiles what that shows
     app.connect("doctree-read", _keep_numbers_on_one_line)
     app.connect("doctree-read", _link_tests)
     app.connect("source-read", lambda app, page, text: _linked(text, (HERE / page).parent))
@@ -190,7 +196,7 @@ def setup(app: Sphinx) -> None:
     )  # before napoleon's
 
 
-def _fly_the_episode(app: Sphinx) -> None:
+def _fly_the_episode(app: Sphinx, config: object) -> None:
     """Write the front page's episode, at the typical one of 40 seeds; without one the page shows a picture."""
     if not EPISODE.exists():
         done = subprocess.run(
@@ -210,12 +216,16 @@ def _write_mathml(writer: HTML5Translator, node: nodes.math | nodes.math_block) 
     text = re.sub(r"\\(min|max)(?=\s*\()", r"\\operatorname{\1}", text)
     text = re.sub(r"(?:\\vert |\|)(\\?\w+)(?: \\vert|\|)", r"\\left|\1\\right|", text)
     formula = tex2mathml(text, as_block=block)
-    writer.body.append(f'<div class="math">{formula}</div>' if block else formula)
+    if block:
+        formula = f'<div class="math">{formula}</div>'
+    elif mark := node.get("mark"):
+        formula = f'<span class="formula">{formula}{mark}</span>'
+    writer.body.append(formula)
     raise nodes.SkipNode
 
 
 def _keep_numbers_on_one_line(app: Sphinx, doctree: nodes.document) -> None:
-    """Mark wide tables, cells of numbers and of long text, and bind numbers to ± and units."""
+    """Mark wide tables, cells of numbers and of long text; bind numbers to ± and units, and a formula to its stop."""
     for group in doctree.findall(nodes.tgroup):
         if group["cols"] > 5:
             group.parent["classes"].append("wide")
@@ -224,12 +234,18 @@ def _keep_numbers_on_one_line(app: Sphinx, doctree: nodes.document) -> None:
             cell["classes"].append("number")
         elif len(cell.astext()) > 14:
             cell["classes"].append("text")
+    for code in doctree.findall(nodes.literal):
+        if len(code.astext()) <= SHORT:
+            code["classes"].append("short")
+    for formula in list(doctree.findall(nodes.math)):
+        after = formula.next_node(descend=False, siblings=True)
+        if isinstance(after, nodes.Text) and (mark := re.match(r"[.,;:)]+", after)):
+            formula["mark"] = mark[0]
+            after.parent.replace(after, nodes.Text(after[mark.end() :]))
     for text in list(doctree.findall(nodes.Text)):
         parent = text.parent
-        code = (
-            isinstance(parent, nodes.literal | nodes.literal_block)
-            and "output" not in parent["classes"]
-        )
+        exact = nodes.literal | nodes.literal_block | nodes.math | nodes.math_block
+        code = isinstance(parent, exact) and "output" not in parent["classes"]
         bound = UNBROKEN.sub(lambda found: found[0].replace(" ", "\u00a0"), text)
         if bound != text and not code:
             parent.replace(text, nodes.Text(bound))

@@ -77,10 +77,10 @@ class Options:
         termination: What decides that the mission is complete: ``"belief"``, the estimate (default
             where estimates are observed), or ``"task"``, the truth (default where measurements are
             observed). Limits of the task and time end any episode.
-        guidance: With True, an observation describes the mission relative to the estimated
-            position, or to the last measured one. With False, it contains the estimate or the
-            measurements, the mission's parameters (such as the path) and the actuators. The
-            default is True where estimates are observed.
+        guidance: With True, an observation describes the mission relative to the estimate or the
+            last measurements, such as a distance from the path. With False, it contains the
+            estimate or the measurements, the mission's parameters (such as the path) and the
+            actuators. The default is True where estimates are observed.
         sensor_faults: Faults of sensors with their times: a list of
             `vessel_gym.sensor_faults.SensorFault`.
 

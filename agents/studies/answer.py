@@ -325,4 +325,4 @@ def markdown_frame(table: pd.DataFrame) -> str:
         [str(cell).replace("|", "\\|") for cell in row]
         for row in (cells.columns, *cells.itertuples(index=False))
     ]
-    return markdown_table(heading, rows, 1)
+    return markdown_table(heading, rows, len(heading))

@@ -28,5 +28,5 @@ for estimator in ("measurement", "ekf", "kf-umv-ui"):
     )
 axes.set(xlabel="time [s]", ylabel="error of the estimated position [m]")
 axes.set_ylim(top=1.3 * axes.get_ylim()[1])  # room for the legend
-axes.legend(ncols=3, loc="upper center")
+axes.legend(ncols=3, loc="upper center", fontsize="small")
 plt.show()
