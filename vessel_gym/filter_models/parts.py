@@ -83,7 +83,7 @@ class Parts:
         return self.forces.on(self._z(x[..., self.base :]), self.state(x), self.unknown)
 
     def _z(self, estimated: np.ndarray) -> np.ndarray:
-        """State of the disturbance, given its estimated components first; 0 elsewhere."""
+        """State z of the disturbance with the ``estimated`` components; the others are 0."""
         components = {int(i): estimated[..., j] for j, i in enumerate(self.estimated)}
         return spread(components, self.forces.disturbance.process.size, estimated)
 

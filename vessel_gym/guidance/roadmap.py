@@ -155,6 +155,8 @@ def _bellman_ford(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Shortest ways: their lengths and last touches by scene, and all touches' predecessors.
 
+    A last touch of -1 stands for the way of length ``best``, a predecessor of -1 for the start.
+
     Args:
         scene: ``(n,)`` scenes of the touches, sorted.
         nodes: ``(n, 7)`` touches.
@@ -299,7 +301,7 @@ def _meeting(
 def _legs(
     count: np.ndarray, touches: Sequence[np.ndarray], discs: np.ndarray
 ) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Length of the first ``count`` of three legs, and the straights between opposite turns."""
+    """Length of the first ``count`` of three legs; their straights, infinite between like turns."""
 
     def leg(i: np.ndarray, total: np.ndarray, *straights: np.ndarray) -> tuple[np.ndarray, ...]:
         here, there = (_picked(np.stack(ends, -2), i) for ends in (touches[:3], touches[1:]))
@@ -376,7 +378,8 @@ def _next_place(
     """Next place of `_slid` and failures in a row, past pairs that cannot slide together.
 
     Returns:
-        Place, failures, and mask of ways in which every slide failed; both begin anew there.
+        Place, 0 after the last one; failures; and mask of ways in which every slide failed, for
+        which both begin anew at 0.
     """
     i = np.floor(place / 3.0)
     for k, movable, straight in ((1.0, i > 0.0, before), (2.0, i < count - 1.0, after)):

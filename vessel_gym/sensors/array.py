@@ -82,7 +82,7 @@ class Sensors:
                 )
         self.bias_scale = np.array([bias.scale for bias in biased for _ in bias.states])
         self._check()
-        self._gains, self.called = self._gained()
+        self._gains, self.called = self._gains_and_functions()
 
     def _entries(self, name: str, default: Any) -> list[Any]:
         """An attribute of the sensors, one entry for each channel; ``default`` without one."""
@@ -112,7 +112,9 @@ class Sensors:
                 gain[own.start : own.start + k, first : first + states] = sensor.bias.gain
         return gain
 
-    def _gained(self) -> tuple[np.ndarray, list[tuple[slice, Callable[..., np.ndarray]]]]:
+    def _gains_and_functions(
+        self,
+    ) -> tuple[np.ndarray, list[tuple[slice, Callable[..., np.ndarray]]]]:
         """Gains ``(p, m)`` of linear sensors; channels and functions called in every step.
 
         The columns of the gains are state, exogenous input and biases.

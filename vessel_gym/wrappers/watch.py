@@ -65,7 +65,7 @@ class Watch:
         self._observation, self._known = observation, known_input or plain_action(action_space)
         self._passes = _checked_passes(space, passes)
         self.model, self._suite = model, isinstance(sensors, str)
-        u = self._tried_input(action_space)
+        u = self._checked_input(action_space)
         self.sensors = _sensors(model, sensors, len(u), sensor_faults, dt)
         options = checks.options("estimator_options", estimator_options)
         late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
@@ -214,8 +214,8 @@ class Watch:
 
     # --- inside -----------------------------------------------------------------------------------
 
-    def _tried_input(self, action_space: Space) -> np.ndarray:
-        """Known input ``(m,)`` of some action, with which the model's functions were tried."""
+    def _checked_input(self, action_space: Space) -> np.ndarray:
+        """Known input ``(m,)`` of a random action, for which the model's functions are checked."""
         action = deepcopy(action_space).sample()  # a copy, so that the space's own state stays
         u = np.atleast_1d(self._numbers(action))
         self.model.check_known_input(u)
