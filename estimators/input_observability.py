@@ -42,12 +42,14 @@ def input_conditions(
 ) -> InputConditions:
     """Observability of the unknown inputs of ``x+ = A x + G d + w``, ``y = C x + H d + v``.
 
-    A direction of d shows at once if H shows it, else one step later through C G, in measurements
-    free of the directions that H shows. This covers the rank conditions of all filters with unknown
-    input. The result's ``sd`` assumes that the state has the covariance of a Kalman filter with
-    known d, in its steady state. Without a steady state it assumes a known state, so that R alone
-    counts. An unbiased filter knows the state less well. The result's ``zeros`` lack those above
-    1000 in modulus, which count as infinite.
+    Measurements show a direction of d at once through H, or one step later through C G. In the
+    second case only the part of a measurement counts to which H d contributes nothing. This covers
+    the rank conditions of all filters with unknown input.
+
+    The standard deviations ``sd`` of the estimates of d are computed with the state's covariance of
+    a Kalman filter with known d, in its steady state, or with a known state if there is no steady
+    state. An unbiased filter knows the state less well. Invariant zeros above 1000 in modulus count
+    as infinite and are not in ``zeros``.
 
     Args:
         A: ``(n, n)``; no argument has batch axes.

@@ -137,7 +137,7 @@ def pose(states: np.ndarray, names: Sequence[str]) -> np.ndarray:
 
 
 def in_words(name: str, angles: Sequence[str]) -> tuple[str, str, float]:
-    """Name in words, displayed unit, and factor from SI to that unit of a component of a state.
+    """A state component's name in words, its displayed unit, and the factor from SI to that unit.
 
     Args:
         name: Name of the component.

@@ -94,7 +94,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             Observations of all environments, and info of those that were reset.
 
         Raises:
-            ValueError: for wrong seeds or options, without any change.
+            ValueError: for wrong seeds or options; no environment has changed then.
             TypeError: for a mask that is not a boolean array.
             gymnasium.error.ResetNeeded: if the first reset leaves out an environment.
         """
@@ -115,7 +115,8 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Advance every environment by one step; ``autoreset_mode`` decides what follows an end.
 
         Raises:
-            ValueError: if the actions have the wrong shape or are not finite, without any change.
+            ValueError: if the actions have the wrong shape or are not finite; no environment has
+                changed then.
             gymnasium.error.ResetNeeded: before the first reset; in mode ``"Disabled"`` also where
                 an episode has ended.
         """
