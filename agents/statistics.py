@@ -52,9 +52,9 @@ class Interval:
 
 
 EQUIVALENT, UNDECIDED = "equivalent", "not decided"
-"""Verdicts, of which `verdict` defines six and gives one."""
+"""A result of `verdict`, where its condition is defined."""
 BETTER, HIGHER, LOWER, WORSE = "better", "higher", "lower", "worse"
-"""Verdicts, of which `verdict` defines six and gives one."""
+"""A result of `verdict`, where its condition is defined."""
 
 
 def verdict(differences: np.ndarray, margin: float, span: float, comparisons: int = 1) -> str:

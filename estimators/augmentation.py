@@ -24,7 +24,7 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
             them. Jacobians that you gave to it are not used.
 
     Raises:
-        ValueError: if the model has no unknown input, or ``delayed_feedthrough``.
+        ValueError: if the model has no unknown input, or has ``delayed_feedthrough=True``.
     """
     n, q = model.n, model.q
     if q == 0 or model.delayed_feedthrough:

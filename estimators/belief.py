@@ -104,7 +104,11 @@ class Belief:
         return self.of({k: None if a is None else a[rows] for k, a in self.arrays().items()})
 
     def with_rows(self, rows: np.ndarray, other: "Belief") -> Self:
-        """A copy whose k rows selected by the mask ``rows`` are the k rows of ``other``.
+        """A copy with the rows replaced that the mask ``rows`` selects.
+
+        Args:
+            rows: Mask ``(...)`` of the batch.
+            other: The new rows alone, one for each selected row, in the same order.
 
         Raises:
             ValueError: if the two are beliefs of different filters.

@@ -79,7 +79,7 @@ class DelayedBelief:
         return type(self)(self.now[rows], steps, self.reach[rows], self.refused[rows])
 
     def with_rows(self, rows: np.ndarray, other: Self) -> Self:
-        """A copy whose k rows selected by the mask ``rows`` are the k rows of ``other``."""
+        """A copy with the rows replaced that the mask ``rows`` selects, see `Belief.with_rows`."""
         steps = list(self.steps)
         for i in range(-min(len(steps), len(other.steps)), 0):
             steps[i] = Step(*map(partial(_with_rows, rows), steps[i], other.steps[i]))

@@ -245,8 +245,8 @@ class EnsembleTransformFilter(EnsembleFilter):
     stays exact, but the covariance has a relative error of up to ``eps P / R``, with P the
     predicted variance and eps the machine precision.
 
-    Evensen's square-root filter is the same transform in its symmetric form, which keeps the
-    members' mean.
+    The square-root filter of Evensen (2004) in its symmetric form, which keeps the members' mean,
+    is this transform.
 
     Sources: Bishop, Etherton & Majumdar (2001); Wang, Bishop & Julier (2004); Evensen (2004), made
     symmetric by Sakov & Oke (2008b) and Livings, Dance & Nichols (2008); the reduced gain of

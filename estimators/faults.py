@@ -54,7 +54,7 @@ class MonitorState(NamedTuple):
     memory: np.ndarray
 
     def with_rows(self, rows: np.ndarray, other: "MonitorState") -> "MonitorState":
-        """A copy whose k rows selected by the mask ``rows`` are the k rows of ``other``."""
+        """A copy with the rows replaced that the mask ``rows`` selects, see `Belief.with_rows`."""
         merged = MonitorState(*map(np.array, self))
         for mine, theirs in zip(merged, other, strict=True):
             mine[rows] = theirs

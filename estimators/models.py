@@ -212,8 +212,8 @@ class NonlinearModel(_Model):
         transition_jacobian: ``df/dx (x, u) -> (..., n, n)``; None: exact if ``f`` is compiled,
             otherwise by central differences.
         measurement_jacobian: ``dh/dx (x, u) -> (..., p, n)``; None: found in the same way.
-        states: n, where Q and G are functions.
-        measurements: p, where R and H are functions.
+        states: The number n, needed if Q and G are functions.
+        measurements: The number p, needed if R and H are functions.
         delayed_feedthrough: H feeds d(k-1) through instead of d(k), see `LinearModel`.
 
     Functions run in NumPy unless they are decorated `@compiled`. They must be pure, as those of a

@@ -106,8 +106,8 @@ def fit(
     Args:
         build: Function that makes a filter and its prior from the parameters, given by name.
         start: Parameters at which the search begins, by name: positive numbers, which are searched
-            as their logarithms. If all of them multiplied by a power of e^8 are likelier, the
-            search begins there.
+            as their logarithms. If one of the factors e^-8, e^8, e^-16 ... on all of them
+            makes the measurements likelier, the search begins at the likeliest.
         y: ``(T, ..., p)`` measurements, as `run` takes them; rows of a batch are independent series
             of the same parameters.
         u: Known inputs, as `run` takes them.

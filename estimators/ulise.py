@@ -35,10 +35,11 @@ class ULISE(DelayedInputFilter):
     without a prior, from the next measurement.
 
     In directions that H hardly shows, d(k) first counts as noise of covariance ``input_prior``,
-    which adds to S, also in the formula of D. The belief keeps the effect of this noise on the
-    errors of x and d1 (``input_reach``). At the next measurement that effect takes the place of G,
-    so these directions are still estimated without bias. Only directions that neither measurement
-    shows well are estimated from N(0, ``input_prior``). Covariances are computed in Joseph form.
+    which adds to S, also in the formula of D. The belief keeps the matrix by which this part of
+    d(k) changes the errors of x and d1 (``input_reach``). At the next measurement that matrix takes
+    the place of G, so these directions are still estimated without bias. Only directions that
+    neither measurement shows well are estimated from N(0, ``input_prior``). Covariances are
+    computed in Joseph form.
 
     The whole input is known one step late: ``input_mean`` is d(k-1) (``input_delay`` 1),
     ``feedthrough_mean`` is d1(k). With H = 0 this is `kf-umv-ui-wdf`; with rank H = q the states

@@ -81,7 +81,7 @@ class Disturbance(Verified, verified=True):
     ) -> np.ndarray:
         """Effect at ``time (...)`` [s] of an episode with constants; default: `effect`.
 
-        The constants are ``drawn (..., e)``.
+        The argument ``drawn (..., e)`` has the constants.
         """
         return self.effect(z, state)
 
@@ -470,7 +470,7 @@ class Fault(Disturbance, verified=True):
         return *there, *(size for _, _, sizes in self._own for size in sizes)
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Effect of the other disturbance, then what is added to the actuators and lost."""
+        """Effect of the other disturbance, then the actuators' faults: additions, lost shares."""
         return self._with_fault(self.beside.effect(z[..., : self.beside.process.size], state), z)
 
     def draw(self, uniforms: np.ndarray) -> np.ndarray:

@@ -99,7 +99,8 @@ class System:
         disturbances: Disturbances by name: ``"calm"``, ``"moderate"``, ``"rough"``.
         estimator: The default estimator.
         filter_model: Kind of the filters' model.
-        tuning: Function of a filter's name and composition that returns options of the filter.
+        tuning: Function of a filter's name and of the `Composition` of its model that returns
+            options of the filter.
         filter_models: Kinds of the models of particular filters, by name of the filter.
         sensors: Sensors in nominal quality; None for the vehicle's own.
     """
@@ -154,7 +155,7 @@ class System:
 
     @property
     def verified(self) -> bool:
-        """True if vehicle, task and tuning are declared verified (`Verified`)."""
+        """True if vehicle, task and tuning are declared ``verified``, so that they are compiled."""
         return is_verified(self.vehicle) and is_verified(self.task) and is_verified(self.tuning)
 
     @property

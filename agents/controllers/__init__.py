@@ -45,8 +45,8 @@ def register_controller(task_type: type, name: str) -> Callable[[F], F]:
 
     Args:
         task_type: The class of the task.
-        name: Name of the controller for `agents.load_agent`, commands and studies; their default is
-            ``"autopilot"``.
+        name: Name of the controller for `agents.load_agent`, commands and studies. Commands and
+            studies use the controller ``"autopilot"`` by default.
 
     Raises:
         TypeError: for a task type that is no class.

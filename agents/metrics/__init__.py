@@ -72,8 +72,9 @@ def register_metrics(task_type: type, metrics: Sequence[Metric]) -> None:
     Args:
         task_type: The class of the task.
         metrics: The task's own metrics, besides those of every task (see `agents.metrics`). A
-            metric with the key of one of those replaces it. To extend the metrics of the parent
-            class, pass ``[*metrics(system), mine]`` with a system whose task is of that class.
+            metric with the key of one of those replaces it. To keep the metrics of a parent
+            class, pass ``[*agents.metrics.metrics(system), mine]``, where the system's task is of
+            the parent class.
 
     Raises:
         TypeError: for a task type that is no class.

@@ -39,11 +39,11 @@ class Sensors:
 
     Raises:
         TypeError: for objects that are no sensors, or no faults of sensors.
-        ValueError: for no sensors, two sensors or biases with one name, a rate that does not divide
-            the steps a second, or a delay of no whole number of steps. Also for a fault of an
-            unknown sensor or with a wrong number of channels, and for a sensor's function ``reads``
-            or ``sd`` that is random, does not broadcast, or does not return one value for each
-            channel.
+        ValueError: for an empty list, for two sensors or biases with one name, for a rate that does
+            not divide the number of steps per second, or for a delay of no whole number of steps.
+            Also for a fault of an unknown sensor or with a wrong number of channels, and for a
+            sensor's function ``reads`` or ``sd`` that is random, does not broadcast, or does not
+            return one value for each channel.
     """
 
     def __init__(
@@ -326,8 +326,8 @@ class Sensors:
         Args:
             expected: Function from a filter's states and known inputs to expected measurements
                 ``(..., p)``.
-            x: A state ``(n,)`` at which R is checked. If R varies, its value there is also the
-                constant R of the result.
+            x: A state ``(n,)`` at which R is checked. Where a matrix is needed without a state, a
+                varying R has its value there.
             u: Known input that belongs to ``x``.
 
         Raises:

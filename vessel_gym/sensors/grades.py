@@ -89,8 +89,8 @@ def read_grades(system: Any, path: str | Path | None = None) -> Grades:
         path: A file. None: the vehicle's file, without the sensors that the system lacks.
 
     Raises:
-        ValueError: for a vehicle without grades, or anything wrong in the file, in one sentence
-            with its line.
+        ValueError: for a vehicle without grades, or anything wrong in the file; the message names
+            its line.
         OSError: if the file cannot be read.
     """
     own_alone = path is None

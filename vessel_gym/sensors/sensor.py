@@ -126,8 +126,8 @@ class Sensor:
         scale: Divisor of each channel in a raw observation; None: 1.
         gives: State or component of the exogenous input that each channel measures directly; None
             for a channel that measures neither.
-        inverse: Function of the measurements ``(..., k)`` and of the states from preceding sensors
-            that returns further states by name; None: no further states.
+        inverse: Function that computes further states, by name, from the measurements ``(..., k)``
+            and from the states that sensors earlier in the list give. None: no further states.
         latency: Time [s] from a measurement to its arrival.
     """
 
@@ -338,7 +338,7 @@ def columns(indices: Sequence[int]) -> Any:
 
 
 def plain(components: Sequence[int]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Make a function for ``reads`` of a sensor that measures these components of the state."""
+    """Make the argument ``reads`` of a `Sensor` that measures these components of the state."""
     return linear(partial(_columns, columns(components)))
 
 

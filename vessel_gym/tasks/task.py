@@ -44,9 +44,9 @@ class Task(Verified):
     """Base class of missions; by default without scenario, guidance, or end before the time limit.
 
     A subclass must define `score` and may override all else. Default observations are the estimate
-    or the measurements, the scenario and the actuators, divided by their scales. `score`
-    receives the truth, and so may the methods that it calls, `reference` and `over`. No argument of
-    an ``observe`` method contains the truth.
+    or the measurements, the scenario and the actuators, divided by their scales. Only `score`,
+    `reference` and `over` can receive the truth. No argument of an ``observe`` method contains the
+    truth.
 
     A task may also have ``exogenous(scenario, step)``, which returns an addition ``(B, f)`` to the
     disturbance's increments and flows over the coming step.
@@ -62,9 +62,10 @@ class Task(Verified):
     success: str = ""
     """Entry of ``end_reasons`` that means success; empty if reaching the time limit is success."""
     commanding: ClassVar[slice | list[int] | None] = None
-    """Columns of the reference that hold the commands; None: the commands come from `commanded`.
+    """Columns of the reference that hold the commands.
 
-    Only in a verified task (see `verified`) do these columns take the place of `commanded`.
+    A task declared with ``verified=True`` takes the commands from these columns. If it has none,
+    and in other tasks, the commands come from `commanded`.
     """
     BOUND = 10.0
     """Observations are scaled to be of order 1 and clipped to +-10."""

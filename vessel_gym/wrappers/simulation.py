@@ -31,9 +31,9 @@ def simulator(
     """Make a filter's model that uses an environment as simulator.
 
     A copy of the environment is set to each state and stepped. This works for environments of
-    MuJoCo and of classic control; MuJoCo steps all points in one native call. The known input is
-    the action. If a simulator stores its state in float32, differences of close points are rounding
-    errors: use `ukf`.
+    MuJoCo and of classic control; in MuJoCo all states are stepped in one native call. The known
+    input is the action. If a simulator stores its state in float32, differences of close points are
+    rounding errors: use `ukf`.
 
     Args:
         env: An environment that can be made again from its spec; `simulator` does not change it.
