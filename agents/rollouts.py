@@ -94,7 +94,7 @@ def rollout(
     Raises:
         ValueError: if there is no such environment or no seed, if the agent cannot act in the
             environment, or if it returns actions of another shape.
-        TypeError: for an agent that cannot act, or arguments of another kind.
+        TypeError: for an agent without a method ``act``, or an argument of a wrong type.
     """
     seeds = list(seeds)
     if not seeds or not all(is_integer(seed) and seed >= 0 for seed in seeds):

@@ -141,6 +141,7 @@ def test_the_docstring_of_an_environment_is_its_manual(env_id: str):
     manual = cls.__doc__ or ""
     for heading in ("Action", "Observation", "Reward", "Start", "End", "Version"):
         assert re.search(rf"\b{heading}", manual), heading
+    assert not re.search(r"^\s*%", manual, re.MULTILINE)  # in Markdown a comment
     core = cls().core
     system, bound = cls.system, core.task.BOUND
     sizes = sizes_by_mode(core.task.sizes(core.sensors.size, len(core.composition.names)))

@@ -63,10 +63,15 @@ def documented(environment: E) -> E:
     values |= dict(_ITEM.findall(own.pop("Information")))
     values |= {title.lower().replace(" ", "_"): text for title, text in own.items()}
     manual = _ITEM.sub(
-        lambda item: fill(" ".join(item[0].split()), **_WRAPPING), _filled("common.md", values)
+        lambda item: _wrapped(" ".join(item[0].split())), _filled("common.md", values)
     )
     environment.__doc__ = f"{cleandoc(environment.__doc__ or '')}\n\n{manual}"
     return environment
+
+
+def _wrapped(item: str) -> str:
+    """An item in lines, of which none begins with %, as a comment of Markdown does."""
+    return fill(item.replace(" %", "\0%"), **_WRAPPING).replace("\0", " ")
 
 
 def _filled(file: str, values: Mapping[str, str]) -> str:
