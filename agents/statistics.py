@@ -52,9 +52,9 @@ class Interval:
 
 
 EQUIVALENT, UNDECIDED = "equivalent", "not decided"
-"""A result of `verdict`, where its condition is defined."""
+"""A result of `verdict`, which defines when it is given."""
 BETTER, HIGHER, LOWER, WORSE = "better", "higher", "lower", "worse"
-"""A result of `verdict`, where its condition is defined."""
+"""A result of `verdict`, which defines when it is given."""
 
 
 def verdict(differences: np.ndarray, margin: float, span: float, comparisons: int = 1) -> str:

@@ -104,7 +104,7 @@ class Belief:
         return self.of({k: None if a is None else a[rows] for k, a in self.arrays().items()})
 
     def with_rows(self, rows: np.ndarray, other: "Belief") -> Self:
-        """A copy with the rows replaced that the mask ``rows`` selects.
+        """A copy in which ``other`` replaces the rows that a mask selects.
 
         Args:
             rows: Mask ``(...)`` of the batch.

@@ -54,8 +54,8 @@ class DelayedBelief:
         steps: The steps, oldest first; the last is that of ``now``.
         reach: ``(...)`` greatest age in steps of a measurement that each system of the batch
             accepts: the number of steps since its `init`, at most the horizon.
-        refused: ``(...)`` number of measurements refused since then, because they came too late or
-            a second time.
+        refused: ``(...)`` number of measurements refused since the system's `init`, because they
+            came too late or a second time.
     """
 
     now: Any
@@ -79,7 +79,7 @@ class DelayedBelief:
         return type(self)(self.now[rows], steps, self.reach[rows], self.refused[rows])
 
     def with_rows(self, rows: np.ndarray, other: Self) -> Self:
-        """A copy with the rows replaced that the mask ``rows`` selects, see `Belief.with_rows`."""
+        """A copy in which ``other`` replaces the selected rows, see `Belief.with_rows`."""
         steps = list(self.steps)
         for i in range(-min(len(steps), len(other.steps)), 0):
             steps[i] = Step(*map(partial(_with_rows, rows), steps[i], other.steps[i]))

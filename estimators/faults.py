@@ -54,7 +54,7 @@ class MonitorState(NamedTuple):
     memory: np.ndarray
 
     def with_rows(self, rows: np.ndarray, other: "MonitorState") -> "MonitorState":
-        """A copy with the rows replaced that the mask ``rows`` selects, see `Belief.with_rows`."""
+        """A copy in which ``other`` replaces the selected rows, see `Belief.with_rows`."""
         merged = MonitorState(*map(np.array, self))
         for mine, theirs in zip(merged, other, strict=True):
             mine[rows] = theirs
@@ -215,7 +215,7 @@ def normal_deviate(values: np.ndarray, degrees: np.ndarray) -> np.ndarray:
 
 
 class CusumMonitor(FaultMonitor):
-    """CUSUM test of the mean of each channel: detects a lasting bias sooner than a window.
+    """CUSUM test of each channel's mean; detects a lasting bias sooner than `ChiSquareMonitor`.
 
     With ``w = S^-1 e`` of the innovation e, ``z = w / sqrt(diag S^-1)`` is standard normal in each
     channel. Each channel of each system of the batch has two sums, ``g+ = max(0, g+ + z - k)`` and

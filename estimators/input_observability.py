@@ -46,10 +46,10 @@ def input_conditions(
     second case only the part of a measurement counts to which H d contributes nothing. This covers
     the rank conditions of all filters with unknown input.
 
-    The standard deviations ``sd`` of the estimates of d are computed with the state's covariance of
-    a Kalman filter with known d, in its steady state, or with a known state if there is no steady
-    state. An unbiased filter knows the state less well. Invariant zeros above 1000 in modulus count
-    as infinite and are not in ``zeros``.
+    The standard deviations ``sd`` of the estimates of d assume that the state's covariance is the
+    steady one of a Kalman filter to which d is known. If there is no steady one, they assume that
+    the state is known. An unbiased filter knows the state less well. Invariant zeros above 1000 in
+    modulus count as infinite and are not in ``zeros``.
 
     Args:
         A: ``(n, n)``; no argument has batch axes.

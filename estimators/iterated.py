@@ -27,10 +27,10 @@ class IteratedExtendedKalmanFilter(ExtendedKalmanFilter):
         C = dh/dx at x      S = C P C' + R
 
     Each step begins with the step length t = 1. If it would raise V, it is tried again with half of
-    t. The update is then that of the `ekf`, with C at the last x and the innovation ``y - h(x) - C
-    (x- - x)``. So the belief's innovation and its covariance give the density of the measurement to
-    second order about the estimate (Laplace's method). One iteration gives the `ekf`, and so does
-    any number of iterations on a linear model.
+    t. After the last step the update is that of the `ekf`, with C at the last x and the innovation
+    ``y - h(x) - C (x- - x)``. So the belief's innovation and its covariance give the density of the
+    measurement to second order about the estimate (Laplace's method). One iteration gives the
+    `ekf`, and so does any number of iterations on a linear model.
 
     Sources: Bell & Cathey (1993), The iterated Kalman filter update as a Gauss-Newton method;
     Skoglund, Hendeby & Axehill (2015), Extended Kalman filter modifications based on an

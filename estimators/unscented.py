@@ -184,8 +184,8 @@ class UnscentedUMVFilter(SigmaPoints, NoFeedthroughFilter):
         kappa: Spread of the sigma points, above -n.
 
     Raises:
-        ValueError: if H feeds d(k) through, the rank condition cannot hold, or variances could
-            become negative.
+        ValueError: if H feeds d(k) through, if the rank condition cannot hold, or if a variance
+            could become negative.
     """
 
     name = "ukf-umv"

@@ -87,7 +87,7 @@ class Options:
     Raises:
         ValueError: for an unknown name (the message lists the known ones) or a number out of range.
         TypeError: for an unknown argument, an option that the estimator does not have, or sensors,
-            faults or a disturbance of another class.
+            faults or a disturbance that are no objects of the classes above.
     """
 
     estimator: EstimatorChoice | None = None

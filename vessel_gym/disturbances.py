@@ -38,8 +38,8 @@ class Disturbance(Verified, verified=True):
             `vessel_gym.filter_models.build.ASSUMED`.
         inputs: Components of the unknown input d, where filters assume one: names from ``forces``
             or ``white_increments``, or ``"change of NAME"`` for the change of a component of
-            ``names`` in a step. None: those of ``forces`` and
-            ``white_increments`` that are increments.
+            ``names`` in a step. None: all names in ``forces``
+            and ``white_increments`` that are increments of the vehicle.
         input_sd: Standard deviations of d that filters assume where no measurement shows d. None:
             derived from `process` and ``white``.
         scale: An agent that observes standard deviations receives those of z divided by these
@@ -470,7 +470,7 @@ class Fault(Disturbance, verified=True):
         return *there, *(size for _, _, sizes in self._own for size in sizes)
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Effect of the other disturbance, then the actuators' faults: additions, lost shares."""
+        """Effect of the other disturbance, then the fault: additions to actuators, lost shares."""
         return self._with_fault(self.beside.effect(z[..., : self.beside.process.size], state), z)
 
     def draw(self, uniforms: np.ndarray) -> np.ndarray:

@@ -205,7 +205,7 @@ def advance(
     keys: np.ndarray, step: np.ndarray, z: np.ndarray, noise: np.ndarray, counts: np.ndarray,
     root: np.ndarray, transition: np.ndarray, gains: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """Processes a step later, noise of the coming step, and exogenous input from both.
+    """States of the processes a step later, next noise, and the exogenous input from both.
 
     The processes are the disturbance and each sensor's bias, together called parts; s is the number
     of white increments.

@@ -219,8 +219,8 @@ def legend(results: Results) -> str:
     return (
         "For each environment, and for all together, 95 % intervals and verdicts hold"
         " simultaneously for all estimators. A verdict is on the interval of the difference from"
-        f" the best. Equivalent: all of it within ±{margin}. Worse: all of it below -{margin}. Lower:"
-        " all of it below 0. Not decided: none of these."
+        f" the best. Equivalent: all of it within ±{margin}. Worse: all of it below -{margin}."
+        " Lower: all of it below 0. Not decided: none of these."
     )
 
 

@@ -326,8 +326,8 @@ class Sensors:
         Args:
             expected: Function from a filter's states and known inputs to expected measurements
                 ``(..., p)``.
-            x: A state ``(n,)`` at which R is checked. Where a matrix is needed without a state, a
-                varying R has its value there.
+            x: A state ``(n,)`` at which R is checked. If R varies, code that has no state takes R
+                at this one.
             u: Known input that belongs to ``x``.
 
         Raises:

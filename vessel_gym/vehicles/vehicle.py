@@ -166,7 +166,7 @@ class Vehicle(Protocol):
     def rates(self) -> Mapping[str, str]:
         """State of which each rate is the derivative, such as ``{"r": "psi"}``.
 
-        If no sensor measures a rate, the estimator ``measurement`` derives it from two measurements
+        If no sensor measures a rate, ``estimator="measurement"`` computes it from two measurements
         of this state.
         """
 
