@@ -167,8 +167,8 @@ def skewed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None
     """The mean of finite, independent values ``(N,)`` with an interval that follows their skewness.
 
     Student's t is transformed by Hall's (1992) cubic, which removes its skewness; the interval
-    reaches further towards the long tail. The interval cannot include an event that occurs in none
-    of the values, such as a disaster in one episode of a hundred. See `crossed_interval` for
+    reaches further towards the long tail. The interval cannot account for a rare event that the
+    values lack, such as a disaster that one episode of a hundred has. See `crossed_interval` for
     ``comparisons``.
     """
     plain = crossed_interval(values[None], comparisons)

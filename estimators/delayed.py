@@ -94,8 +94,9 @@ class Delayed:
     Its ``update`` takes measurements by age, ``y (..., ages, p)``: ``y[..., 0, :]`` are
     measurements of the present step, ``y[..., a, :]`` those of ``a`` steps ago. Each is NaN or
     masked unless it comes with this call. A channel has one measurement a step. Measurements are
-    refused if they are older than the horizon, date from before their system's `init`, or come a
-    second time; the belief's ``refused`` counts them. Everything else is as in the filter.
+    refused if they are older than the horizon, date from before the `init` of their row of the
+    batch, or come a second time; the belief's ``refused`` counts them. Everything else is as in the
+    filter.
 
     Args:
         filter: Any filter, also one of your own: an object with ``init``, ``predict`` and

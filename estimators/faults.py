@@ -14,7 +14,7 @@ measurement that is unusual only in view of a correlated one (Basseville & Nikif
 Detection of Abrupt Changes, ch. 7).
 
 Thresholds follow from the given rate of false alarms, not from data. Missing measurements do not
-count, nor do those that the filter used only through a pseudo-inverse.
+count, nor do measurements with a singular innovation covariance.
 """
 
 from abc import ABC, abstractmethod
@@ -102,7 +102,8 @@ class FaultMonitor(ABC):
     def watch(self, state: MonitorState, belief: Belief | DelayedBelief) -> MonitorState:
         """The state after the innovation of an update.
 
-        A measurement that the filter used only through a pseudo-inverse does not count.
+        A measurement does not count if its innovation covariance was singular, so that the filter
+        used a pseudo-inverse.
 
         Args:
             state: The state before.

@@ -19,7 +19,7 @@ class InputConditions(NamedTuple):
             unbiased filter needs all q.
         sd: ``(q,)`` standard deviation with which the measurements show each input, in units of the
             prior's standard deviation. An input with a value above about 3 does not count as shown.
-            Infinite if part of the input does not show at all.
+            Infinite if the input has a part in a direction of d that does not show.
         zeros: Invariant zeros that d adds to the system. Each stands for an input that no
             measurement ever shows. With a zero on or outside the unit circle the errors of an
             unbiased filter grow without bound. A single NaN stands for all complex numbers: each is
@@ -43,7 +43,7 @@ def input_conditions(
     """Observability of the unknown inputs of ``x+ = A x + G d + w``, ``y = C x + H d + v``.
 
     Measurements show a direction of d at once through H, or one step later through C G. In the
-    second case only the part of a measurement counts to which H d contributes nothing. This covers
+    second case only that part of a measurement counts which is free of H d. This covers
     the rank conditions of all filters with unknown input.
 
     The standard deviations ``sd`` of the estimates of d assume that the state's covariance is the

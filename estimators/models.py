@@ -102,9 +102,9 @@ def _parts(predict: tuple[str, ...], update: tuple[str, ...]) -> dict[str, tuple
 class LinearModel(_Model):
     """``x+ = A x + B u + G d + w``, ``y = C x + H d + v``.
 
-    Every matrix is an array, possibly with leading batch axes, or a function of ``u``, which then
-    holds the control and whatever else is known (a gain schedule, say). Functions are checked when
-    first called. They must be pure: the same ``u`` gives the same matrix, so time enters as a
+    Every matrix is an array, possibly with leading batch axes, or a function of ``u``. Such a ``u``
+    holds the control and what else the matrices depend on, such as the time. Functions are checked
+    when first called. They must be pure: the same ``u`` gives the same matrix, so time enters as a
     component of ``u``, not as a clock that is read.
 
     A model is immutable, and its arrays are read-only copies. To change a matrix, build another

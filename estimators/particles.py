@@ -78,8 +78,8 @@ class ParticleFilter(Filter[ParticleBelief]):
     its sum over a series is an unbiased estimate of the likelihood.
 
     A channel is left out if no particle explains it: its density underflows to 0 for every
-    particle, and the density of its innovation does, too. Otherwise the particle nearest to
-    that measurement would get all weight.
+    particle, and the density of its innovation does, too. If it were kept, the particle
+    nearest to that measurement would get all weight.
 
     State angles are averaged on the circle.
 

@@ -37,8 +37,9 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
     it grows with an outlier. Where every ``|zeta|`` is below ``gamma`` the update is the Kalman
     filter's. A nonlinear model is linearised at the prediction.
 
-    With ``M = [C (P-)^1/2, R^1/2]`` the residuals of a weighted update are ``zeta = psi^-1 M' S~^-1
-    e``, ``S~ = M diag(psi)^-1 M'``: P- and R need only be positive semidefinite.
+    P- and R need only be positive semidefinite: with ``M = [C (P-)^1/2, R^1/2]`` and ``S~ = M
+    diag(psi)^-1 M'``, the absolute residuals are those of ``psi^-1 M' S~^-1 e``, the prediction's
+    first.
 
     Few iterations are better than many. At the minimum of the loss, measurement or prediction
     loses weight, whichever has the larger variance. An outlier enlarges P, so at the next outlier

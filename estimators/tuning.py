@@ -106,8 +106,9 @@ def fit(
     Args:
         build: Function that makes a filter and its prior from the parameters, given by name.
         start: Parameters at which the search begins, by name: positive numbers, which are searched
-            as their logarithms. If one of the factors e^-8, e^8, e^-16 ... on all of them
-            makes the measurements likelier, the search begins at the likeliest.
+            as their logarithms. If the measurements are in other units, a common factor is missing.
+            So nine starts are compared, with all parameters multiplied by 1, e^8, e^-8 ... e^-32.
+            The search begins at the one with the highest likelihood.
         y: ``(T, ..., p)`` measurements, as `run` takes them; rows of a batch are independent series
             of the same parameters.
         u: Known inputs, as `run` takes them.

@@ -27,8 +27,8 @@ class SigmaPoints(Filter[Any]):
         cov  sum a_i a_i' + c^2 sum s_i s_i' + (beta - alpha^2) m m'
 
     This is the weighted sum over the points, without the cancellation of its large weights of
-    opposite sign. It is a covariance if ``beta >= -alpha^2 kappa / n``. A linear model needs no
-    points: the transform is exact.
+    opposite sign. ``cov`` is positive semidefinite if ``beta >= -alpha^2 kappa / n``. A linear
+    model needs no points: the transform is exact.
 
     The measurement is linearised statistically: ``C = Pxy' (P-)^-1 = [a_i] L^-1``, and the rest of
     the covariance, ``Pyy - C P- C'``, is added to R. A Kalman update in Joseph form with this C and

@@ -63,9 +63,9 @@ class Options:
             the world (see `vessel_gym.estimation.Assumptions`). ``late`` sets the use of late
             measurements: ``"fused"`` at the time when they were taken (the default), ``"as new"``
             or ``"discarded"``.
-        sensors: ``"clean"``, ``"nominal"``, ``"degraded"`` (10 % of measurements lost besides those
-            already lost, and 5 % outliers of ten times the noise), ``"budget"`` (cheap instruments
-            by their datasheets, with biases that filters estimate) or ``"denied"`` (nominal, but
+        sensors: ``"clean"``, ``"nominal"``, ``"degraded"`` (10 % of the nominal measurements are
+            lost, and 5 % are outliers of ten times the noise), ``"budget"`` (cheap instruments by
+            their datasheets, with biases that filters estimate) or ``"denied"`` (nominal, but
             from a random time the position fix is lost for at most 120 s), see
             docs/sensor-suites.md. A list of `vessel_gym.sensors.Sensor` also serves; it may include
             entries of ``system.vehicle.sensors``.

@@ -459,7 +459,7 @@ class Fault(Disturbance, verified=True):
 
     @property
     def modelled(self) -> "Fault | None":  # type: ignore[override]
-        """The fault, beside the other disturbance's model in filters."""
+        """This fault, with the other disturbance replaced by its ``modelled`` one."""
         other = self.beside.modelled
         return None if other is None else replace(self, beside=other)
 

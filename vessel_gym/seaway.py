@@ -116,7 +116,7 @@ class Seaway(Disturbance, verified=True):
 
     @cached_property
     def modelled(self) -> "BandedSeaway":  # type: ignore[override]
-        """Filters' model of this sea, with frequency bands of waves in place of the field."""
+        """The sea that replaces this one in a filter's model: waves in frequency bands."""
         return BandedSeaway(*(getattr(self, each.name) for each in fields(Seaway)))
 
     @cached_property

@@ -93,8 +93,9 @@ def tuned_settings(algorithm: str, env_id: str) -> tuple[str, dict[str, Any]]:
 def read_settings(path: Path, env_id: str) -> tuple[str, dict[str, Any]]:
     """Name of an environment's table in a TOML file, and the settings in that table.
 
-    The table has the environment's name. If there is none, it is that of an environment whose
-    task's class is the nearest base class of this environment's task; otherwise ``default``.
+    The first of these tables that the file has: the environment's own; the table of another
+    environment, whose task's class is the nearest base class of this environment's task;
+    ``default``.
 
     Raises:
         ValueError: if the file has none of these tables, or is not TOML.

@@ -129,7 +129,8 @@ def plan(
         NoPath: (a ValueError) if no path was found. The message says whether the obstacles close
             every way, or only the search failed.
         ValueError: for invalid numbers, for a start or a goal within the margin of an obstacle, and
-            for a way round obstacles over more than a million turn radii, where rounding decides.
+            for a way round obstacles that are more than a million turn radii away, where rounding
+            would decide.
     """
     start, goal, radius = single(start, goal, radius)
     segments, bounds, errors = plans(

@@ -161,7 +161,7 @@ class Task(Verified):
         return np.concatenate([self.observe_state(estimate, reference), reference, actuators], -1)
 
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
-        """First part ``(B, k)`` of ``"unguided"``: the estimate; the mission follows.
+        """The estimate ``(B, k)`` in observations without guidance; `observe_mission` follows it.
 
         Default: the scaled state, and the flow.
         """
