@@ -147,8 +147,8 @@ def whiteness_test(
     Innovations are whitened by the filter's covariance and then by their own sample covariance. So
     a wrong scale, which the NIS tests, does not count here. The test needs no truth, and one run is
     enough. The statistics are the autocorrelations of each measurement, NaN at a lag at which no
-    two of its values arrived. The p-value is that of the portmanteau statistic over all lags and all
-    pairs of measurements.
+    two of its values arrived. The p-value is that of the portmanteau statistic over all lags and
+    all pairs of measurements.
 
     Sources: Ljung & Box (1978), On a measure of lack of fit in time series models; Hosking (1980),
     The multivariate portmanteau statistic.
