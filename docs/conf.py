@@ -71,7 +71,6 @@ nb_execution_in_temp = True  # docs/estimators is not the package of that name
 nb_execution_timeout = 300
 nb_execution_raise_on_error = True
 nb_merge_streams = True
-nb_output_stderr = "remove"  # what compiles says so once, on a machine's first build
 nb_render_markdown_format = "myst"
 
 # API: docstrings in Google's style, in which `one` backtick means code.
