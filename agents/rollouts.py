@@ -130,13 +130,16 @@ def _flown(
     alive, ended = np.ones(count, bool), np.zeros(count, bool)
     returns, length = np.zeros(count), np.zeros(count, int)
     score, end = np.full(count, np.nan), np.full(count, "", dtype=object)
+    reasons = np.array(getattr(env.unwrapped, "end_reasons", ()), dtype=object)
     while alive.any():
         action = acted(agent, observations, env.action_space.shape)
         observations, reward, terminated, truncated, info = env.step(action)
         done = (terminated | truncated) & alive
         if done.any():
             final = info.get("final_info", {})
-            score[done], end[done] = final.get("score", score)[done], final.get("end", end)[done]
+            score[done] = final.get("score", score)[done]
+            if reasons.size:
+                end[done] = reasons[final["end"][done]]
             for key, values in last.items():
                 values[done] = final.get(key, frames[-1][key])[done]
         frames.append(frame(info))

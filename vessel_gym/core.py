@@ -403,11 +403,11 @@ class Core:
         """Copies of the last step's record, one row for each environment.
 
         Args:
-            rows: Mask ``(B,)`` of the rows to copy; other rows hold 0 or None. None for all.
+            rows: Mask ``(B,)`` of the rows to copy; other rows hold 0. None for all.
         """
         happened, own = self.happened() | {"healthy": self.loop.belief.healthy}, {
             "score": self.score,
-            "end": np.array(self.task.end_reasons, dtype=object)[self.end],
+            "end": self.end.copy(),
             "is_success": self.end == self.config.success,
         }  # fmt: skip
         if rows is None:
@@ -454,11 +454,7 @@ class Core:
 
 
 def _only(rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Copy of the values of some rows, with 0 or None in the others."""
-    only = (
-        np.full(values.shape, None)
-        if values.dtype == object
-        else np.zeros(values.shape, values.dtype)
-    )
+    """Copy of the values of some rows, with 0 in the others."""
+    only = np.zeros(values.shape, values.dtype)
     only[rows] = values[rows]
     return only

@@ -200,7 +200,8 @@ def episode(
         observation, reward, terminated, truncated, info = env.step(action)
         keep(observation, reward, info)
         ended = np.atleast_1d(terminated | truncated)
-        words = np.atleast_1d(np.array(info.get("end", ""), object))
+        words = np.array(getattr(env.unwrapped, "end_reasons", ("",)), object)
+        words = words[np.atleast_1d(info.get("end", np.zeros(ended.shape, int)))]
         ends += [f"{words[i] or 'time'} at {t + 1} in row {i}" for i in np.flatnonzero(ended)]
         if alone and ended[0]:
             break

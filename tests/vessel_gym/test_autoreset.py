@@ -247,7 +247,7 @@ def test_a_single_environment_that_has_ended_stays_ended_whatever_is_done():
     for action in (0.0, 1.0):
         _, reward, terminated, truncated, info = env.step(np.full(1, action, np.float32))
         assert (reward, terminated, truncated) == (0.0, True, False)
-        assert (info["score"], info["end"]) == (score[0], "turn lost")
+        assert (info["score"], env.end_reasons[info["end"]]) == (score[0], "turn lost")
         np.testing.assert_array_equal(info["truth"], truth)
     with pytest.raises(ValueError, match="action must be finite"):
         env.step(np.full(1, np.nan, np.float32))

@@ -177,7 +177,8 @@ def fly_both(
         counts["truncated"] += int(truncated.sum())
         counts["staggered"] += int(done.any() and not done.all())
         if done.any():
-            counts["arrived"] += int(np.isin(info["final_info"]["end"].astype(str), ARRIVED).sum())
+            words = np.array(batch.end_reasons)[info["final_info"]["end"]]
+            counts["arrived"] += int(np.isin(words, ARRIVED).sum())
         for i, env in enumerate(singles):
             observation, reward, ended, cut, single_info = env.step(actions[i])
             assert abs(rewards[i] - reward) <= EXACT

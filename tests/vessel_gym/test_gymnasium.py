@@ -359,6 +359,21 @@ def test_seeds_that_no_one_number_tells_are_minus_one():
     assert env.np_random.random() == one.np_random.random() != other.np_random.random()
 
 
+# --- info -----------------------------------------------------------------------------------------
+
+
+@every_environment
+def test_info_holds_numbers_that_tensors_can_hold(env_id: str):
+    """A word in ``info`` ends TorchRL's batches with a KeyError (0.14.1)."""
+    single, batch = gym.make(env_id).unwrapped, make_batch(env_id, 2)
+    for env in (single, batch):
+        _, info = env.reset(seed=0)
+        stepped = env.step(np.zeros(env.action_space.shape, np.float32))[4]
+        for name, value in (info | stepped).items():
+            assert np.asarray(value).dtype.kind in "bif", name
+    assert single.end_reasons[0] == batch.end_reasons[0] == ""
+
+
 # --- success --------------------------------------------------------------------------------------
 
 
@@ -382,7 +397,8 @@ def test_success_is_told_at_the_end_of_every_episode(env_id: str):
         for row in np.flatnonzero(terminated | truncated):
             final = info["final_info"]
             assert final["is_success"].dtype == bool
-            assert final["is_success"][row] == (final["end"][row] == task.success)
+            word = env.unwrapped.end_reasons[final["end"][row]]
+            assert final["is_success"][row] == (word == task.success)
             told.append((row, bool(final["is_success"][row])))
         if {row for row, _ in told} == set(range(rows)):
             break

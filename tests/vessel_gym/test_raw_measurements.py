@@ -93,7 +93,8 @@ def test_an_episode_is_the_same_to_the_last_bit_whatever_estimator_is_named(env_
             for step, (one, other) in enumerate(zip(trials[names[0]], trial, strict=True)):
                 assert_same_tree(one, other, f"{name} instead of {names[0]}, step {step}")
     infos = [out[-1] for out in batches[names[0]]]
-    ends = {end for info in infos if "final_info" in info for end in info["final_info"]["end"]}
+    numbers = {end for info in infos if "final_info" in info for end in info["final_info"]["end"]}
+    ends = {single_class(env_id).system.task.end_reasons[number] for number in numbers}
     assert bool(ends & {"arrived", "missed the goal"}) == (
         env_id in GOALS
     )  # what estimators used to decide

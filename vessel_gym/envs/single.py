@@ -58,6 +58,11 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         """Copy of the true state, for scoring only; components are ``core.truth_names``."""
         return self.core.scored_truth()[0]
 
+    @property
+    def end_reasons(self) -> tuple[str, ...]:
+        """Reasons for an episode's end, by the number in ``info["end"]``; the first is empty."""
+        return self.system.task.end_reasons
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
@@ -102,10 +107,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         core, end = self.core, self.core.now.end.item(0)
         info: dict[str, Any] = {name: values[0].copy() for name, values in core.happened().items()}
         info["healthy"], info["score"] = bool(core.loop.belief.healthy[0]), core.score_of(0)
-        info["end"], info["is_success"] = (
-            core.config.system.task.end_reasons[end],
-            end == core.config.success,
-        )
+        info["end"], info["is_success"] = end, end == core.config.success
         return info
 
     def _record(self, begin: bool = False) -> None:

@@ -80,6 +80,11 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Copy of the true states ``(num_envs, n)``, for scoring only."""
         return self.core.scored_truth()
 
+    @property
+    def end_reasons(self) -> tuple[str, ...]:
+        """Reasons for an episode's end, by the number in ``info["end"]``; the first is empty."""
+        return self.system.task.end_reasons
+
     def reset(
         self, *, seed: int | Sequence[int] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
