@@ -154,16 +154,17 @@ def whiteness_test(
     The multivariate portmanteau statistic.
 
     Args:
-        innovation: ``(T, M, p)``, 0 where no measurement came.
-        innovation_cov: ``(T, M, p, p)``, unit and uncorrelated where no measurement came.
+        innovation: ``(T, M, p)``; a NaN counts as missing.
+        innovation_cov: ``(T, M, p, p)``.
         available: ``(T, M, p)`` mask of the measurements that arrived; None: all.
         lags: Number of lags, from lag 1 on; less than T.
 
     Raises:
         ValueError: if the innovations have no spread in some direction.
     """
-    mask = np.ones(innovation.shape) if available is None else np.asarray(available, float)
-    white = _standardised(_solve_root(innovation_cov, innovation), mask)
+    arrived = ~np.isnan(innovation) & (True if available is None else available)
+    mask, innovation = 1.0 * arrived, np.where(arrived, innovation, 0.0)
+    white = _standardised(_solve_root(masked(innovation_cov, arrived), innovation), mask)
     products, counts = (
         np.array([np.einsum("tmi,tmj->ij", a[lag:], a[:-lag]) for lag in range(1, lags + 1)])
         for a in (white, mask)

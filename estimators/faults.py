@@ -27,7 +27,7 @@ from scipy.special import gammaincc, gammainccinv, ndtr, ndtri
 from estimators.belief import Belief
 from estimators.checks import integer, number, short_repr
 from estimators.delayed import DelayedBelief
-from estimators.linalg import identity, masked, solve
+from estimators.linalg import identity, lacks_rank, masked, solve
 
 Sensors = int | Mapping[str, int | Sequence[int]]
 """Number of channels, each a sensor by itself; or by name the channels of each sensor."""
@@ -102,8 +102,8 @@ class FaultMonitor(ABC):
     def watch(self, state: MonitorState, belief: Belief | DelayedBelief) -> MonitorState:
         """The state after the innovation of an update.
 
-        A measurement does not count if its innovation covariance was singular, so that the filter
-        used a pseudo-inverse.
+        A measurement with a singular innovation covariance, for which a filter uses a
+        pseudo-inverse, does not count.
 
         Args:
             state: The state before.
@@ -118,7 +118,7 @@ class FaultMonitor(ABC):
                 " of faults: watch a filter that assumes the input as noise"
             )
         e, S = belief.innovation, belief.innovation_cov
-        arrived = belief.available & belief.healthy[..., None]
+        arrived = belief.available & ~lacks_rank(masked(S, belief.available))[..., None]
         with np.errstate(all="ignore"):
             precision = solve(masked(S, arrived), identity(e.shape[-1]))
             most = _ABSURD * np.sqrt(S.diagonal(0, -2, -1))

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from estimators.angles import difference
-from estimators.linalg import semidefinite_form
+from estimators.linalg import masked, semidefinite_form
 
 
 def rmse(
@@ -32,9 +32,12 @@ def nees(
     """Normalised estimation error squared ``(x - x^)' P^-1 (x - x^)``, shape ``(...)``.
 
     Chi-square with n degrees of freedom for a consistent filter (Bar-Shalom et al. 2001, sec. 5.4).
+    A component whose true value is NaN is unknown and adds nothing, nor a degree of freedom. A NaN
+    in the estimate gives NaN.
     """
-    error = difference(np.asarray(truth, float), np.asarray(mean, float), angles)
-    return nis(error, cov, np.abs(mean).max(-1, keepdims=True))
+    truth, mean = np.asarray(truth, float), np.asarray(mean, float)
+    values = nis(difference(truth, mean, angles), cov, np.abs(mean).max(-1, keepdims=True))
+    return np.where(np.isnan(mean).any(-1), np.nan, values)[()]
 
 
 def nis(
@@ -43,7 +46,7 @@ def nis(
     """Normalised innovation squared ``e' S^-1 e``, shape ``(...)``.
 
     Chi-square for a consistent filter. The degrees of freedom are the rank of S, restricted to the
-    measurements that arrived. Measurements that are missing, or that others determine without
+    measurements that arrived. Measurements that are missing (NaN), or that others determine without
     noise, add nothing. Infinite where a measurement contradicts an exact one by more than rounding.
 
     Args:
@@ -54,7 +57,9 @@ def nis(
             keepdims=True)``, serves, too. 0: no rounding error.
     """
     error, cov = np.asarray(innovation, float), np.asarray(innovation_cov, float)
-    return semidefinite_form(error, cov, size)[0][()]
+    arrived = ~np.isnan(error)
+    cov = masked(cov, arrived)
+    return semidefinite_form(np.where(arrived, error, 0.0), cov, size)[0][()]
 
 
 def chi_square_band(runs: int, degrees: int, confidence: float = 0.95) -> tuple[float, float]:

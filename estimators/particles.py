@@ -14,7 +14,7 @@ from estimators.angles import difference, short_way
 from estimators.belief import Belief, changes_of_points
 from estimators.checks import AT_LEAST_0, UP_TO_1, integer, number
 from estimators.ensemble import draw, noise_root, process_root
-from estimators.filter import Changes, Filter, Model
+from estimators.filter import Changes, Data, Filter, Model
 from estimators.linalg import (
     cholesky,
     lacks_rank,
@@ -30,8 +30,12 @@ PARTICLES, DIFFUSION, RESAMPLING, JITTER = range(4, 8)
 """Uses of random numbers, beside those of the ensembles."""
 _NOWHERE = -1e300
 """Log weight of an impossible particle: finite, with a weight of 0."""
-_ABSURD = 38.6**2
-"""Squared standard deviations at which a normal density is 0 in double precision."""
+_FARTHEST = 1e300
+"""Largest squared distance of a particle from a measurement, in variances of the latter."""
+_UNDERFLOW = np.log(5e-324)
+"""Log density at which the density itself is 0 in double precision."""
+_FAR = 6.0
+"""Standard deviations of an innovation beyond which more particles would not explain it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -77,9 +81,10 @@ class ParticleFilter(Filter[ParticleBelief]):
     records the log-likelihood ``log sum w_i- N(y; h(x_i), R)``. Without jitter, the exponential of
     its sum over a series is an unbiased estimate of the likelihood.
 
-    A channel is left out if no particle explains it: its density underflows to 0 for every
-    particle, and the density of its innovation does, too. If it were kept, the particle
-    nearest to that measurement would get all weight.
+    Weights are logarithms, so a measurement far from every particle has its tiny density, and the
+    nearest particle gets all weight. ``healthy`` is False where the particles do not explain what
+    is measured: the density underflows to 0 in double precision, and an innovation exceeds 6 of its
+    standard deviations, so more particles would not help.
 
     State angles are averaged on the circle.
 
@@ -151,15 +156,14 @@ class ParticleFilter(Filter[ParticleBelief]):
         off = difference(e[..., None, :], Y.mT, angles)
         spread, variance = np.where(np.isfinite(Y), Y, 0.0), R.diagonal(0, -2, -1)
         S = symmetrise((spread * weights[..., None, :]) @ spread.mT) + R
-        nearest = np.fmin.reduce(np.square(off), -2) / variance
-        outside = np.square(e) / S.diagonal(0, -2, -1)
-        explained = (nearest < _ABSURD) | (outside < _ABSURD)
-        available = available & explained & (variance > 0.0)
+        available = available & np.isfinite(off).any(-2) & (variance > 0.0)
         root = cholesky(masked(R, available))
         off = np.where(available[..., None, :], off, 0.0)
-        distance = np.square(off @ np.linalg.inv(root).mT).sum(-1)
-        log_weights, density = _normalised(belief.log_weights - 0.5 * distance)
-        density = density - np.log(root.diagonal(0, -2, -1)).sum(-1)
+        distance = np.minimum(np.square(off @ np.linalg.inv(root).mT).sum(-1), _FARTHEST)
+        nearest = np.fmin.reduce(distance, -1)
+        farther = distance - nearest[..., None]
+        log_weights, density = _normalised(belief.log_weights - 0.5 * farther)
+        density = density - 0.5 * nearest - np.log(root.diagonal(0, -2, -1)).sum(-1)
         arrived = available.sum(-1)
         density -= 0.5 * np.log(2.0 * np.pi) * arrived
         return self._believed(belief.particles, log_weights) | {
@@ -172,6 +176,14 @@ class ParticleFilter(Filter[ParticleBelief]):
     def log_likelihood(self, predicted: Any, updated: Any) -> np.ndarray:
         """The log density ``(...)`` of a measurement, as the belief records it."""
         return np.asarray(updated.log_likelihood)
+
+    def _run(self, step: str, belief: Any, data: Data) -> Any:
+        """The belief after a step, not healthy where the particles do not explain a measurement."""
+        after = super()._run(step, belief, data)
+        S = after.innovation_cov
+        far = np.abs(after.innovation) > _FAR * np.sqrt(S.diagonal(0, -2, -1))
+        unexplained = far.any(-1) & (after.log_likelihood < _UNDERFLOW)
+        return after.replaced({"healthy": after.healthy & ~unexplained}).read_only()
 
     # --- pieces -----------------------------------------------------------------------------------
 

@@ -123,7 +123,9 @@ def run(
             a step.
     """
     y = as_array("y", y)
-    if y.ndim < 2 or len(y) == 0:
+    if y.size == 0 and y.shape[:1] == (0,):
+        raise ValueError(f"y has no measurements (shape {y.shape}): a series needs at least one")
+    if y.ndim < 2:
         raise ValueError(f"y has shape {y.shape}, expected (T, ..., p): one channel has y[:, None]")
     T, batch = len(y), y.shape[1:-2] if isinstance(filter, Delayed) else y.shape[1:-1]
     continued = not isinstance(prior, Gaussian)

@@ -39,10 +39,12 @@ _INVOLVED = 0.1
 """Share of a direction above which it involves a parameter."""
 _SMOOTH, _ROUGH = 0.1, 0.5
 """Steps of the Hessian's differences in standard errors; the second where members are drawn."""
-_AWAY = np.arange(4.0, 40.0, 4.0)
+_AWAY = np.arange(4.0, 68.0, 4.0)
 """Distances along a direction without information at which a better point is sought."""
-_SCALES = sorted(np.arange(-32.0, 33.0, 8.0), key=abs)
+_SCALES = sorted(np.arange(-64.0, 65.0, 8.0), key=abs)
 """Logarithms of common factors of all positive parameters with which a search may begin."""
+_STRIDES = 8.0, 4.0
+"""Changes of one parameter's logarithm in the coarse search before the fine one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +108,9 @@ def fit(
     Args:
         build: Function that makes a filter and its prior from the parameters, given by name.
         start: Parameters at which the search begins, by name: positive numbers, which are searched
-            as their logarithms. If the measurements are in other units, a common factor is missing.
-            So nine starts are compared, with all parameters multiplied by 1, e^8, e^-8 ... e^-32.
-            The search begins at the one with the highest likelihood.
+            as their logarithms. The measurements may be in other units, so the search begins with
+            the likeliest common factor of all, from e^-64 to e^64. Then one parameter at a time is
+            changed by factors of e^8 and e^4, as long as that makes the measurements likelier.
         y: ``(T, ..., p)`` measurements, as `run` takes them; rows of a batch are independent series
             of the same parameters.
         u: Known inputs, as `run` takes them.
@@ -191,12 +193,12 @@ class _Search:
 
     def fit(self, first: np.ndarray, rough: bool) -> Fit:
         """The fit of a search from here, by gradients or, if the cost is rough, by a simplex."""
-        # The measurements may be in larger or smaller units than the start.
-        scaled = (first + far * self.positive for far in _SCALES)
-        first = start = min(scaled, key=self.cost)
-        self.rough = rough
+        starts, self.rough = self._starts(first), rough
+        if rough:
+            starts = [min(starts, key=self.cost)]  # a simplex takes many steps
+        first = starts[0]
         while True:
-            self.best = best = self._minimum(start)
+            self.best = best = self._likeliest([self._minimum(start) for start in starts])
             self.least = self.cost(best)
             slopes, information = self._derivatives(_ROUGH if self.rough else _SMOOTH)
             covariance, flat, peaked = _covariance(information, self.positive)
@@ -205,11 +207,16 @@ class _Search:
             converged = peaked and bool(gain < _LEFT)
             # A search may end on a plateau, as that of a variance beside a far greater one.
             points = [best + far * way for way in flat for far in (*_AWAY, *-_AWAY)]
-            start = min(points, key=self.cost, default=best)
-            if self.cost(start) >= self.least - _LEFT:
+            starts = [self._likeliest([best, *points])]
+            if starts[0] is best:
                 if converged or self.rough:
                     return self._report(np.sqrt(np.diagonal(covariance)), flat, converged)
-                start, self.rough = first, True  # gradients lead to no minimum
+                starts, self.rough = [first], True  # gradients lead to no minimum
+
+    def _likeliest(self, points: list[np.ndarray]) -> np.ndarray:
+        """The first of the points ``(k,)``, unless another's cost is lower by more than rounding."""
+        costs = [self.cost(point) for point in points]
+        return points[0 if costs[0] <= min(costs) + _LEFT else int(np.argmin(costs))]
 
     def _report(self, spread: np.ndarray, flat: list[np.ndarray], converged: bool) -> Fit:
         """The record of what the search found."""
@@ -229,6 +236,29 @@ class _Search:
             filter=filter,
             prior=prior,
         )
+
+    def _starts(self, first: np.ndarray) -> list[np.ndarray]:
+        """Starts ``(k,)`` near a minimum, though the measurements may be in other units.
+
+        The first moves all positive parameters together, which keeps the middle of a ridge. The
+        second goes on from there by one parameter at a time.
+        """
+        common, axes = 1.0 * self.positive, np.diag(1.0 * self.positive)[self.positive]
+        best = min((first + far * common for far in _SCALES), key=self.cost)
+        together = self._descended(self._descended(best, [common], 4.0), [common], 2.0)
+        apart = self._descended(self._descended(together, axes, 8.0), axes, 4.0)
+        return [together] if apart is together else [together, apart]
+
+    def _descended(self, best: np.ndarray, ways: Any, stride: float) -> np.ndarray:
+        """The point ``(k,)`` that strides along these ways reach as long as the cost falls."""
+        least = self.cost(best)
+        while True:
+            moved = [best + far * way for way in ways for far in (stride, -stride)]
+            moved = [theta for theta in moved if (self.positive * np.abs(theta) < _LARGEST).all()]
+            costs = [self.cost(theta) for theta in moved]
+            if min(costs, default=np.inf) >= least - _LEFT:
+                return best
+            best, least = moved[int(np.argmin(costs))], min(costs)
 
     def _minimum(self, start: np.ndarray) -> np.ndarray:
         """The parameters ``(k,)`` of least cost."""

@@ -68,7 +68,7 @@ def test_nees_and_nis_are_squared_distances_in_standard_deviations():
     np.testing.assert_allclose(nis(error, cov), (whitened**2).sum(-1), rtol=1e-11)
 
 
-def test_missing_measurements_add_nothing_to_nis():
+def test_what_is_missing_adds_nothing_to_nis_and_nees():
     rng = np.random.default_rng(2)
     p, kept = 4, np.array([True, False, True, False])
     S, e = random_covariance(rng, p), rng.normal(size=p)
@@ -77,6 +77,13 @@ def test_missing_measurements_add_nothing_to_nis():
         nis(e[kept], S[kept][:, kept]), rel=1e-13
     )
     assert nis(np.zeros(p), np.eye(p)) == 0.0
+    unknown = np.where(kept, e, np.nan)
+    for cov in (S, np.where(np.outer(kept, kept), S, np.nan)):
+        assert (
+            nis(unknown, cov) == nees(np.zeros(p), cov, unknown) == nis(e[kept], S[kept][:, kept])
+        )
+    assert nis(np.full(p, np.nan), S) == 0.0
+    assert np.isnan(nees(unknown, S, e))  # an estimate that is lost is no perfect one
 
 
 def test_nis_of_a_singular_s_has_no_unit():

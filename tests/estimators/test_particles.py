@@ -16,8 +16,12 @@ from estimators import (
     NonlinearModel,
     ParticleFilter,
     RandomKeys,
+    consistency,
+    fit,
     make,
+    run,
 )
+from estimators.faults import ChiSquareMonitor, CusumMonitor
 from estimators.particles import systematic
 from tests.estimators.cases import (
     Record,
@@ -151,19 +155,71 @@ def test_jitter_moves_copies_apart_and_nothing_else():
 # --- measurements that cannot be used -------------------------------------------------------------
 
 
-def test_a_measurement_that_no_particle_explains_is_left_out_alone():
+_LEVEL = LinearModel([[1.0]], [[1.0]], [[1e-4]], [[0.01]])
+_UNIT = Gaussian([0.0], [[1.0]])
+
+
+@pytest.mark.parametrize("y", [5.0, 40.0, 50.0, 1e3, 1e8, -1e300, np.finfo(float).max])
+def test_an_absurd_measurement_has_its_tiny_density(y: float):
+    filter, numbers = make("pf", _LEVEL), _numbers(0)[0]
+    before = filter.init(_UNIT, rng=numbers)
+    after = filter.update(before, [y], rng=numbers)
+    with np.errstate(over="ignore"):
+        off = np.minimum(np.square((y - before.particles[:, 0]) / 0.1), 1e300)
+    expected = logsumexp(before.log_weights - 0.5 * off) - 0.5 * np.log(2.0 * np.pi * 0.01)
+    assert after.log_likelihood == pytest.approx(expected, rel=1e-12)
+    assert after.innovation[0] == pytest.approx(y - before.mean[0], rel=1e-12)
+    assert after.available.all()
+    assert after.healthy == (y == 5.0)
+    assert np.isfinite(after.mean).all()
+    assert filter.predict(after, rng=numbers.at(1)).healthy
+
+
+def test_an_absurd_measurement_of_one_row_leaves_the_others():
     system, numbers = kalman_system(0), _numbers(0, 1, 2)
     record, filter = simulate(system, 0, 3, 3), make("pf", system.model, particles=200)
-    belief = filter.init(system.rows(3), rng=numbers)
-    for absurd in (1e4, -1e300, np.finfo(float).max):
-        y, mask = record.y[0].copy(), np.ones((3, 3), bool)
-        y[1, 2], mask[1, 2] = absurd, False
-        updated = filter.update(belief, y, rng=numbers)
-        assert_same(updated, filter.update(belief, y, rng=numbers, available=mask), 1e-12)
-        y[1] = absurd
-        nothing = filter.update(belief, y, rng=numbers)
-        assert nothing.log_likelihood[1] == 0.0
-        np.testing.assert_allclose(nothing.mean[1], belief.mean[1], rtol=0, atol=1e-12)
+    belief, y = filter.init(system.rows(3), rng=numbers), record.y[0].copy()
+    ordinary = filter.update(belief, y, rng=numbers)
+    y[1, 2] = 1e4
+    absurd = filter.update(belief, y, rng=numbers)
+    assert_same(absurd[[0, 2]], ordinary[[0, 2]])
+    np.testing.assert_array_equal(absurd.healthy, [True, False, True])
+
+
+@pytest.mark.parametrize("jump", [60.0, 200.0, 1000.0])
+def test_monitors_see_a_jump_when_it_comes(jump: float):
+    """As they do behind a Kalman filter; a chance alarm before it: once in a thousand runs."""
+    model = LinearModel([[1.0, 1.0], [0.0, 1.0]], [[1.0, 0.0]], 0.01 * np.eye(2), [[1.0]])
+    prior, rng = Gaussian(np.zeros(2), np.eye(2)), np.random.default_rng(0)
+    y = consistency.simulate(model, prior, rng, runs=1, steps=60).y[:, 0]
+    y[30:] += jump
+    for name in ("pf", "kf"):
+        beliefs = run(make(name, model), prior, y, rng=0).updated
+        assert beliefs.available.all()
+        assert beliefs.healthy[:30].all()
+        assert beliefs.healthy[30] == (name == "kf")
+        for monitor in (ChiSquareMonitor(1, 3e-5), CusumMonitor(1, 3e-5)):
+            assert monitor.run(beliefs).alarm.argmax() == 30
+
+
+@pytest.mark.slow
+def test_fit_finds_the_variance_that_a_glitch_asks_for():
+    rng = np.random.default_rng(1)
+    y = np.cumsum(0.3 * rng.normal(size=(40, 1)), 0) + 0.5 * rng.normal(size=(40, 1))
+    y[20] += 500.0
+    exact, found = (
+        fit(
+            lambda r, name=name: (
+                make(name, LinearModel([[1.0]], [[1.0]], [[0.09]], [[r]])),
+                _UNIT,
+            ),
+            {"r": 0.25},
+            y,
+        )
+        for name in ("kf", "pf")
+    )
+    assert found.estimates["r"] == pytest.approx(exact.estimates["r"], rel=0.02)
+    assert exact.estimates["r"] == pytest.approx(500.0**2 / 40.0, rel=0.02)
 
 
 def test_a_precise_measurement_among_too_few_particles_is_no_absurd_one():

@@ -340,6 +340,8 @@ _AFTER = run(_ETKF, _PRIOR, np.zeros((1, 1)), rng=0).last
     ("changes", "sentence"),
     [
         ({"y": np.zeros(5)}, r"y has shape \(5,\).* one channel has y\[:, None\]"),
+        ({"y": np.zeros((0, 1))}, r"y has no measurements \(shape \(0, 1\)\): a series needs at"),
+        ({"y": []}, r"y has no measurements \(shape \(0,\)\): a series needs at least one$"),
         ({"u": np.zeros((4, 1))}, r"u has shape .*expected \(5, ...\): one for each measurement"),
         ({"t": [0.0, 1.0, 0.5, 2.0, 3.0], "filter": _KF}, "t must be finite and not go back: sort"),
         ({"t": np.arange(5.0)}, "this model is the same however long a step takes"),

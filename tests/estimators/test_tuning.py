@@ -219,6 +219,17 @@ def test_estimates_do_not_depend_on_units(unit: float):
         assert other.estimates[name] == pytest.approx(unit**2 * value, rel=1e-3)
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1e-6, 1e-3, 1e9])
+@pytest.mark.parametrize("known", [0.0, 1.0])
+def test_a_start_in_other_units_finds_the_same(unit: float, known: float):
+    """Measurements of this seed have two maxima, the lower one where r is small."""
+    y = unit * random_walk(7, 40, 1.0, 4.0)
+    start, right = {"q": 1.0, "r": 1.0}, {"q": unit**2, "r": 4.0 * unit**2}
+    one, other = (fit(lambda q, r: level(q, r, known), each, y) for each in (start, right))
+    assert one.log_likelihood >= other.log_likelihood - 0.02
+    assert one.estimates == pytest.approx(other.estimates, rel=0.02)
+
+
 def test_a_search_leaves_a_plateau():
     """A variance beside a far greater one is as likely with another."""
     y = random_walk(0, 60, 0.2, 4.0)
