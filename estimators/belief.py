@@ -30,7 +30,8 @@ class Belief:
         healthy: ``(...)`` False where the last step gave values that are not finite, or a
             covariance that is not positive semidefinite. Such a row was computed again with
             pseudo-inverses and without channels that are not finite. If that failed, too, the row
-            kept what it had before the step.
+            kept what it had before the step. A particle filter's belief is not healthy, either,
+            where no particle explains the measurement.
         u: ``(..., m)`` the known input of the last prediction or measurement, or None.
     """
 
