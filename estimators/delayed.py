@@ -194,7 +194,9 @@ class Delayed:
         for ago in range(oldest)[::-1]:
             step, before = steps[-1 - ago], self._update_step(steps[-2 - ago])
             predicted = self.filter.predict(before, step.u, rng=step.predict_keys)
-            predicted = predicted.replace(u=step.predicted.u)  # that of the measurements
+            # u is that of the measurements; trouble in a repeated step is trouble now
+            healthy = predicted.healthy & before.healthy
+            predicted = predicted.replace(u=step.predicted.u, healthy=healthy)
             began = reach <= ago  # in this step, or later
             if began.any():
                 predicted = predicted.with_rows(began, step.predicted[began])

@@ -205,3 +205,12 @@ def test_whatever_has_init_predict_and_update_may_be_delayed():
 def test_what_does_not_fit_gets_one_sentence(call, error: type, sentence: str):
     with pytest.raises(error, match=sentence):
         call()
+
+
+def test_an_absurd_measurement_that_comes_late_is_not_healthy():
+    late = Delayed(make("pf", LinearModel([[1.0]], [[1.0]], [[1e-4]], [[0.01]])), 2)
+    y = np.full((4, 3, 1), np.nan)
+    y[:, 0] = 0.1
+    y[1, 0], y[2, 1] = np.nan, 60.0
+    beliefs = run(late, Gaussian([0.0], [[1.0]]), y, rng=0).updated
+    np.testing.assert_array_equal(beliefs.healthy, [True, True, False, True])
