@@ -82,8 +82,7 @@ class StepProgram:
             *map(partial(getattr, belief), self._names),
             *map(given.__getitem__, self._others),
         ]
-        call = self._function.call
-        if call is None or (results := call(*arrays)) is None:
+        if (results := self._function.call(*arrays)) is None:
             results = self._function.compute(*arrays)
         if self._batch != (batch := belief.mean.shape[:-1]):
             self._batch = batch

@@ -32,19 +32,19 @@ def packages(script: Path) -> list[str]:
     return list(tomllib.loads("\n".join(lines))["dependencies"])
 
 
-def interpreter(requirements: list[str]) -> Path:
-    """Python of an environment with these packages, installed when first asked for."""
-    key = hashlib.sha256("\n".join(requirements).encode()).hexdigest()[:12]
+def interpreter(requirements: list[str], python: str = sys.executable) -> Path:
+    """A Python's own environment with these packages, installed when first asked for."""
+    key = hashlib.sha256("\n".join([python, *requirements]).encode()).hexdigest()[:12]
     folder = ENVIRONMENTS / key
-    python, installed = folder / "bin" / "python", folder / "installed.txt"
+    own, installed = folder / "bin" / "python", folder / "installed.txt"
     if not installed.exists():
-        subprocess.run([sys.executable, "-m", "venv", "--clear", folder], check=True)
+        subprocess.run([python, "-m", "venv", "--clear", folder], check=True)
         # torch first and alone, so that its pinned build stays for what wants any torch
         torch = [name for name in requirements if re.match(r"torch\b(?!-)", name)]
         for names in filter(None, (torch, requirements)):
-            subprocess.run([python, "-m", "pip", "install", "-q", *names], check=True)
+            subprocess.run([own, "-m", "pip", "install", "-q", *names], check=True)
         installed.write_text("\n".join(requirements))
-    return python
+    return own
 
 
 def run_script(script: Path, *arguments: str, timeout: float) -> str:

@@ -1,12 +1,13 @@
 """Compiled functions: a program for each row of a batch of arrays in C order."""
 
+import ctypes
 import itertools
 import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import partial
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -49,9 +50,12 @@ class Function:
     Attributes:
         arguments: Shape and kind of a row of each argument of `call`, by its index.
         call: Results for arrays like the last ones; None for others, which need `compute`.
+        computed: Calls of `compute` by all functions, each some 30 us slower than `call`.
         layout: Places of matrices in the scratch.
         several: As given.
     """
+
+    computed: ClassVar[int] = 0
 
     def __init__(
         self,
@@ -76,10 +80,11 @@ class Function:
         self._places, self._literals, self._constants = _placed(program)
         self._address = self._constants.__array_interface__["data"][0]
         self._codes: dict[int, int] = {}
-        self.call: Callable[..., Any] | None = None  # for arrays like the last ones
+        self.call: Callable[..., Any] = _like_none  # for arrays like the last ones
 
     def compute(self, *arrays: Any) -> tuple[np.ndarray, ...]:
         """Results for arrays of one batch; an array without batch axes is shared by all rows."""
+        Function.computed += 1
         own, given, leading = list(self.arguments.values()), [], []
         for array, each in zip(arrays, own, strict=True):
             given.append(a := in_memory(array, each.kind))
@@ -94,26 +99,32 @@ class Function:
         rows = math.prod(batch)
         width = LANES if rows >= FEW else 1
         room = machine.scratch(width * self._scratch)
+        head = self._code(width), rows, shared, room, self._address
+        if (invoke := invoker()) is None:
+            return self._called(head, given, batch)
         flags = ~0x400 if self._sealed else -1  # NPY_ARRAY_WRITEABLE
-        table = [
-            self._code(width),
-            rows,
-            shared,
-            room,
-            self._address,
-            flags,
-            len(own),
-            len(self.results),
-        ]
+        table = [*head, flags, len(own), len(self.results)]
         for a in given:
             table += id(a.dtype), a.ndim, *a.shape
         for each in self.results:
             shape = batch + each.shape
             table += id(KINDS[each.kind]), len(shape), *shape
-        call = partial(invoker(), np.array(table, np.int64))
+        call = partial(invoke, np.array(table, np.int64))
         results: Any = call(*given)
         self.call = call
         return results
+
+    def _called(
+        self, head: Sequence[int], given: Sequence[np.ndarray], batch: tuple[int, ...]
+    ) -> tuple[np.ndarray, ...]:
+        """Results by ctypes, for a Python or a NumPy whose arrays `invoker` does not know."""
+        results = [np.empty(batch + each.shape, KINDS[each.kind]) for each in self.results]
+        data = np.array([a.ctypes.data for a in (*given, *results)], np.uintp)
+        code, *numbers = head
+        _CODE(code)(*numbers, data.ctypes.data)
+        for array in results:
+            array.setflags(write=not self._sealed)
+        return tuple(results)
 
     def _code(self, width: int) -> int:
         """Machine code for ``width`` rows side by side; programs with other numbers share it."""
@@ -129,6 +140,14 @@ class Function:
         """The program in LLVM IR, as a function of a name."""
         driver = Driver(self, Module(self._places), width)
         return driver.module.text([driver.function(name, self.instructions, self.outputs)])
+
+
+_CODE = ctypes.PYFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 3)
+"""Type of compiled programs; it keeps the lock of the interpreter, as the scratch is shared."""
+
+
+def _like_none(*arrays: Any) -> None:
+    """The first `Function.call`: no arrays are like the last ones."""
 
 
 def _placed(program: Program) -> tuple[dict[int, int], dict[int, Any], np.ndarray]:

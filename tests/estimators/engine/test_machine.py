@@ -57,10 +57,13 @@ for rows in (1, 9):
 """
 
 
-def start(cache: Path, *arguments: str) -> subprocess.Popen[str]:
+def start(
+    cache: Path, *arguments: str, environment: dict[str, str] | None = None
+) -> subprocess.Popen[str]:
     return subprocess.Popen(
         [sys.executable, "-c", SCRIPT, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        cwd=ROOT, env={**os.environ, "VESSEL_GYM_CACHE": str(cache), "PYTHONPATH": str(ROOT)},
+        cwd=ROOT, env={**os.environ, "VESSEL_GYM_CACHE": str(cache), "PYTHONPATH": str(ROOT),
+             **(environment or {})},
     )  # fmt: skip
 
 
@@ -74,6 +77,8 @@ def test_objects_serve_other_processes_and_two_that_compile_at_once_agree(tmp_pa
     said = {line for line in (one[1] + other[1]).splitlines() if line}
     assert said == {f"vessel-gym: compiling equations once, a few seconds; kept in {private}"}
     assert max(one[1].count("\n"), other[1].count("\n")) == 1  # of two programs
+    slow = start(tmp_path, environment={"VESSEL_GYM_FAST_CALLS": "0"}).communicate()
+    assert slow[0] == one[0]
     third = start(tmp_path, "--forbidden").communicate()
     assert third == (one[0], "")  # nothing was compiled, and nothing said
     assert not list(tmp_path.glob("**/*.new"))
