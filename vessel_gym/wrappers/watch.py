@@ -1,5 +1,6 @@
 """Common part of the single and the vector wrapper: a loop around any environment."""
 
+from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from copy import deepcopy
@@ -282,7 +283,7 @@ class Watch:
                         f"the environment's observations have a key {key} of their own:"
                         " observe='mean'"
                     )
-            return Dict({**kept, **further})
+            return Dict(OrderedDict(kept | further))  # Gymnasium sorts a plain dict by its keys
         bounds = cast(Box, self.own).low.ravel(), cast(Box, self.own).high.ravel()
         others = [(box.low, box.high) for box in further.values()]
         passing = [each[list(self._passes)] for each in bounds]

@@ -938,6 +938,17 @@ class Mixed(Lettered):
         return seen | {"goal": (2, seen["goal"])}, *rest
 
 
+@pytest.mark.parametrize("observe", ["mean", "mean+std", "measurement"])
+def test_keys_keep_the_order_of_the_environment(observe: str):
+    """Gymnasium flattens a space in the order of its keys, and spaces of other orders are equal."""
+    given = {"state": lambda env, obs: env.unwrapped.x, "observation": lambda x: {"place": x}}
+    env = EstimatedObservation(
+        Mixed(), LINEAR, LINEAR_PRIOR, observe=observe, passes=["goal"], **given
+    )
+    kept = [key for key in env.observation_space if key in ("place", "goal")]
+    assert kept == (["goal"] if observe == "measurement" else ["place", "goal"])
+
+
 def test_what_passes_may_be_of_any_kind():
     given = {
         "state": lambda env, obs: env.unwrapped.x,
