@@ -34,7 +34,7 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
     For a linear model, with or without an unknown input, the result is exact. A nonlinear model is
     linearised where the filter linearised it. For `robust-kf` the smoother uses the filter's
     enlarged prediction covariances. Members of an ensemble are smoothed by regression on their own
-    predictions for the next time, which is the ensemble Kalman smoother.
+    predictions for the next time. On a linear model this is the ensemble Kalman smoother.
 
     Sources: Rauch, Tung & Striebel (1965), Maximum likelihood estimates of linear dynamic systems;
     Särkkä (2008), Unscented Rauch-Tung-Striebel smoother; Raanes (2016), On the ensemble
