@@ -214,7 +214,7 @@ class _Search:
                 starts, self.rough = [first], True  # gradients lead to no minimum
 
     def _likeliest(self, points: list[np.ndarray]) -> np.ndarray:
-        """The first of the points ``(k,)``, unless another's cost is lower by more than rounding."""
+        """The first point ``(k,)``, unless another's cost is lower by more than rounding."""
         costs = [self.cost(point) for point in points]
         return points[0 if costs[0] <= min(costs) + _LEFT else int(np.argmin(costs))]
 
