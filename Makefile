@@ -9,7 +9,7 @@ BIN := .venv/bin
 WORKERS := pytest -n 2 --dist worksteal
 
 .DEFAULT_GOAL := help
-.PHONY: help venv ablation policies test quick nightly lint docs linkcheck wheel clean
+.PHONY: help venv ablation policies test quick nightly clients lint docs linkcheck wheel clean
 
 help:  ## Show this help
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -50,6 +50,9 @@ quick: venv  ## Run one case of each test that is not slow, which takes a minute
 
 nightly: venv  ## Run all cases, and the tests that take minutes (half an hour)
 	VESSEL_GYM_OPTIMISE=1 $(BIN)/python -m $(WORKERS) -m "slow or nightly"
+
+clients: venv  ## Train learners of other libraries, each in its own environment, and check what they stored
+	$(BIN)/python -m pytest -m "" -rP tests/clients
 
 lint: venv  ## Check style, format, types, spelling and the language of pages
 	$(BIN)/ruff check .

@@ -5,6 +5,7 @@ inline script metadata (https://packaging.python.org/specifications/inline-scrip
 ``pipx run`` and ``uv run`` can run it, too. It imports this project from its sources.
 """
 
+import fcntl
 import hashlib
 import os
 import re
@@ -37,13 +38,16 @@ def interpreter(requirements: list[str], python: str = sys.executable) -> Path:
     key = hashlib.sha256("\n".join([python, *requirements]).encode()).hexdigest()[:12]
     folder = ENVIRONMENTS / key
     own, installed = folder / "bin" / "python", folder / "installed.txt"
-    if not installed.exists():
-        subprocess.run([python, "-m", "venv", "--clear", folder], check=True)
-        # torch first and alone, so that its pinned build stays for what wants any torch
-        torch = [name for name in requirements if re.match(r"torch\b(?!-)", name)]
-        for names in filter(None, (torch, requirements)):
-            subprocess.run([own, "-m", "pip", "install", "-q", *names], check=True)
-        installed.write_text("\n".join(requirements))
+    ENVIRONMENTS.mkdir(exist_ok=True)
+    with (ENVIRONMENTS / f"{key}.lock").open("w") as lock:  # tests run side by side
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not installed.exists():
+            subprocess.run([python, "-m", "venv", "--clear", folder], check=True)
+            # torch first and alone, so that its pinned build stays for what wants any torch
+            torch = [name for name in requirements if re.match(r"torch\b(?!-)", name)]
+            for names in filter(None, (torch, requirements)):
+                subprocess.run([own, "-m", "pip", "install", "-q", *names], check=True)
+            installed.write_text("\n".join(requirements))
     return own
 
 

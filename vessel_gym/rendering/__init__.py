@@ -9,20 +9,41 @@ it to render.
 """
 
 import os
-from typing import TYPE_CHECKING
+from typing import Any
 
 from gymnasium.error import DependencyNotInstalled
 
 from vessel_gym.core import Core
 from vessel_gym.extras import require
 
-if TYPE_CHECKING:
-    from vessel_gym.rendering.renderer import Renderer
-
 __all__ = ["make_renderer"]
 
 
-def make_renderer(core: Core, render_mode: str, fps: int, row: int = 0) -> "Renderer":
+class _WithoutPygame:
+    """Stands for a renderer where pygame is missing, and refuses to draw.
+
+    Learners ask for ``render_mode="rgb_array"`` beforehand (``make_vec_env`` of stable-baselines3
+    always does) and most never draw.
+    """
+
+    def __init__(self, message: str) -> None:
+        self._message = message
+
+    def begin(self) -> None:
+        """Begin a new episode."""
+
+    def record(self) -> None:
+        """Record nothing."""
+
+    def draw(self) -> None:
+        """Raise `DependencyNotInstalled`."""
+        raise DependencyNotInstalled(self._message)
+
+    def close(self) -> None:
+        """Close nothing."""
+
+
+def make_renderer(core: Core, render_mode: str, fps: int, row: int = 0) -> Any:
     """Make the renderer of an environment.
 
     Args:
@@ -31,14 +52,14 @@ def make_renderer(core: Core, render_mode: str, fps: int, row: int = 0) -> "Rend
         fps: Frames a second of the window.
         row: Index of the environment in the batch.
 
-    Raises:
-        DependencyNotInstalled: if pygame is missing.
+    Returns:
+        A `Renderer`. If pygame is missing, its ``draw`` raises `DependencyNotInstalled`.
     """
     os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # no greeting on the terminal
     try:
         require("pygame")
     except ModuleNotFoundError as error:
-        raise DependencyNotInstalled(str(error)) from None
+        return _WithoutPygame(str(error))
     from vessel_gym.rendering.picture import Picture
     from vessel_gym.rendering.renderer import Renderer
 
