@@ -79,8 +79,8 @@ def load_agent(name: str | Path, env: Any) -> Agent:
     ours = hasattr(env, "core")
     if ours and name == PPO:
         return TrainedAgent(packaged(env.system.name), env)
-    if ours and name in CONTROLLERS.of(env.core.task):
-        if env.core.observe_mode == "measurement":
+    if ours and name in CONTROLLERS.of(env.core.config.system.task):
+        if env.core.config.observe_mode == "measurement":
             raise ValueError(f'the {name} needs estimates: use observe="mean" or "mean+std"')
         if not env.core.config.options.guidance:
             raise ValueError(f"the {name} goes by guidance: leave out guidance")
@@ -89,7 +89,7 @@ def load_agent(name: str | Path, env: Any) -> Agent:
     if os.path.isfile(path):  # which takes any name; pathlib raises for one that is too long
         return TrainedAgent(path, given)
     if isinstance(name, str) and ":" in name:
-        return make_controller(name, core_of(given).system)
+        return make_controller(name, core_of(given).config.system)
     if Path(name).suffix in (".zip", ".npz") or len(Path(name).parts) > 1:
         raise ValueError(f"there is no checkpoint {str(name)!r}")
     if not ours:

@@ -57,12 +57,13 @@ class Rollout:
 
     @cached_property
     def core(self) -> Any:
-        """The environment's `vessel_gym.core.Core`, or a substitute.
-
-        For an environment of another package the substitute is an `agents.wrapped.Wrapped`, which
-        has the attributes that metrics need.
-        """
+        """The environment's `vessel_gym.core.Core`, or the substitute that `core_of` returns."""
         return core_of(self.env)
+
+    @property
+    def config(self) -> Any:
+        """The environment's `vessel_gym.configuration.Configuration`, or its substitute."""
+        return self.core.config
 
     @property
     def alive(self) -> np.ndarray:
@@ -108,7 +109,7 @@ def rollout(
         flyer.reset(len(seeds))
         start = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
         core: Any = getattr(env.unwrapped, "core", None)
-        scenario = None if core is None else core.scenario.copy()
+        scenario = None if core is None else core.now.scenario.copy()
 
         def frame(info: dict[str, Any]) -> Arrays:
             return _frame(info, core, ensembles) if record else {}
@@ -191,8 +192,8 @@ def _frame(info: dict[str, Any], core: Any, ensembles: bool) -> Arrays:
         for key, value in info.items()
         if isinstance(value, np.ndarray) and value.dtype != object and not key.startswith("_")
     }
-    if ensembles and core and core.belief.ensemble is not None:
-        frame["ensemble"] = core.belief.ensemble.copy()
+    if ensembles and core and core.now.belief.ensemble is not None:
+        frame["ensemble"] = core.now.belief.ensemble.copy()
     return frame
 
 

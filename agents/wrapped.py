@@ -1,4 +1,4 @@
-"""Registered environments of others, in the place of a `vessel_gym.system.System` and its core.
+"""Registered environments of others, in the place of a `vessel_gym.core.Core`.
 
 Studies, commands and metrics find estimator, sensors and state there. Most such environments have
 an `EstimatedObservation`; one without has no estimates, and its metrics are return and length.
@@ -38,7 +38,9 @@ class Episodes:
 
 
 class Wrapped:
-    """An environment of others, with the attributes of a system and of a core that `agents` needs.
+    """An environment of others in the place of a core, its configuration and its system.
+
+    It has the attributes of all three that `agents` needs.
 
     Args:
         env: One registered environment.
@@ -46,18 +48,16 @@ class Wrapped:
 
     def __init__(self, env: Any) -> None:
         watch = watch_of(env)
-        self.name, self.env, self.system = env.spec.id, env, self
+        self.name, self.env, self.config, self.system = env.spec.id, env, self, self
         self.task = Episodes(env.spec.max_episode_steps)
         self.vehicle = SimpleNamespace(dt=time_step(env))
         self.estimator = "" if watch is None else watch.estimator
         names = () if watch is None else watch.sensors.state_names
         self.composition = SimpleNamespace(names=names)
-        self.filter: Any = getattr(watch, "filter", None)
+        filter = SimpleNamespace(name=self.estimator, model=getattr(watch, "model", None))
+        self.estimation = SimpleNamespace(filter=filter)
+        self.true_state = SimpleNamespace(in_filter_order=np.asarray)  # all of it is estimated
         self.sensors: Any = getattr(watch, "sensors", None)
-
-    def estimated(self, truth: np.ndarray) -> np.ndarray:
-        """Components of the true state ``(..., n)`` that are estimated: all."""
-        return truth
 
     def sensors_of(self, suite: Any) -> Any:
         """Its sensors as registered; it has no suites."""

@@ -53,9 +53,8 @@ class Flight:
         return time_block(self.env.step, self.actions, self.rows)
 
 
-PARTS = {"world": "_moved", "filter": "step", "task": "_scored", "observation": "observe",
-         "info": "info"}  # fmt: skip
-"""Method of each part of `Core.step`; that of the filter is its own."""
+PARTS = "world", "filter", "task", "observation", "info"
+"""Parts of a step."""
 
 
 def part_shares(env_id: str, rows: int) -> Callable[[], np.ndarray]:
@@ -74,9 +73,11 @@ def part_shares(env_id: str, rows: int) -> Callable[[], np.ndarray]:
 
         object.__setattr__(owner, name, timed)  # filters are read-only
 
-    for part, name in PARTS.items():
-        alone = part == "info" and not rows  # a single environment asks for what happened
-        clock(part, core.filter if part == "filter" else core, "happened" if alone else name)
+    clock("world", core.config.world, "step")
+    clock("filter", core.config.estimation.filter, "step")
+    clock("task", core.config.mission, "step")
+    clock("observation", core, "observe")
+    clock("info", core, "info" if rows else "happened")
 
     def shares() -> np.ndarray:
         flight.env.reset(seed=0)

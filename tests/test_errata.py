@@ -179,7 +179,9 @@ def test_i_xy_and_i_yz_vanish_for_a_hull_that_is_its_own_mirror_in_the_xz_plane(
 
 def test_the_printed_covariance_prediction_lacks_a_sign_the_gain_and_s() -> None:
     noise = 1e-3 * np.eye(3)  # eq. 4.6
-    printed = Core(THESIS_CORVETTE, estimator_options={"model": "as-printed"}).composition.model
+    printed = Core(
+        THESIS_CORVETTE, estimator_options={"model": "as-printed"}
+    ).config.composition.model
     model = replace(printed, Q=noise, R=1e-3 * np.eye(2))
     A, C, G, H, Q, R = (
         np.asarray(matrix) for matrix in (model.A, model.C, model.G, model.H, model.Q, model.R)

@@ -51,7 +51,11 @@ def test_filters_run_the_equations_of_a_page_compiled_with_their_exact_derivativ
     env: Any = gym.make(env_id, estimator="ekf")
     env.reset(seed=0)
     core = env.unwrapped.core
-    model, x, u = core.composition.model, core.belief.mean, core.vehicle.cruise[1][None]
+    model, x, u = (
+        core.config.composition.model,
+        core.now.belief.mean,
+        core.config.system.vehicle.cruise[1][None],
+    )
     for name, function in (("transition", model.transition), ("measurement", model.measurement)):
         assert is_compiled(function)
         jacobian = getattr(model, f"linearise_{name}")(x, u)[1]
@@ -187,10 +191,10 @@ def test_numbers_of_ones_own_need_be_neither_doubles_nor_a_row_each() -> None:
     for steps in range(1, 4):
         core.step(np.full((4, 1), 0.3, np.float32))
         np.testing.assert_array_equal(
-            core.belief.u[:, 1], np.full(4, np.float32(0.005))
+            core.now.belief.u[:, 1], np.full(4, np.float32(0.005))
         )  # not only after a reset
-        np.testing.assert_array_equal(core.total, np.full(4, 0.25 * steps))
-        assert core.actuators.dtype == core.reference.dtype == float
+        np.testing.assert_array_equal(core.now.total, np.full(4, 0.25 * steps))
+        assert core.now.actuators.dtype == core.now.reference.dtype == float
     assert np.isfinite(core.observe()).all()
     one = system.vehicle.actuate(np.zeros((1, 1)), np.ones((1, 1)))
     np.testing.assert_array_equal(
@@ -240,9 +244,12 @@ def test_filters_of_ones_own_equations_are_as_good_as_they_say_and_rows_alike() 
         info = many.step(np.tile(np.float32([0.5, 0.45]), (200, 1)))[4]
         alone = one.step(np.float32([0.5, 0.45]))[4]
     core = many.unwrapped.core
-    truth, angles = core.estimated(core.truth), core.filter.model.state_angles
+    truth, angles = (
+        core.config.true_state.in_filter_order(core.truth),
+        core.config.estimation.filter.model.state_angles,
+    )
     low, high = chi_square_band(200, truth.shape[1], 1.0 - 1e-4)
-    assert low < nees(core.belief.mean, core.belief.cov, truth, angles).mean() < high
+    assert low < nees(core.now.belief.mean, core.now.belief.cov, truth, angles).mean() < high
     for name in ("truth", "measurement", "available"):
         np.testing.assert_array_equal(info[name][3], alone[name])
     np.testing.assert_allclose(info["estimate"][3], alone["estimate"], rtol=1e-9, atol=1e-12)
@@ -313,19 +320,20 @@ class WritingTask(Task):
         self._spoil(scenario, step, state)
         return reference
 
-    def observe(self, estimate: Any, reference: Any, actuators: Any) -> Any:
+    def observe(self, estimate: Any, scenario: Any, reference: Any, actuators: Any) -> Any:
         seen = np.hstack([estimate.state, reference, actuators])
-        self._spoil(estimate.state, estimate.flow, reference, actuators)
+        self._spoil(estimate.state, estimate.flow, scenario, reference, actuators)
         return seen
 
-    def over(self, reference: Any) -> Any:
-        self._spoil(reference)
+    def over(self, scenario: Any, reference: Any) -> Any:
+        self._spoil(scenario, reference)
         return np.zeros(len(reference), bool)
 
     def score(
         self,
         state: Any,
         exogenous: Any,
+        scenario: Any,
         reference: Any,
         over: Any,
         actuators: Any,
@@ -333,7 +341,7 @@ class WritingTask(Task):
         score_state: Any,
     ) -> Any:
         reward = np.exp(-np.abs(state[:, 4]))
-        self._spoil(state, exogenous, reference, actuators, action)
+        self._spoil(state, exogenous, scenario, reference, actuators, action)
         return reward, np.zeros(len(state), int), score_state
 
 
@@ -481,8 +489,8 @@ def test_a_vehicle_that_gives_nan_is_refused_and_one_that_has_run_away_is_not() 
     with np.errstate(all="ignore"):
         for _ in range(8):  # 1e60, 1e120, ... infinity
             core.step(np.zeros(core.action_shape))
-    assert np.isfinite(core.belief.mean).all()
-    assert np.isinf(core.state).any()
+    assert np.isfinite(core.now.belief.mean).all()
+    assert np.isinf(core.now.state).any()
 
 
 @pytest.mark.parametrize("end", [7, -1, 0.5])
@@ -588,7 +596,7 @@ def test_nan_in_a_score_state_is_refused_and_infinity_and_rewards_of_any_range_a
         )
 
     core = flown(remembering(np.inf, 0.0))
-    assert (core.total < -1.0).all()
+    assert (core.now.total < -1.0).all()
     assert np.isinf(core.now.score_state).all()
     with pytest.raises(
         ValueError,
@@ -646,10 +654,10 @@ def test_what_a_function_reads_may_change_in_flight() -> None:
     core = Core(replace(gym.spec("Route-v0").entry_point.system, vehicle=vehicle), 2, "truth")
     core.start(5)
     for vehicle.wind in np.linspace(0.0, 2.0, 12):
-        state, before, exogenous = core.state, core.actuators, core.exogenous
+        state, before, exogenous = core.now.state, core.now.actuators, core.now.exogenous
         core.step(np.full((2, 2), 0.5))
-        expected = vehicle.step(state, before, core.actuators, exogenous, core.parameters)
-        np.testing.assert_array_equal(core.state, expected)
+        expected = vehicle.step(state, before, core.now.actuators, exogenous, core.now.parameters)
+        np.testing.assert_array_equal(core.now.state, expected)
 
 
 def test_what_a_compiled_method_reads_is_frozen_when_it_is_traced() -> None:
@@ -660,11 +668,11 @@ def test_what_a_compiled_method_reads_is_frozen_when_it_is_traced() -> None:
     core = Core(replace(gym.spec("Route-v0").entry_point.system, vehicle=vehicle), 2, "truth")
     core.start(5)
     for vehicle.wind in (0.0, 2.0):
-        given = core.state, core.actuators, core.exogenous, core.parameters
+        given = core.now.state, core.now.actuators, core.now.exogenous, core.now.parameters
         core.step(np.full((2, 2), 0.5))
         state, before, exogenous, parameters = given
-        calm = Windy().step(state, before, core.actuators, exogenous, parameters)
-        np.testing.assert_allclose(core.state, calm, rtol=1e-12)
+        calm = Windy().step(state, before, core.now.actuators, exogenous, parameters)
+        np.testing.assert_allclose(core.now.state, calm, rtol=1e-12)
 
 
 def test_a_vehicle_may_draw_random_numbers_a_row_each() -> None:
@@ -682,7 +690,7 @@ def test_a_vehicle_may_draw_random_numbers_a_row_each() -> None:
     )
     core.start(0)
     core.step(np.zeros((3, 2)))
-    assert len(np.unique(core.state[:, 3])) == 3
+    assert len(np.unique(core.now.state[:, 3])) == 3
 
 
 def test_a_function_that_does_not_repeat_itself_is_refused_when_an_environment_is_made() -> None:

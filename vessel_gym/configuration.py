@@ -12,16 +12,18 @@ from estimators.checks import as_number, short_repr
 from vessel_gym.acceptance import check_causal, checked_disturbance, checked_task, checked_vehicle
 from vessel_gym.checks import one_of
 from vessel_gym.checks import options as checked_options
+from vessel_gym.delivery import Delivery
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.filter_models.build import Composition
 from vessel_gym.filter_models.exogenous import Forces, change_of, input_channels
+from vessel_gym.loop import Estimator
 from vessel_gym.mission import Mission
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor, Sensors, columns
 from vessel_gym.sharing import shared
 from vessel_gym.start import Draws
-from vessel_gym.state import EnvState
+from vessel_gym.state import State
 from vessel_gym.system import System
 from vessel_gym.world import World
 
@@ -40,13 +42,12 @@ def _world(
 ) -> World:
     """World of an environment: vehicle, sensors, disturbance and task."""
     vehicle = checked_vehicle(system.vehicle)
-    task = checked_task(system.task, vehicle)
     given, forces = (
         system.sensors_of(sensors, faults),
         Forces(system.vehicle, chosen_disturbance(system, disturbance)),
     )
     check_causal(given, forces)
-    return World(vehicle, forces, checked_disturbance(forces.disturbance), given, task)
+    return World(vehicle, forces, checked_disturbance(forces.disturbance), given)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,11 +137,15 @@ class Configuration:
 
     Attributes:
         world: True world, with vehicle, sensors and disturbance.
-        mission: Task.
+        task: Task; a user's with `vessel_gym.foreign.CheckedMethods`.
+        user_defined: The user's own among vehicle, disturbance and task.
+        delivery: Faults and delays of measurements.
+        estimators: The estimator and, with ``raw``, that of raw measurements.
+        mission: The task's part of a step.
         estimation: Estimator and its model.
         raw: Estimation from raw measurements, if they are observed with guidance; otherwise None.
         observe_mode: One of `OBSERVE`.
-        based: Indices of the true state's components that the filter's widest model estimates.
+        prior_index: Indices of the true state's components that the filter's widest model estimates.
         perfect: Sum of rewards of a perfect episode, and reward of a further step.
         nominal: Parameters ``(1, k)`` of the filter's model.
 
@@ -154,7 +159,10 @@ class Configuration:
         self.world = world = _world(
             system, options.sensors, options.sensor_faults, options.disturbance
         )
-        vehicle, task, raw = system.vehicle, system.task, options.observe == "measurement"
+        vehicle, raw = system.vehicle, options.observe == "measurement"
+        self.task: Any = checked_task(system.task, world.vehicle)
+        own = [self.task] if self.task is not system.task else []
+        self.user_defined = [*world.user_defined, *own]
         rest = world.sensors, world.forces.disturbance
         choice = system.estimator if options.estimator is None else options.estimator
         self.estimation: Estimation = build(system, choice, options.estimator_options, *rest)
@@ -162,29 +170,48 @@ class Configuration:
         if options.guidance and raw:
             wide = {"model": vehicle.kinds[0]}  # raw guidance is equal for all estimators
             self.raw = build(system, "measurement", wide, *rest)
-        sizes, seen = (
-            task.sizes(world.sensors.size, len(self.composition.names)),
-            observed(options.observe, bool(options.guidance)),
+        self.observation_size = self._observation_size()
+        self.action_size = len(vehicle.action_names)
+        self.perfect = (
+            float(system.task.perfect),
+            float(system.task.perfect == system.task.horizon),
         )
+        self.prior_index = tuple(
+            vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])
+        )
+        guided = bool(options.guidance) and options.observe == "mean"
+        ending = str(options.termination)
+        self.mission = _mission(self.task, self.estimation, ending, self.prior_index, guided, raw)
+        self.true_state = TrueState.of(world, self.composition)
+        self.unknown_input = UnknownInput.of(world, self.estimation.inputs)
+        prior_size = len(self.prior_index)
+        self.draws = Draws.of(world, system.task.uniforms, prior_size, options.mismatch)
+        self.delivery = Delivery(world.sensors)
+        both = (self.estimation, "belief"), (self.raw, "raw")
+        self.estimators = [Estimator(each, field, self._oracle) for each, field in both if each]
+        self.nominal = np.array(world.vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
+
+    def _observation_size(self) -> int:
+        """Number of components of an observation."""
+        task, seen = self.system.task, observed(self.observe_mode, bool(self.options.guidance))
+        sizes = task.sizes(self.sensors.size, len(self.composition.names))
         if not isinstance(sizes, dict) or not all(part in sizes for part in seen):
             raise ValueError(
                 f"sizes of {type(task).__name__} must give {', '.join(seen)}, got"
                 f" {short_repr(sizes)}"
             )
-        self.observation_size: int = sum(sizes[part] for part in seen)
-        self.action_size = len(vehicle.action_names)
-        self.perfect = float(task.perfect), float(task.perfect == task.horizon)
-        self.based = tuple(
-            vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])
-        )
-        guided = bool(options.guidance) and options.observe == "mean"
-        self.mission = _mission(
-            world.task, self.composition, str(options.termination), self.based, guided, raw
-        )
-        self.true_state = TrueState.of(world, self.composition)
-        self.unknown_input = UnknownInput.of(world, self.estimation.inputs)
-        self.draws = Draws.of(world, len(self.based), options.mismatch)
-        self.nominal = np.array(world.vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
+        return sum(sizes[part] for part in seen)
+
+    def _oracle(self, now: State) -> np.ndarray:
+        """Measurement ``(B, n + q)`` of the oracle alone: true state and unknown input."""
+        true = self.true_state
+        truth, unknown = true.in_filter_order(true.values(now)), self.unknown_input.values(now)
+        return np.concatenate([truth, unknown], -1)
+
+    def refuse_at(self, steps: np.ndarray, ended: np.ndarray | None) -> None:
+        """Pass step numbers and ended rows to the user's parts, for their error messages."""
+        for part in self.user_defined:
+            part.steps, part.ended = steps, ended
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Configuration, (self.system, self.options)
@@ -222,27 +249,34 @@ class TrueState(NamedTuple):
     """Components of `vessel_gym.core.Core.truth`."""
 
     names: tuple[str, ...]
-    drifting: bool  # is the disturbance's state among them?
+    slow: slice  # components of the record's ``slow`` among them
     alone: bool  # are they the vehicle's state alone?
     estimated: list[int]  # places of the filter's states; -1: only the filter's model has the state
-    ended: list[int]  # indices of those increments of the ended step that are components
+    increments: list[int]  # indices of those of the step that has ended that are components
 
-    def values(self, now: EnvState, sea: int) -> np.ndarray:
-        """True states ``(B, n)``; the disturbance's state has ``sea`` components."""
+    def values(self, now: State) -> np.ndarray:
+        """True states ``(B, n)``."""
         if self.alone:
             return now.state
-        drifting = now.drifting if self.drifting else now.drifting[:, sea:]
-        return np.concatenate([now.state, drifting, now.ended[:, self.ended]], -1)
+        increments = now.exogenous_before[:, self.increments]
+        return np.concatenate([now.state, now.slow[:, self.slow], increments], -1)
+
+    def in_filter_order(self, truth: np.ndarray) -> np.ndarray:
+        """True states ``(..., n)`` in the order of the filter's; NaN where the truth has none."""
+        state = truth[..., self.estimated]
+        state[..., [index < 0 for index in self.estimated]] = np.nan
+        return state
 
     @classmethod
     def of(cls, world: World, composition: Composition) -> "TrueState":
         """The true state of a world, with the places of a filter's states."""
         disturbance, vehicle = world.forces.disturbance, world.forces.vehicle.state_names
-        drifting = disturbance.assumed_as == "states" or len(composition.estimated) > 0
-        names = *vehicle, *(disturbance.names if drifting else ()), *world.sensors.bias_names
+        waves = disturbance.assumed_as == "states" or len(composition.estimated) > 0
+        names = *vehicle, *(disturbance.names if waves else ()), *world.sensors.bias_names
         names = *names, *composition.ended_names
         estimated = [names.index(name) if name in names else -1 for name in composition.names]
-        return cls(names, drifting, len(names) == len(vehicle), estimated, composition.ended)
+        slow = slice(0 if waves else world.size, None)
+        return cls(names, slow, len(names) == len(vehicle), estimated, composition.ended)
 
 
 class UnknownInput(NamedTuple):
@@ -252,17 +286,18 @@ class UnknownInput(NamedTuple):
     """
 
     columns: Any  # of one array, or of all three side by side and a last column of NaN
-    array: str  # "ended_noise", "ended" or "exogenous"; "" for columns of several arrays
+    array: (
+        str  # "noise_before", "exogenous_before" or "exogenous"; "" for columns of several arrays
+    )
 
-    def values(self, now: EnvState) -> np.ndarray:
+    def values(self, now: State) -> np.ndarray:
         """True unknown input ``(B, q)``; NaN in components that only the filter's model has."""
         if self.array:
             chosen: np.ndarray = getattr(now, self.array)[:, self.columns]
             return chosen
         unheard = np.full((len(now.noise), 1), np.nan)
-        return np.concatenate([now.ended_noise, now.ended, now.exogenous, unheard], -1)[
-            :, self.columns
-        ]
+        arrays = now.noise_before, now.exogenous_before, now.exogenous, unheard
+        return np.concatenate(arrays, -1)[:, self.columns]
 
     @classmethod
     def of(cls, world: World, names: tuple[str, ...]) -> "UnknownInput":
@@ -273,8 +308,8 @@ class UnknownInput(NamedTuple):
         vehicle = world.forces.vehicle
         channels, increments = input_channels(vehicle)[: world.forces.size], vehicle.increments
         arrays = {
-            "ended_noise": new,
-            "ended": [name if name in increments else None for name in channels],
+            "noise_before": new,
+            "exogenous_before": [name if name in increments else None for name in channels],
             "exogenous": [None if name in increments else name for name in channels],
         }  # fmt: skip
         for array, held in arrays.items():

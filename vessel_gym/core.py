@@ -1,13 +1,12 @@
-"""The batched core of single and vector environments: one step of many environments at once."""
+"""The batched core of single and vector environments: many environments at once."""
 
 from collections.abc import Sequence
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
 
-from estimators import Belief, Gaussian, RandomKeys
+from estimators import Gaussian, RandomKeys
 from estimators.checks import short_repr
 from estimators.linalg import shared_root
 from vessel_gym.checks import checked_action, is_integer
@@ -15,27 +14,21 @@ from vessel_gym.checks import options as checked_options
 from vessel_gym.configuration import Configuration, Options
 from vessel_gym.delivery import Measurements, injected
 from vessel_gym.foreign import refuse_not_finite
-from vessel_gym.loop import Loop
 from vessel_gym.mission import estimate_of, standard_deviations
-from vessel_gym.start import DRAWN, draw, known, seeds_of
-from vessel_gym.state import EnvState, blank
+from vessel_gym.start import DRAWN, draw, filter_prior, seeds_of
+from vessel_gym.state import State
 from vessel_gym.system import System
 from vessel_gym.tasks.task import Estimate
 
 
-def _of(path: str) -> Any:
-    """Read-only property that returns an attribute of a part by its dotted path."""
-    return property(attrgetter(path))
-
-
 class Core:
-    """``B`` environments of one system: truth, disturbance, sensors, estimator, task.
+    """``B`` environments of one system: what no step changes, and a record of all that one does.
 
     One step::
 
-        action -> actuators -> vehicle -> sensors -> estimator -> task.observe -> observation
-                 disturbance ----'  |                                 ^
-                                    '-> task.score -> reward      reference
+        action -> actuators -> vehicle -> sensors -> delivery -> estimator -> mission -> observation
+                 disturbance ----'  |                                            ^
+                                    '--------------------------------------------'-> reward
 
     The reference is evaluated at the estimated state. With ``observe="measurement"`` no estimate
     enters an episode: the reference is evaluated at the true state, and only the score and `info`
@@ -48,41 +41,15 @@ class Core:
         named: Fields of `vessel_gym.configuration.Options`, by name.
 
     Attributes:
-        config: System and options, which no step changes.
-        now: Truth and score after the last step.
-        loop: Sensors, estimator and belief.
-        raw: Estimator ``"measurement"`` for guidance from raw measurements; None without such
-            guidance.
+        config: World, estimators, mission and options, which no step changes.
+        now: The record after the last step. Steps replace it and leave its arrays as they are, so
+            that a record which is put back is stepped again with equal results.
         seeds: One seed for each environment; empty before the first reset.
-        episodes: Number ``(B,)`` of the episode since the environment was seeded.
 
     Raises:
         ValueError: as `vessel_gym.configuration.Options`.
         TypeError: as `vessel_gym.configuration.Options`.
     """
-
-    system, vehicle, task = map(
-        _of, ("config.system", "config.system.vehicle", "config.system.task")
-    )
-    sensors, forces, composition = map(
-        _of, ("config.sensors", "config.world.forces", "config.composition")
-    )
-    truth_names, unknown_inputs = map(_of, ("config.true_state.names", "config.estimation.inputs"))
-    observe_mode, action_size, observation_size = (
-        _of(f"config.{name}") for name in ("observe_mode", "action_size", "observation_size")
-    )
-    filter, estimator, measurements = map(
-        _of, ("loop.filter", "loop.filter.name", "loop.measurements")
-    )
-    state, action, actuators, parameters = (
-        _of(f"now.{name}") for name in ("state", "action", "actuators", "parameters")
-    )
-    drifting, noise, exogenous, scenario = (
-        _of(f"now.{name}") for name in ("drifting", "noise", "exogenous", "scenario")
-    )
-    reference, steps, total, end = (
-        _of(f"now.{name}") for name in ("reference", "steps", "total", "end")
-    )
 
     def __init__(self, system: System, num_envs: int = 1, *arguments: Any, **named: Any) -> None:
         if not is_integer(num_envs) or num_envs < 1:
@@ -90,58 +57,50 @@ class Core:
                 f"num_envs must be a positive whole number, got {short_repr(num_envs)}"
             )
         self.num_envs = int(num_envs)
-        self.config = config = Configuration(system, Options(*arguments, **named))
-        self.loop = Loop(config, self.num_envs)
-        self.raw = None if config.raw is None else Loop(config, self.num_envs, "raw")
-        self.action_shape = self.num_envs, config.action_size
-        self._rows, self._no_input = np.arange(num_envs), np.zeros((num_envs, 0))
+        self.config = Configuration(system, Options(*arguments, **named))
+        self.action_shape = self.num_envs, self.config.action_size
         self.seeds: list[int] = []
-        self.episodes = np.zeros(num_envs, int)
-        self.now = blank(self.num_envs)
+        zeros = np.zeros(num_envs, int)
+        self.now = State(episode=zeros, over=zeros.astype(bool), end=zeros)
 
-    @property
-    def belief(self) -> Belief:
-        """Belief of the estimator, read-only."""
-        return self.loop.belief.read_only()
+    # --- step -------------------------------------------------------------------------------------
 
-    @property
-    def unknown_input(self) -> np.ndarray:
-        """True unknown input ``(B, q)``; NaN in components that only the filter's model has."""
-        return self.config.unknown_input.values(self.now)
+    def step(
+        self, action: np.ndarray, measurements: Measurements | None = None,
+        ended: np.ndarray | None = None, shape: tuple[int, ...] | None = None,
+    ) -> State:  # fmt: skip
+        """Advance every environment by one step.
 
-    @property
-    def truth(self) -> np.ndarray:
-        """True states ``(B, n)`` of vehicle, disturbance (if filters assume one) and biases."""
-        return self.config.true_state.values(self.now, self.config.world.size)
+        Args:
+            action: ``(B, a)`` finite; clipped to [-1, 1].
+            measurements: Measurements to use instead of the sensors' (for replays); all other
+                random numbers stay the same.
+            ended: Mask ``(B,)`` of environments whose episode has ended and that are reset next:
+                their actions are not checked.
+            shape: Shape that the action must have; None for ``(B, a)``.
 
-    @property
-    def score(self) -> np.ndarray:
-        """Scores ``(B,)`` in [0, 1]: sums of rewards over that of a perfect episode."""
-        perfect, each = self.config.perfect
-        return np.clip(self.now.total / np.maximum(perfect, each * self.now.steps), 0.0, 1.0)
+        Returns:
+            The new record, which is ``now``.
 
-    def score_of(self, row: int) -> float:
-        """Score of one environment, ten times as fast as `score`."""
-        perfect, each = self.config.perfect
-        score: float = self.now.total.item(row) / max(perfect, each * self.now.steps.item(row))
-        return score if 0.0 <= score <= 1.0 else min(max(score, 0.0), 1.0)
-
-    @property
-    def sea_state(self) -> np.ndarray:
-        """State of the disturbance ``(B, k)``."""
-        return self.now.drifting[:, : self.config.world.size]
-
-    @property
-    def bias(self) -> np.ndarray:
-        """States of the sensors' biases ``(B, b)``."""
-        return self.now.drifting[:, self.config.world.size :]
-
-    def estimated(self, truth: np.ndarray) -> np.ndarray:
-        """True states ``(..., n)`` in the order of the filter's; NaN where the truth has none."""
-        estimated = self.config.true_state.estimated
-        state = truth[..., estimated]
-        state[..., [index < 0 for index in estimated]] = np.nan
-        return state
+        Raises:
+            ValueError: if the action or the measurements have the wrong shape, or the action is not
+                finite.
+            TypeError: if the measurements are no pair of arrays.
+            gymnasium.error.ResetNeeded: before the first reset.
+        """
+        if not self.seeds:
+            raise ResetNeeded("call reset() before the first step()")
+        config = self.config
+        now = self.now.acted(checked_action(action, shape or self.action_shape, ended))
+        given = self._given(measurements, self.num_envs)
+        config.refuse_at(now.steps, ended)
+        config.world.step(now)
+        config.delivery(now, given)
+        for estimator in config.estimators:
+            estimator.step(now)
+        config.mission.step(now)
+        self.now = now
+        return now
 
     # --- reset ------------------------------------------------------------------------------------
 
@@ -158,12 +117,12 @@ class Core:
         """
         if rows is not None and not self.seeds and len(rows) < self.num_envs:
             raise ResetNeeded("the first reset must be of all environments")
-        before = self.seeds, self.episodes.copy()
+        before = self.seeds, self.now
         try:
             self.seed(seed, rows)
             self.reset(rows, options)
         except Exception:
-            self.seeds, self.episodes = before
+            self.seeds, self.now = before
             raise
 
     def seed(
@@ -180,14 +139,14 @@ class Core:
             ValueError: for a seed that is negative or not a whole number, or a list of the wrong
                 length.
         """
-        rows = self._rows if rows is None else rows
+        rows, episode = self._rows(rows), self.now.episode.copy()
         if seed is None and self.seeds:
-            self.episodes[rows] += 1
-            return
-        seeds = seeds_of(seed, self.num_envs, rows.tolist())
-        chosen = set(rows.tolist())
-        self.seeds = [seeds[i] if i in chosen else self.seeds[i] for i in range(self.num_envs)]
-        self.episodes[rows] = 0
+            episode[rows] += 1
+        else:
+            seeds, chosen = seeds_of(seed, self.num_envs, rows.tolist()), {*rows.tolist()}
+            self.seeds = [seeds[i] if i in chosen else self.seeds[i] for i in range(self.num_envs)]
+            episode[rows] = 0
+        self.now = self.now.but(episode=episode)
 
     def reset(
         self,
@@ -202,7 +161,7 @@ class Core:
             options: Reset options of the task.
             measurements: Measurements and mask ``(len(rows), p)`` to use instead of the sensors'
                 (for replays). With late sensors, measurements by age ``(len(rows), ages, p)``, as
-                ``loop.delivered`` holds them, serve too.
+                ``now.arrived`` has them, serve too.
 
         Raises:
             ValueError: for an option or a value that the task does not accept, or measurements of
@@ -210,194 +169,125 @@ class Core:
             TypeError: for options that are no dictionary, or measurements that are no pair of
                 arrays.
         """
-        rows = self._rows if rows is None else rows
-        options = checked_options("options", options)
-        if measurements is not None:
-            measurements = injected(measurements, len(rows), self.sensors)
-        config, loop = self.config, self.loop
-        task, draws = config.world.task, config.draws
-        some = None if len(rows) == self.num_envs else rows  # None is faster than an index of all
-        at = slice(None) if some is None else rows
-        seeds = self.seeds if some is None else [self.seeds[row] for row in rows]
-        episodes = np.ascontiguousarray(self.episodes[at])
-        keys, numbers = draw(
-            RandomKeys.seeded(seeds).keys, episodes, names=draws.words, drawn=draws.counts
-        )
-        self._refuse_at(np.zeros(len(rows), int), None)
-        scenario = task.scenario(numbers[:, : task.uniforms], options)
-        prior = task.prior(scenario)
-        loop.restart(at, keys[:, draws.world :], keys[:, DRAWN.index("filter")])
-        now, u, sampled = self._initial(scenario, prior, keys, numbers)
-        measurements = loop.receive(
-            measurements or sampled, now.steps, some, measurements is not None
-        )
-        belief = loop.begin(
-            some, known(prior, config.composition), self._passed(measurements, now), u
-        )
-        if self.raw is not None:
-            self.raw.begin(some, known(prior, self.raw.composition), measurements, u)
-        now.reference, *seen = config.mission.begin(
-            scenario, now.steps, belief.mean, self._d(belief), now.state, now.actuators
-        )
-        now.observation = seen[0] if seen else None
-        self.now = now = now if some is None else self.now.merged(some, now)
-        self._refuse_at(now.steps, None)
+        config, rows = self.config, self._rows(rows)
+        options, given = checked_options("options", options), self._given(measurements, len(rows))
+        now, prior = self._drawn(rows, options)
+        config.world.begin(now)
+        config.delivery.begin(now)
+        config.delivery(now, given)
+        for estimator in config.estimators:
+            estimator.begin(now, filter_prior(prior, estimator.composition))
+        config.mission.begin(now)
+        now = now.without_start()
+        self.now = now if len(rows) == self.num_envs else self.now.merged(rows, now)
+        config.refuse_at(self.now.steps, None)
 
-    def _initial(
-        self, scenario: np.ndarray, prior: Gaussian, keys: np.ndarray, numbers: np.ndarray
-    ) -> tuple[EnvState, np.ndarray, Measurements]:
-        """State at the start of episodes, known input and measurements, from random numbers."""
-        config, rows = self.config, len(keys)
-        steps, root = np.zeros(rows, int), shared_root(prior.cov)
-        actuators, u, state, drifting, noise, exogenous, drawn, y, available, score_state = (
-            config.world.begin(scenario, prior.mean, root, numbers, keys[:, len(DRAWN) :], steps)
+    def _drawn(self, rows: np.ndarray, options: dict[str, Any]) -> tuple[State, Gaussian]:
+        """The record with the random numbers and scenarios of new episodes, and the prior."""
+        config, count, steps = self.config, len(rows), np.zeros(len(rows), int)
+        vehicle, task, draws = config.world.vehicle, config.task, config.draws
+        seeds, episode = (
+            RandomKeys.seeded([self.seeds[row] for row in rows]),
+            self.now.episode[rows],
         )
+        keys, numbers = draw(seeds.keys, episode, names=draws.words, drawn=draws.counts)
+        numbers = {name: numbers[:, columns] for name, columns in draws.columns.items()}
+        config.refuse_at(steps, None)
+        scenario = task.scenario(numbers["task"], options)
+        prior, parameters = task.prior(scenario), config.nominal.repeat(count, 0)
         if mismatch := config.options.mismatch:
-            spread = numbers[:, config.draws.parameters]
-            parameters = config.world.vehicle.parameters(mismatch, spread)
-        else:
-            parameters = config.nominal.repeat(rows, 0)
-        moving = np.ascontiguousarray(keys[:, len(DRAWN) : config.draws.world])
-        now = EnvState(
-            moving, steps, scenario, parameters, state, np.zeros((rows, config.action_size)),
-            actuators, drifting, noise, exogenous, np.zeros_like(noise), np.zeros_like(exogenous),
-            drawn, scenario, score_state, np.zeros(rows), steps.copy(),
+            parameters = vehicle.parameters(mismatch, numbers["parameters"])
+        now = State(
+            episode=episode, over=np.zeros(count, bool), steps=steps,
+            keys=keys[:, len(DRAWN) : draws.world].copy(), sensing=keys[:, draws.world :].copy(),
+            filtering=keys[:, DRAWN.index("filter")].copy(),
+            scenario=scenario, parameters=parameters, prior_mean=prior.mean,
+            prior_root=shared_root(prior.cov)[None].repeat(count, 0),
+            prior_normals=numbers["vehicle"], slow_normals=numbers["slow"],
+            constant_uniforms=numbers["field"], episode_constants=numbers["field"],
+            noise_before=np.zeros((count, len(config.world.root))),
+            exogenous_before=np.zeros((count, config.world.forces.size)),
+            action=np.zeros((count, config.action_size)),
+            reward=np.zeros(count), total=np.zeros(count), end=np.zeros(count, int),
         )  # fmt: skip
-        return now, u, (y, available)
+        return now.but(**config.mission.asked(now, steps)), prior
 
-    # --- step -------------------------------------------------------------------------------------
+    def _rows(self, rows: np.ndarray | None) -> np.ndarray:
+        """Indices of some environments; None stands for all."""
+        return np.arange(self.num_envs) if rows is None else rows
 
-    def step(
-        self, action: np.ndarray, measurements: Measurements | None = None,
-        ended: np.ndarray | None = None, shape: tuple[int, ...] | None = None,
-    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-        """Advance every environment by one step.
+    def _given(self, measurements: Measurements | None, rows: int) -> Measurements | None:
+        """Checked measurements to use instead of the sensors'; None: use the sensors'."""
+        sensors = self.config.sensors
+        return None if measurements is None else injected(measurements, rows, sensors)
 
-        Args:
-            action: ``(B, a)`` finite; clipped to [-1, 1].
-            measurements: Measurements to use instead of the sensors' (for replays); all other
-                random numbers stay the same.
-            ended: Mask ``(B,)`` of environments whose episode has ended and that are reset next:
-                their actions are not checked.
-            shape: Shape that the action must have; None for ``(B, a)``.
-
-        Returns:
-            Reward ``(B,)`` and number of the end reason ``(B,)``, which is 0 where an episode goes
-            on.
-
-        Raises:
-            ValueError: if the action or the measurements have the wrong shape, or the action is not
-                finite.
-            TypeError: if the measurements are no pair of arrays.
-            gymnasium.error.ResetNeeded: before the first reset.
-        """
-        if not self.seeds:
-            raise ResetNeeded("call reset() before the first step()")
-        action = checked_action(action, self.action_shape if shape is None else shape, ended)
-        if measurements is not None:
-            measurements = injected(measurements, self.num_envs, self.sensors)
-        loop, now = self.loop, self.now.after(action)
-        self._refuse_at(now.steps, ended)
-        now.actuators, u, now.state, now.drifting, now.noise, now.exogenous, *read = self._moved(
-            now
-        )
-        measurements = loop.receive(
-            measurements or (read[0], read[1]), now.steps, None, measurements is not None
-        )
-        loop.estimate(self._passed(measurements, now), u, now.steps)
-        if self.raw is not None:
-            self.raw.estimate(measurements, u, now.steps)
-        now.reference, reward, now.end, now.score_state, *seen = self._scored(now)
-        now.total, now.observation = now.total + reward, seen[0] if seen else None
-        self.now = now
-        return reward, now.end
-
-    def _moved(self, now: EnvState) -> Sequence[np.ndarray]:
-        """Result of `vessel_gym.world.World.step`."""
-        moved: Sequence[np.ndarray] = self.config.world.step(
-            now.action, now.scenario, now.reference, now.state, now.actuators, now.exogenous,
-            now.parameters, now.keys, now.steps, now.drifting, now.noise, now.drawn,
-            self.loop.sensing,
-        )  # fmt: skip
-        return moved
-
-    def _scored(self, now: EnvState) -> Sequence[np.ndarray]:
-        """Result of `vessel_gym.mission.Mission.step`."""
-        belief = self.loop.belief
-        # compiled code needs contiguous arrays
-        estimates = map(np.ascontiguousarray, (belief.mean, self._d(belief)))
-        exogenous, forces = now.exogenous, self.config.world.forces
-        if forces.faulty:
-            exogenous = np.ascontiguousarray(exogenous[:, : forces.outside])
-        scored: Sequence[np.ndarray] = self.config.mission.step(
-            now.scenario, now.steps, *estimates, now.state, exogenous, now.actuators, now.action,
-            now.score_state,
-        )  # fmt: skip
-        return scored
-
-    def _d(self, belief: Belief) -> np.ndarray:
-        """Estimated unknown input ``(B, q)``; q is 0 if the filter estimates none."""
-        d = belief.input_mean
-        return self._no_input[: len(belief.mean)] if d is None else d
+    # --- what is seen -----------------------------------------------------------------------------
 
     def observe(self) -> np.ndarray:
         """Observations ``(B, k)``: float32, clipped to the task's bound."""
-        now, bound = self.now, self.task.BOUND
+        now, task = self.now, self.config.system.task
         observation = now.observation
         if observation is None:
             with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
-                observation = np.clip(np.concatenate(self._observed(), -1), -bound, bound)
-            if self.config.world.task is not self.task:
-                name = f"the observation of {type(self.task).__name__}"
-                refuse_not_finite(
-                    name, observation, now.steps, None, self.loop.belief.mean, now.state
-                )
+                parts = np.concatenate(self._observed(), -1)
+                observation = np.clip(parts, -task.BOUND, task.BOUND)
+            if self.config.task is not task:
+                name = f"the observation of {type(task).__name__}"
+                refuse_not_finite(name, observation, now.steps, None, now.belief.mean, now.state)
         return observation.astype(np.float32, "C")
 
     def _observed(self) -> list[np.ndarray]:
         """Parts of the observations before clipping."""
-        task, now = self.config.world.task, self.now
-        scenario, steps, actuators = now.scenario, now.steps, now.actuators
-        if self.observe_mode == "measurement":
-            seen = task.observe_measurements(self.sensors, *self.loop.measurements, scenario, steps)
-            parts = [seen, task.observe_mission(scenario, steps, actuators)]
-            if self.raw is not None:
-                estimate = self._estimate(self.raw)
-                reference = task.reference(scenario, steps, estimate.state)
-                parts.insert(0, task.observe(estimate, reference, actuators))
-            return parts
-        estimate = self._estimate(self.loop)
-        if self.config.options.guidance:
-            parts = [task.observe(estimate, self.reference, actuators)]
+        now, config, task = self.now, self.config, self.config.task
+        mission = task.observe_mission(now.scenario, now.steps, now.actuators)
+        if config.observe_mode == "measurement":
+            given = now.y, now.available, now.scenario, now.steps
+            parts = [task.observe_measurements(config.sensors, *given), mission]
+            if config.raw is None:
+                return parts
+            estimate = self._estimate(now.raw, config.raw.composition)
+            reference = task.reference(now.scenario, now.steps, estimate.state)
+            return [task.observe(estimate, now.scenario, reference, now.actuators), *parts]
+        estimate = self._estimate(now.belief, config.composition)
+        if config.options.guidance:
+            parts = [task.observe(estimate, now.scenario, now.reference, now.actuators)]
         else:
-            parts = [
-                task.observe_state(estimate, scenario),
-                task.observe_mission(scenario, steps, actuators),
-            ]
-        if "std" in self.observe_mode:
-            parts.append(task.observe_std(estimate))
-        return parts
+            parts = [task.observe_state(estimate, now.scenario), mission]
+        return [*parts, task.observe_std(estimate)] if "std" in config.observe_mode else parts
 
-    def _estimate(self, loop: Loop) -> Estimate:
-        """The part of a loop's belief that the task observes."""
-        belief, composition = loop.belief, loop.composition
+    def _estimate(self, belief: Any, composition: Any) -> Estimate:
+        """The part of a belief that the task observes."""
         estimate = estimate_of(composition, belief.mean, belief.input_mean)
-        if "std" in self.observe_mode:
+        if "std" in self.config.observe_mode:
             estimate.sd, estimate.scale = standard_deviations(belief.cov), composition.scale
             if estimate.input_mean is not None and belief.input_cov is not None:
                 estimate.input_sd = standard_deviations(belief.input_cov)
         return estimate
 
-    def scored_truth(self) -> np.ndarray:
-        """Copy of the true states ``(B, n)``.
+    # --- what is scored ---------------------------------------------------------------------------
+
+    @property
+    def score(self) -> np.ndarray:
+        """Scores ``(B,)`` in [0, 1]: sums of rewards over that of a perfect episode."""
+        perfect, each = self.config.perfect
+        return np.clip(self.now.total / np.maximum(perfect, each * self.now.steps), 0.0, 1.0)
+
+    def score_of(self, row: int) -> float:
+        """Score of one environment, ten times as fast as `score`."""
+        perfect, each = self.config.perfect
+        score: float = self.now.total.item(row) / max(perfect, each * self.now.steps.item(row))
+        return score if 0.0 <= score <= 1.0 else min(max(score, 0.0), 1.0)
+
+    @property
+    def truth(self) -> np.ndarray:
+        """True states ``(B, n)`` of vehicle, disturbance (if filters assume one) and biases.
 
         Raises:
             gymnasium.error.ResetNeeded: before the first reset.
         """
         if not self.seeds:
             raise ResetNeeded("call reset() before asking for the truth")
-        truth = self.truth
-        return truth.copy() if truth is self.now.state else truth
+        return self.config.true_state.values(self.now)
 
     def info(self, rows: np.ndarray | None = None) -> dict[str, np.ndarray]:
         """Copies of the last step's record, one row for each environment.
@@ -405,10 +295,10 @@ class Core:
         Args:
             rows: Mask ``(B,)`` of the rows to copy; other rows hold 0. None for all.
         """
-        happened, own = self.happened() | {"healthy": self.loop.belief.healthy}, {
-            "score": self.score,
-            "end": self.end.copy(),
-            "is_success": self.end == self.config.success,
+        happened = self.happened() | {"healthy": self.now.belief.healthy}
+        own = {
+            "score": self.score, "end": self.now.end.copy(),
+            "is_success": self.now.end == self.config.success,
         }  # fmt: skip
         if rows is None:
             return {name: values.copy() for name, values in happened.items()} | own
@@ -416,41 +306,18 @@ class Core:
 
     def happened(self) -> dict[str, np.ndarray]:
         """Record of the last step, read-only, one row for each environment."""
-        loop, now, unknown_input = self.loop, self.now, self.unknown_input
-        belief, (measurement, available) = loop.belief, loop.measurements
-        input_mean = belief.input_mean
+        now, belief = self.now, self.now.belief
+        unknown, d = self.config.unknown_input.values(now), belief.input_mean
         happened = {
-            "truth": self.truth,
-            "unknown_input": unknown_input,
-            "reference": now.reference,
-            "actuators": now.actuators,
-            "measurement": measurement,
-            "available": available,
-            "estimate": belief.mean,
-            "covariance": belief.cov,
-            "input_estimate": np.zeros(unknown_input.shape) if input_mean is None else input_mean,
+            "truth": self.truth, "unknown_input": unknown, "reference": now.reference,
+            "actuators": now.actuators, "measurement": now.y, "available": now.available,
+            "estimate": belief.mean, "covariance": belief.cov,
+            "input_estimate": np.zeros(unknown.shape) if d is None else d,
             "parameters": now.parameters,
-        }
-        return happened | loop.extra_info(now.steps)
-
-    # --- inside -----------------------------------------------------------------------------------
-
-    def _refuse_at(self, steps: np.ndarray, ended: np.ndarray | None) -> None:
-        """Pass step numbers and ended rows to the user's parts, for their error messages."""
-        for part in self.config.world.own_parts:
-            part.steps, part.ended = steps, ended
-
-    def _passed(self, measurements: Measurements, now: EnvState) -> Measurements:
-        """The filter's measurements; for the oracle alone, the truth."""
-        if not self.loop.tells_truth:
-            return measurements
-        config = self.config
-        truth = (
-            self.estimated(config.true_state.values(now, config.world.size)),
-            config.unknown_input.values(now),
-        )
-        values = np.concatenate(truth, -1)
-        return values, np.ones(values.shape, bool)
+        }  # fmt: skip
+        if now.faults is not None:
+            happened["sensor_faults"] = self.config.delivery.active(now)
+        return happened
 
 
 def _only(rows: np.ndarray, values: np.ndarray) -> np.ndarray:

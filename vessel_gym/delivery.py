@@ -1,4 +1,6 @@
-"""Faults and delays of measurements between sensors and filters."""
+"""Delivery of measurements from sensors to filters: faults and delays."""
+
+from typing import Any
 
 import numpy as np
 
@@ -6,147 +8,141 @@ from estimators import RandomKeys
 from estimators.checks import numbers, short_repr
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensors, columns
+from vessel_gym.state import State
 
 Measurements = tuple[np.ndarray, np.ndarray]
 """Measurements and the mask of those that arrived, ``(B, p)`` each, or ``(B, ages, p)`` by age."""
+_ROUNDING = 1e-6
+"""Tolerance [s], by which a fault that begins at 0.3 s begins in the third step of 0.1 s."""
 
 
-class Faulty:
-    """Faults of the sensors of B rows: their times in this episode, and values of stuck sensors."""
+class Delivery:
+    """Faults and delays of sensors: functions of the record, which holds all that changes.
 
-    def __init__(self, sensors: Sensors, rows: int) -> None:
-        self.each, self._dt = sensors.faults, sensors.dt
+    In the record, ``faults`` is ``(times, keys, values, seen)``: begin and end of each fault
+    ``(B, faults, 2)`` [s], its keys ``(B, faults, 2)``, and for each channel the value that a stuck
+    sensor repeats ``(B, p)`` and the mask of channels that have one. ``transit`` is the sampled
+    measurements by age ``(B, ages, p)``, and their mask.
+
+    Args:
+        sensors: Sensors, with their faults and delays.
+    """
+
+    def __init__(self, sensors: Sensors) -> None:
+        self.sensors, self.ages = sensors, sensors.horizon + 1
         names = [sensor.name for sensor in sensors.each]
-        self._sensor = [names.index(fault.sensor) for fault in self.each]
-        self._own = [columns(np.flatnonzero(sensors.owner == i).tolist()) for i in self._sensor]
-        self._keys = np.zeros((rows, len(self.each), 2), np.uint64)
-        self._begin, self._end = np.zeros((2, rows, len(self.each)))  # s
-        self._last, self._seen = (
-            np.zeros((rows, sensors.size)),
-            np.zeros((rows, sensors.size), bool),
-        )
+        self._sensor_index = [names.index(fault.sensor) for fault in sensors.faults]
+        channels = (np.flatnonzero(sensors.owner == i).tolist() for i in self._sensor_index)
+        self._channels = [columns(each) for each in channels]  # of each fault
+        delay = sensors.delays[sensors.owner]
+        self._due = delay == np.arange(self.ages)[:, None]  # (ages, p)
+        self._delivered = delay, np.arange(sensors.size)  # age and index of each channel
 
-    def restart(self, rows: np.ndarray | slice, keys: np.ndarray) -> None:
-        """Begin an episode of some rows, with keys ``(rows, sensors, 2)``."""
-        self._seen[rows] = False
-        for i, (fault, sensor) in enumerate(zip(self.each, self._sensor, strict=True)):
-            drawn = RandomKeys(keys[:, sensor]).of("fault", i)
-            self._keys[rows, i], share = drawn.keys, drawn.uniforms(2)
-            for j, (name, kept) in enumerate((("begin", self._begin), ("end", self._end))):
+    def begin(self, now: State) -> None:
+        """Draw the times of faults; no measurement is in transit."""
+        shape = len(now.steps), self.ages, self.sensors.size
+        if self.sensors.faults:
+            times, keys = self._drawn(now)
+            now.faults = times, keys, np.zeros(shape[::2]), np.zeros(shape[::2], bool)
+        if self.ages > 1:
+            now.transit = np.zeros(shape), np.zeros(shape, bool)
+
+    def _drawn(self, now: State) -> tuple[np.ndarray, np.ndarray]:
+        """Begin and end of each fault ``(B, faults, 2)`` [s], and its keys."""
+        shape = len(now.steps), len(self.sensors.faults), 2
+        times, keys = np.zeros(shape), np.zeros(shape, np.uint64)
+        for i, fault in enumerate(self.sensors.faults):
+            drawn = RandomKeys(now.sensing[:, self._sensor_index[i]]).of("fault", i)
+            keys[:, i], share = drawn.keys, drawn.uniforms(2)
+            for j, name in enumerate(("begin", "end")):
                 earliest, latest = fault.times(name)
                 # infinity minus infinity is NaN
                 later = share[:, j] * (latest - earliest) if earliest < latest else 0.0
-                kept[rows, i] = earliest + later
+                times[:, i, j] = earliest + later
             if fault.duration is not None:
-                self._end[rows, i] = self._begin[rows, i] + fault.duration
+                times[:, i, 1] = times[:, i, 0] + fault.duration
+        return times, keys
 
-    def on(self, steps: np.ndarray, rows: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Mask ``(rows, faults)`` of the active faults, ``steps (rows,)`` after the start."""
-        now = (steps * self._dt)[:, None] + _ROUNDING
-        return (self._begin[rows] <= now) & (now < self._end[rows])
+    def __call__(self, now: State, given: Measurements | None = None) -> None:
+        """Deliver the sampled measurements; or given ones, without faults and at once."""
+        if given is None and self.sensors.faults:
+            self._corrupt(now)
+        elif given is not None and self.ages == 1:
+            now.y, now.available = given
+        now.arrived = now.y, now.available
+        if self.ages > 1:
+            self._carry(now, given)
+            now.y, now.available = (
+                tuple(each[:, *self._delivered] for each in now.arrived)
+                if given is None
+                else youngest(now.arrived)
+            )
 
-    def faulted(
-        self, measurements: Measurements, steps: np.ndarray, rows: np.ndarray | slice
-    ) -> Measurements:
-        """Measurements with faults, and their mask, ``steps (rows,)`` after the start."""
-        y, available = measurements[0].copy(), measurements[1].copy()
-        acting = self.on(steps, rows)
-        for i, (fault, own) in enumerate(zip(self.each, self._own, strict=True)):
+    def active(self, now: State) -> np.ndarray:
+        """Mask ``(B, faults)`` of the active faults."""
+        time = (now.steps * self.sensors.dt)[:, None] + _ROUNDING
+        times = now.faults[0]
+        return (times[..., 0] <= time) & (time < times[..., 1])
+
+    def _corrupt(self, now: State) -> None:
+        """Apply the active faults to the sampled measurements."""
+        y, available, acting = now.y.copy(), now.available.copy(), self.active(now)
+        times, keys, values, seen = now.faults
+        values, seen = values.copy(), seen.copy()
+        for i, (fault, own) in enumerate(zip(self.sensors.faults, self._channels, strict=True)):
             on, read, came = acting[:, i, None], y[:, own], available[:, own]
             if fault.kind == "off":
                 available[:, own] = came = came & ~on
             elif fault.kind == "stuck":
-                last, seen = self._last[rows], self._seen[rows]
-                held = np.where(seen[:, own], last[:, own], read)
+                last = np.where(seen[:, own], values[:, own], read)
                 renewed = came & ~(on & seen[:, own])
-                last[:, own], seen[:, own] = (
-                    np.where(renewed, read, last[:, own]),
-                    seen[:, own] | came,
-                )
-                self._last[rows], self._seen[rows] = last, seen
-                read = np.where(on, held, read)
+                values[:, own] = np.where(renewed, read, values[:, own])
+                seen[:, own] = seen[:, own] | came
+                read = np.where(on, last, read)
             else:
                 with np.errstate(over="ignore"):
-                    read = np.where(on, self._wrong(i, fault, read, steps, rows), read)
+                    read = np.where(on, self._wrong(i, fault, read, now), read)
                 available[:, own] = came = came & np.isfinite(read)
             y[:, own] = np.where(came, read, 0.0)
-        return y, available
+        now.y, now.available, now.faults = y, available, (times, keys, values, seen)
 
-    def _wrong(
-        self,
-        i: int,
-        fault: SensorFault,
-        read: np.ndarray,
-        steps: np.ndarray,
-        rows: np.ndarray | slice,
-    ) -> np.ndarray:
-        """Measurements ``(rows, k)`` under the fault with the index i."""
-        size = np.asarray(fault.size, float)
+    def _wrong(self, i: int, fault: SensorFault, read: np.ndarray, now: State) -> np.ndarray:
+        """Measurements ``(B, k)`` under the fault with the index i."""
+        size, (times, keys, *_) = np.asarray(fault.size, float), now.faults
         if fault.kind == "garbage":
-            return size * RandomKeys(self._keys[rows, i], steps).normals(read.shape[1], use=1)
+            return size * RandomKeys(keys[:, i], now.steps).normals(read.shape[1], use=1)
         if fault.kind == "drift":
-            size = size * (steps * self._dt - self._begin[rows, i])[:, None]
+            size = size * (now.steps * self.sensors.dt - times[:, i, 0])[:, None]
         return read * size if fault.kind == "scale" else read + size
 
-
-class Transit:
-    """Measurements of B rows between sampling and delivery."""
-
-    def __init__(self, sensors: Sensors, rows: int) -> None:
-        delay = sensors.delays[sensors.owner]
-        self._due = delay == np.arange(sensors.horizon + 1)[:, None]  # (ages, p)
-        self._ages = delay, np.arange(sensors.size)  # of each channel
-        shape = sensors.horizon + 1, rows, sensors.size
-        self._y, self._available = np.zeros(shape), np.zeros(shape, bool)  # by age
-
-    def restart(self, rows: np.ndarray | slice) -> None:
-        """Begin an episode of some rows, without measurements in transit."""
-        self._available[:, rows] = False
-
-    def carry(self, sampled: Measurements, rows: np.ndarray | slice) -> Measurements:
-        """Take new samples, and return measurements by age ``(rows, ages, p)`` that arrive now."""
-        y, available = (
-            np.concatenate([now[None], before[:-1, rows]])
-            for now, before in zip(sampled, (self._y, self._available), strict=True)
+    def _carry(self, now: State, given: Measurements | None) -> None:
+        """Put new samples in transit, and find what arrives; given measurements arrive at once."""
+        available = now.available & (given is None)  # the sensors' own do not count then
+        now.transit = y, available = tuple(
+            np.concatenate([new[:, None], old[:, :-1]], 1)
+            for new, old in zip((now.y, available), now.transit, strict=True)
         )
-        if isinstance(rows, slice):  # all
-            self._y, self._available = y, available
-        else:
-            self._y[:, rows], self._available[:, rows] = y, available
-        arrived = available & self._due[:, None]
-        return np.where(arrived, y, 0.0).swapaxes(0, 1), arrived.swapaxes(0, 1)
+        arrived = available & self._due
+        now.arrived = np.where(arrived, y, 0.0), arrived
+        if given is not None:
+            now.arrived = given if given[0].ndim == 3 else self._of_now(given)
 
-    def youngest(self, delivered: Measurements) -> Measurements:
-        """Delivered measurement of each channel; at most one is delivered in a step."""
-        y, arrived = (each[:, *self._ages] for each in delivered)
-        return y, arrived
+    def _of_now(self, measurements: Measurements) -> Measurements:
+        """Measurements ``(B, p)`` by age, all of age 0."""
+        later = (0, 0), (0, self.ages - 1), (0, 0)
+        y, available = (np.pad(each[:, None], later) for each in measurements)
+        return y, available
 
 
 def youngest(measurements: Measurements) -> Measurements:
     """Youngest measurement of each channel, from measurements by age."""
     y, arrived = measurements
-    row, age, channel = (
-        indices[::-1] for indices in np.nonzero(arrived)
-    )  # reversed, so that the youngest value overwrites older ones
-    values, available = np.zeros(y[:, 0].shape), np.zeros(y[:, 0].shape, bool)
-    values[row, channel], available[row, channel] = y[row, age, channel], True
-    return values, available
+    newest = np.take_along_axis(y, arrived.argmax(1)[:, None], 1)[:, 0]
+    available = np.logical_or.reduce(arrived, 1)
+    return np.where(available, newest, 0.0), available
 
 
-def of_now(measurements: Measurements, horizon: int) -> Measurements:
-    """Measurements ``(rows, p)`` by age, all of age 0."""
-    y, available = (
-        np.zeros((len(one), horizon + 1, one.shape[1]), one.dtype) for one in measurements
-    )
-    y[:, 0], available[:, 0] = measurements
-    return y, available
-
-
-_ROUNDING = 1e-6
-"""Tolerance [s], by which a fault that begins at 0.3 s begins in the third step of 0.1 s."""
-
-
-def injected(measurements: Measurements, rows: int, sensors: Sensors) -> Measurements:
+def injected(measurements: Any, rows: int, sensors: Sensors) -> Measurements:
     """Injected measurements and mask, checked; values that are not finite read 0 and are masked."""
     pair = (
         measurements

@@ -1,173 +1,55 @@
-"""Sensing and estimation of many rows, the part of an environment without truth and task."""
+"""The estimator in the loop: a filter's belief in the record, from the delivered measurements."""
 
-from operator import attrgetter
-from typing import Any, cast
+from collections.abc import Callable
 
 import numpy as np
 
-from estimators import Belief, Gaussian, RandomKeys
-from vessel_gym.delivery import Faulty, Measurements, Transit, of_now, youngest
+from estimators import Gaussian, RandomKeys
+from vessel_gym.delivery import youngest
 from vessel_gym.estimation import Estimation
+from vessel_gym.state import State
 
 
-class Loop:
-    """Sensors, their random numbers, and filter and belief of B rows.
-
-    `receive` decides which measurements are delivered, and when. `begin` and `estimate` use the
-    delivered ones alone.
+class Estimator:
+    """A filter whose belief is in the record.
 
     Args:
-        owner: Object with ``sensors`` and an `Estimation`.
-        rows: B.
-        name: Name of the owner's attribute with the `Estimation`.
-
-    Attributes:
-        delivered: Measurements delivered last, ``(B, p)``; with late sensors by age, ``(B, ages,
-            p)``.
-        measurements: Youngest delivered measurement of each channel.
-        belief: Belief of the filter.
-        sensing: Keys ``(B, sensors, 2)`` of the sensors' random numbers.
+        estimation: Filter and model.
+        field: Field of the record with the belief, ``"belief"`` or ``"raw"``.
+        truth: Function of the record that returns the measurement of the oracle.
     """
 
-    sensors = property(attrgetter("owner.sensors"))
-    composition, filter, tells_truth = (
-        cast(Any, property(attrgetter(f"estimation.{name}")))
-        for name in ("composition", "filter", "tells_truth")
-    )
+    def __init__(
+        self, estimation: Estimation, field: str, truth: Callable[[State], np.ndarray]
+    ) -> None:
+        self.estimation, self.field, self.composition = estimation, field, estimation.composition
+        self.filter, self._random = estimation.delayed, estimation.filter.random
+        self._truth = truth if estimation.tells_truth else None
 
-    def __init__(self, owner: Any, rows: int, name: str = "estimation") -> None:
-        self.owner, self.name, self.rows = owner, name, rows
-        sensors = owner.sensors
-        self.sensing = np.zeros((rows, len(sensors.each), 2), np.uint64)
-        self._filtering = RandomKeys(np.zeros((rows, 2), np.uint64))
-        self._faults = Faulty(sensors, rows) if sensors.faults else None
-        self._transit = Transit(sensors, rows) if sensors.horizon else None
-        ages = (sensors.horizon + 1,) if sensors.horizon else ()
-        self.delivered: Measurements = tuple(
-            np.zeros((rows, *ages, sensors.size), kind) for kind in (float, bool)
-        )  # type: ignore
-        self.measurements: Measurements = youngest(self.delivered) if ages else self.delivered
-        self.belief: Belief
+    def begin(self, now: State, prior: Gaussian) -> None:
+        """Belief after the first measurements; the prior is that of the filter's state."""
+        rng = RandomKeys(now.filtering) if self._random else None
+        if self.estimation.prior != 1.0:
+            prior = Gaussian(prior.mean, self.estimation.prior * prior.cov)
+        y, available = self._measured(now)
+        initial = self.filter.init(prior, rng=rng)
+        belief = self.filter.update(initial, y, rng=rng, available=available, u=now.u)
+        setattr(now, self.field, belief)
 
-    @property
-    def estimation(self) -> Estimation:
-        """Filter and model."""
-        estimation: Estimation = getattr(self.owner, self.name)
-        return estimation
+    def step(self, now: State) -> None:
+        """Belief a step later: predict, then update."""
+        rng = RandomKeys(now.filtering, now.steps) if self._random else None
+        y, available = self._measured(now)
+        before = getattr(now, self.field)
+        setattr(now, self.field, self.filter.step(before, y, now.u, rng=rng, available=available))
 
-    def restart(self, rows: np.ndarray | slice, sensing: np.ndarray, filtering: np.ndarray) -> None:
-        """Begin an episode of some rows, with the keys of sensors ``(rows, sensors, 2)``.
-
-        The keys of the filter are ``filtering (rows, 2)``.
-        """
-        self.sensing[rows], self._filtering.keys[rows] = sensing, filtering
-        if self._faults is not None:
-            self._faults.restart(rows, sensing)
-        if self._transit is not None:
-            self._transit.restart(rows)
-
-    def receive(
-        self,
-        measurements: Measurements,
-        steps: np.ndarray,
-        rows: np.ndarray | None,
-        injected: bool = False,
-    ) -> Measurements:
-        """Deliver measurements to some rows, and return them.
-
-        Args:
-            measurements: Samples of this step.
-            steps: ``(rows,)`` steps since the start.
-            rows: Indices of the rows; None for all.
-            injected: Are the measurements delivered as they are, ``(rows, p)`` or by age?
-        """
-        delivered = measurements
-        if self._faults is not None or self._transit is not None:
-            delivered = self._delivered(
-                measurements, steps, slice(None) if rows is None else rows, injected
-            )
-        self.delivered = _merged(self.delivered, rows, delivered)
-        if self._transit is None:
-            self.measurements = self.delivered
-        else:
-            own = youngest(delivered) if injected else self._transit.youngest(delivered)
-            self.measurements = _merged(self.measurements, rows, own)
-        return delivered
-
-    def begin(
-        self, rows: np.ndarray | None, prior: Gaussian, measurements: Measurements, u: np.ndarray
-    ) -> Belief:
-        """Belief of some rows (None: all) after the first measurements; other rows keep theirs.
-
-        The prior is that of the filter's state.
-        """
-        rng, estimation = None, self.estimation
-        filter = estimation.filter
-        if filter.random:
-            rng = self._filtering if rows is None else self._filtering[rows]
-        prior = (
-            prior if estimation.prior == 1.0 else Gaussian(prior.mean, estimation.prior * prior.cov)
-        )
-        y, available = self._for_filter(measurements)
-        filter = estimation.delayed
-        initial = filter.init(prior, rng=rng)
-        belief = filter.update(initial, y, rng=rng, available=available, u=u)
-        if rows is None:
-            self.belief = belief
-        else:
-            self.belief = self.belief.with_rows(rows, belief)
-        return belief
-
-    def estimate(self, measurements: Measurements, u: np.ndarray, steps: np.ndarray) -> None:
-        """Advance the belief of all rows by a step, to ``steps (B,)``: predict, then update."""
-        estimation = self.estimation
-        filter = estimation.filter
-        # A copy, because some callers count steps in place.
-        rng = self._filtering.at(steps.copy()) if filter.random else None
-        y, available = self._for_filter(measurements)
-        self.belief = estimation.delayed.step(self.belief, y, u, rng=rng, available=available)
-
-    def extra_info(self, steps: np.ndarray) -> dict[str, np.ndarray]:
-        """Entry of ``info`` for sensors with faults: the mask of active faults."""
-        return {} if self._faults is None else {"sensor_faults": self._faults.on(steps)}
-
-    def _delivered(
-        self,
-        measurements: Measurements,
-        steps: np.ndarray,
-        rows: np.ndarray | slice,
-        injected: bool,
-    ) -> Measurements:
-        """Delivered measurements, from sampled or injected ones."""
-        if not injected and self._faults is not None:
-            measurements = self._faults.faulted(measurements, steps, rows)
-        if self._transit is None:
-            return measurements
-        if not injected:
-            return self._transit.carry(measurements, rows)
-        nothing = np.zeros((len(steps), self.sensors.size))
-        self._transit.carry((nothing, nothing.astype(bool)), rows)
-        by_age = measurements[0].ndim == 3
-        return measurements if by_age else of_now(measurements, self.sensors.horizon)
-
-    def _for_filter(self, measurements: Measurements) -> tuple[np.ndarray, np.ndarray | None]:
-        """Measurements and mask in the form for the filter."""
-        estimation = self.estimation
-        if estimation.tells_truth:
-            return measurements[0], None
-        if estimation.fuses or measurements[0].ndim == 2:
-            return measurements
-        return (
-            youngest(measurements)
-            if estimation.late == "as new"
-            else (measurements[0][:, 0], measurements[1][:, 0])
-        )
-
-
-def _merged(whole: Measurements, rows: np.ndarray | None, some: Measurements) -> Measurements:
-    """Measurements with new values in some rows; None: in all."""
-    if rows is None:
-        return some
-    y, available = whole[0].copy(), whole[1].copy()
-    y[rows], available[rows] = some
-    return y, available
+    def _measured(self, now: State) -> tuple[np.ndarray, np.ndarray | None]:
+        """Measurements and their mask in the form for the filter."""
+        if self._truth is not None:
+            return self._truth(now), None
+        y, available = now.arrived
+        if y.ndim == 2 or self.estimation.fuses:
+            return y, available
+        if self.estimation.late == "as new":
+            return youngest(now.arrived)
+        return y[:, 0], available[:, 0]

@@ -1,13 +1,14 @@
-"""A task over a step, as one function of a row: reference, score and observation."""
+"""A task as two stages, the start and a step: reference, score and observation."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from estimators.engine import compiled
+from vessel_gym.estimation import Estimation
 from vessel_gym.filter_models.build import Composition
 from vessel_gym.foreign import CheckedMethods, refuse_not_finite
+from vessel_gym.state import Changes, Stage, State
 from vessel_gym.tasks.task import Estimate
 from vessel_gym.verified import is_verified
 
@@ -15,97 +16,93 @@ from vessel_gym.verified import is_verified
 class Mission:
     """Reference, score and observation of a task, from an estimate and the truth.
 
-    Methods are compiled unless they call a user's function.
-
     Args:
         task: Task; a user's has `CheckedMethods`.
-        composition: Filter's model and its parts.
+        estimation: Filter, and its model with its parts.
         termination: One of `vessel_gym.configuration.TERMINATIONS`.
-        based: Indices of the true state's components that the prior describes.
-        guided: Are estimates with guidance, and nothing else, observed? Then each step returns the
+        prior_index: Indices of the true state's components that the prior describes.
+        guided: Are estimates with guidance, and nothing else, observed? Then each step gives the
             observation.
         measured: Are raw measurements observed? Then the reference is evaluated at the true state.
+
+    Attributes:
+        begin: Stage that starts episodes.
+        step: Stage that scores a step.
     """
 
     def __init__(
-        self,
-        task: Any,
-        composition: Composition,
-        termination: str,
-        based: Sequence[int],
-        guided: bool,
-        measured: bool,
-    ) -> None:
-        self.task, self.composition, self.termination, self.based = (
+        self, task: Any, estimation: Estimation, termination: str, prior_index: Sequence[int],
+        guided: bool, measured: bool,
+    ) -> None:  # fmt: skip
+        self.task, self.composition, self.prior_index = (
             task,
-            composition,
-            termination,
-            list(based),
+            estimation.composition,
+            list(prior_index),
         )
-        self.guided, self.measured = guided, measured
-        if isinstance(task, CheckedMethods) or not is_verified(composition.forces.disturbance):
-            self.begin, self.step = self.begin.function, self.step.function
+        self.true_end, self.guided, self.measured = termination == "task", guided, measured
+        compiled = not isinstance(task, CheckedMethods)
+        compiled = compiled and is_verified(self.composition.forces.disturbance)
+        self.step, self.begin = Stage(self._step, compiled), Stage(self._begin, compiled)
 
-    @compiled(axes=(1, 0, 1, 1, 1, 1, 1, 1, 1))
-    def step(
-        self, scenario: np.ndarray, steps: np.ndarray, mean: np.ndarray, input_mean: np.ndarray,
-        state: np.ndarray, exogenous: np.ndarray, actuators: np.ndarray, action: np.ndarray,
-        score_state: np.ndarray,
-    ) -> tuple[np.ndarray, ...]:  # fmt: skip
-        """Reference ``(..., k)``, reward, end, score state and, if ``guided``, the observation.
+    def _step(self, now: State) -> Changes:
+        """Reference, reward, end, score state and, if ``guided``, the observation."""
+        task, acting = self.task, now.exogenous[..., : self.composition.forces.outside]
+        reference = self._reference(now, self.measured)
+        ending = reference
+        if self.true_end != self.measured:
+            ending = self._reference(now, self.true_end)
+        reward, end, score_state = task.score(
+            now.state, acting, now.scenario, reference, task.over(now.scenario, ending),
+            now.actuators, now.action, now.score_state,
+        )  # fmt: skip
+        scored = {"reward": reward, "total": now.total + reward, "end": end}
+        scored |= {"score_state": score_state} | self.asked(now, now.steps + 1, reference)
+        return scored | self._seen(now, reference)
+
+    def _begin(self, now: State) -> Changes:
+        """Reference at an episode's start and, if ``guided``, the observation."""
+        reference = self._reference(now, self.measured)
+        start = {"score_state": self.task.initial_score_state(now.state, now.scenario)}
+        return start | self.asked(now, now.steps + 1, reference) | self._seen(now, reference)
+
+    def asked(self, now: State, step: Any, reference: Any = None) -> Changes:
+        """Commands and additions to increments and flows, which the world's next step reads.
 
         Args:
-            scenario: Scenario ``(..., c)`` of the task.
-            steps: ``(...)`` since the episode's start.
-            mean: Estimated state ``(..., n)``.
-            input_mean: Estimated unknown input ``(..., q)``; q may be 0.
-            state: True state.
-            exogenous: True exogenous input ``(..., f)``.
-            actuators: ``(..., a)``.
-            action: ``(..., a)``.
-            score_state: Score state of the step before.
+            now: The record.
+            step: Number of the step that the additions act in.
+            reference: Reference at the end of the last step; None before the first.
         """
-        task, truth = self.task, state[..., self.based]
-        reference = task.reference(scenario, steps, truth if self.measured else mean)
-        true = self.termination == "task"
-        alike = true == self.measured
-        over = task.over(
-            reference if alike else task.reference(scenario, steps, truth if true else mean)
-        )
-        reward, end, score_state = task.score(
-            state, exogenous, reference, over, actuators, action, score_state
-        )
-        seen = self._seen(steps, mean, input_mean, state, reference, actuators)
-        return reference, reward, end, score_state, *seen
+        task = self.task
+        if reference is None:
+            commanded = task.commanded(now.scenario, step)
+        elif task.commanding is None:
+            commanded = task.commanded(now.scenario, step - 1)
+        else:
+            commanded = reference[..., task.commanding]
+        asked = {} if commanded is None else {"commanded": commanded}
+        if hasattr(task, "exogenous"):
+            asked["imposed"] = task.exogenous(now.scenario, step)
+        return asked
 
-    @compiled(axes=(1, 0, 1, 1, 1, 1))
-    def begin(
-        self, scenario: np.ndarray, steps: np.ndarray, mean: np.ndarray, input_mean: np.ndarray,
-        state: np.ndarray, actuators: np.ndarray,
-    ) -> tuple[np.ndarray, ...]:  # fmt: skip
-        """Reference ``(..., k)`` at an episode's start and, if ``guided``, the observation."""
-        reference = self.task.reference(
-            scenario, steps, state[..., self.based] if self.measured else mean
-        )
-        return reference, *self._seen(steps, mean, input_mean, state, reference, actuators)
+    def _reference(self, now: State, true: bool) -> np.ndarray:
+        """Reference at the true or the estimated state."""
+        state = now.state[..., self.prior_index] if true else now.belief.mean
+        return self.task.reference(now.scenario, now.steps, state)
 
-    def _seen(
-        self, steps: np.ndarray, mean: np.ndarray, input_mean: np.ndarray, state: np.ndarray,
-        reference: np.ndarray, actuators: np.ndarray,
-    ) -> tuple[np.ndarray, ...]:  # fmt: skip
-        """Observation of mode ``"mean"``, clipped, if ``guided``."""
+    def _seen(self, now: State, reference: np.ndarray) -> Changes:
+        """The reference and, if ``guided``, the observation of mode ``"mean"``, clipped."""
         if not self.guided:
-            return ()
+            return {"reference": reference}
+        belief, task = now.belief, self.task
         with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
-            seen = self.task.observe(
-                estimate_of(self.composition, mean, input_mean), reference, actuators
-            )
-            seen = np.clip(seen, -self.task.BOUND, self.task.BOUND)
-        if isinstance(self.task, CheckedMethods):
-            refuse_not_finite(
-                f"the observation of {self.task.title}", seen, steps, None, mean, state
-            )
-        return (seen,)
+            estimate = estimate_of(self.composition, belief.mean, belief.input_mean)
+            seen = task.observe(estimate, now.scenario, reference, now.actuators)
+            seen = np.clip(seen, -task.BOUND, task.BOUND)
+        if isinstance(task, CheckedMethods):
+            title = f"the observation of {task.title}"
+            refuse_not_finite(title, seen, now.steps, None, belief.mean, now.state)
+        return {"reference": reference, "observation": seen}
 
 
 def estimate_of(

@@ -53,31 +53,34 @@ class Draws(NamedTuple):
         tuple[int, int, int], ...
     ]  # of uniform and normal numbers of each part, and use of the normal ones
     world: int  # number of keys before those of the sensors
-    parameters: slice  # normals of the vehicle's parameters
+    columns: dict[str, slice]  # places of the numbers, by their use
 
     @classmethod
-    def of(cls, world: World, based: int, mismatch: float) -> "Draws":
-        """Draws of a world with a prior of ``based`` components of the vehicle's state."""
+    def of(cls, world: World, uniforms: int, prior_size: int, mismatch: float) -> "Draws":
+        """Draws of a world, of a task with ``uniforms`` numbers, and of a prior.
+
+        The prior has ``prior_size`` components of the vehicle's state.
+        """
         biased = [sensor for sensor in world.sensors.each if sensor.bias is not None]
         parts = "disturbance", *(f"bias of {sensor.name}" for sensor in biased)
         sensed = (f"sensor {sensor.name}" for sensor in world.sensors.each)
         words = tuple(word(name) for name in (*DRAWN, *parts, *sensed))
-        spread, uniforms = world.forces.vehicle.normals if mismatch else 0, world.task.uniforms
+        spread = world.forces.vehicle.normals if mismatch else 0
         starts = [(0, root.shape[-1], 1) for root in world.start_roots]
         own = (
             (uniforms, 0, 0),
-            (0, based, 0),
+            (0, prior_size, 0),
             (0, spread, 0),
             (0, 0, 0),
             (world.disturbance.uniforms, 0, 0),
         )
         counts = [*own, *starts, *[(0, 0, 0)] * len(world.sensors.each)]
-        return cls(
-            words,
-            tuple(counts),
-            len(DRAWN) + len(parts),
-            slice(end := uniforms + based, end + spread),
-        )
+        sizes = [sum(each[:2]) for each in own]
+        sizes.append(sum(count for _, count, _ in starts))
+        ends = np.cumsum(sizes).tolist()
+        places = (slice(end - size, end) for end, size in zip(ends, sizes, strict=True))
+        columns = dict(zip((*DRAWN, "slow"), places, strict=True))
+        return cls(words, tuple(counts), len(DRAWN) + len(parts), columns)
 
 
 @compiled(axes=(1, 0))
@@ -129,7 +132,7 @@ def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray
     return root @ whole @ root.T
 
 
-def known(prior: Gaussian, composition: Composition) -> Gaussian:
+def filter_prior(prior: Gaussian, composition: Composition) -> Gaussian:
     """Prior of the states that a filter estimates."""
     start = _start(prior.cov.tobytes(), composition)
     mean = np.zeros((len(prior.mean), len(start.cov)))

@@ -1,53 +1,168 @@
-"""The state of environments without what is estimated."""
+"""The record of environments, and stages: functions that fill in some of its arrays.
 
-from dataclasses import dataclass, fields
+A step makes a new record from the last one, and each stage of the step fills in its arrays. What
+no step changes is in `vessel_gym.configuration.Configuration`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from operator import attrgetter
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
+from estimators.engine import trace
+from estimators.engine.function import Argument
+
+Changes = dict[str, Any]
+"""Arrays that a stage fills in, by name."""
 _ONE = np.ones(1, int)  # adding a Python number takes twice as long
 
 
-@dataclass(slots=True, eq=False)
-class EnvState:
-    """Truth and score of B environments at one step; the next step makes a new object."""
+@dataclass(eq=False)
+class State:
+    """B environments after a step: random numbers, truth, measurements, belief, mission.
 
-    keys: np.ndarray  # (B, parts, 2) of the random numbers of disturbance and biases
-    steps: np.ndarray  # (B,) since the episode's start
-    scenario: np.ndarray  # (B, c) drawn by the task
-    parameters: np.ndarray  # (B, k) of the true vehicle
-    state: np.ndarray  # (B, n) of the vehicle
-    action: np.ndarray  # (B, a) the last one, clipped; zero after a reset
-    actuators: np.ndarray  # (B, a)
-    drifting: np.ndarray  # (B, s) states of the disturbance, then of the sensors' biases
-    noise: np.ndarray  # (B, w + s) of increments, disturbance and biases over the coming step
-    exogenous: np.ndarray  # (B, f) exogenous input over the coming step
-    ended_noise: np.ndarray  # (B, w + s) noise over the step that has ended; zeros after a reset
-    ended: np.ndarray  # (B, f) exogenous input over that step; zeros after a reset
-    drawn: np.ndarray  # (B, e) constants of the disturbance for the episode
-    reference: np.ndarray  # (B, k)
-    score_state: np.ndarray  # (B, k) score state
-    total: np.ndarray  # (B,) sum of rewards
-    end: np.ndarray  # (B,) number of the end reason
-    observation: np.ndarray | None = None  # (B, k) if the step returns one
+    A field without a use is None: ``transit`` without late sensors, ``faults`` without sensors with
+    faults, ``raw`` without guidance from raw measurements, ``observation`` where a step gives none,
+    and the numbers of a start after the start.
+    """
 
-    def after(self, action: np.ndarray) -> "EnvState":
-        """State for the next step: the coming noise and inputs become those of the ended step."""
-        return EnvState(
-            self.keys, self.steps + _ONE, self.scenario, self.parameters, self.state, action,
-            self.actuators, self.drifting, self.noise, self.exogenous, self.noise, self.exogenous,
-            self.drawn, self.reference, self.score_state, self.total, self.end,
+    # --- the episode
+    episode: Any = None  # (B,) its number since the environment was seeded
+    over: Any = None  # (B,) mask of episodes that have ended and are not yet reset
+    steps: Any = None  # (B,) since the episode's start
+    keys: Any = None  # (B, parts, 2) of the random numbers of disturbance and biases
+    sensing: Any = None  # (B, sensors, 2) of the sensors
+    filtering: Any = None  # (B, 2) of the filter
+    scenario: Any = None  # (B, c) drawn by the task
+    parameters: Any = None  # (B, k) of the true vehicle
+    episode_constants: Any = None  # (B, e) of the disturbance
+    # --- the numbers of its start
+    prior_mean: Any = None  # (B, n) of the vehicle's state
+    prior_root: Any = None  # (B, n, n) root of its covariance
+    prior_normals: Any = None  # (B, n)
+    slow_normals: Any = None  # (B, s') of disturbance and biases
+    constant_uniforms: Any = None  # (B, k) of the disturbance's constants
+    # --- the truth
+    state: Any = None  # (B, n) of the vehicle
+    actuators: Any = None  # (B, a)
+    slow: Any = None  # (B, s) states of the disturbance, then of the sensors' biases
+    noise: Any = None  # (B, w + s) of increments, disturbance and biases over the coming step
+    exogenous: Any = None  # (B, f) exogenous input over the coming step
+    noise_before: Any = None  # (B, w + s) over the step that has ended; zeros after a reset
+    exogenous_before: Any = None  # (B, f) over the step that has ended; zeros after a reset
+    # --- what filters get
+    u: Any = None  # (B, m) known input over the step that has ended
+    y: Any = None  # (B, p) measurements: the youngest that arrived, 0 where none did
+    available: Any = None  # (B, p) mask of those that arrived
+    arrived: Any = None  # y and available; with late sensors by age, (B, ages, p) each
+    transit: Any = None  # measurements by age, (B, ages, p), and their mask
+    faults: Any = None  # see `vessel_gym.delivery.Delivery`
+    # --- what they believe
+    belief: Any = None  # of the estimator
+    raw: Any = None  # of the estimator "measurement", for guidance from raw measurements
+    # --- the mission
+    action: Any = None  # (B, a) the last one, clipped; zero after a reset
+    reference: Any = None  # (B, k)
+    commanded: Any = None  # (B, c) commands over the coming step; None for a task without any
+    imposed: Any = None  # (B, f') the task's addition to increments and flows of the coming step
+    score_state: Any = None  # (B, k)
+    reward: Any = None  # (B,)
+    total: Any = None  # (B,) sum of rewards
+    end: Any = None  # (B,) number of the end reason
+    observation: Any = None  # (B, k)
+
+    def but(self, **changes: Any) -> "State":
+        """A record with other values in some fields."""
+        other = object.__new__(State)
+        vars(other).update(vars(self), **changes)
+        return other
+
+    def acted(self, action: np.ndarray) -> "State":
+        """The record at the beginning of the next step, which an action ``(B, a)`` begins."""
+        now = object.__new__(State)
+        vars(now).update(vars(self))
+        now.action, now.steps = action, self.steps + _ONE
+        now.noise_before, now.exogenous_before = self.noise, self.exogenous
+        return now
+
+    def without_start(self) -> "State":
+        """The record without the numbers of a start, which no step reads."""
+        return self.but(
+            prior_mean=None, prior_root=None, prior_normals=None, slow_normals=None,
+            constant_uniforms=None,
         )  # fmt: skip
 
-    def merged(self, rows: np.ndarray, some: "EnvState") -> "EnvState":
-        """State with new values in some rows."""
-        merged = {each.name: getattr(self, each.name) for each in fields(self)}
-        for name, whole in merged.items():
-            if whole is not None:
-                merged[name] = whole.copy()
-                merged[name][rows] = getattr(some, name)
-        return EnvState(**merged)
+    def merged(self, rows: np.ndarray, some: "State") -> "State":
+        """The record with the values of another one in the rows of some indices."""
+        pairs = ((name, value, getattr(some, name)) for name, value in vars(self).items())
+        return State(**{name: _merged(rows, value, new) for name, value, new in pairs})
 
 
-def blank(rows: int) -> EnvState:
-    """Placeholder state of environments before the first reset."""
-    return EnvState(*(np.zeros(rows, int) for _ in fields(EnvState)[:-1]))
+def _merged(rows: np.ndarray, whole: Any, some: Any) -> Any:
+    """A field with new values in some rows."""
+    if whole is None:
+        return None
+    if isinstance(whole, tuple):
+        return tuple(_merged(rows, *each) for each in zip(whole, some, strict=True))
+    if not isinstance(whole, np.ndarray):
+        mask = np.zeros(len(whole.mean), bool)
+        mask[rows] = True
+        return whole.with_rows(mask, some)
+    merged = whole.copy()
+    merged[rows] = some
+    return merged
+
+
+class Stage:
+    """A part of a step: a function of the record that returns the arrays that it fills in.
+
+    Args:
+        function: Function of a `State`.
+        compiled: Is it compiled, for rows of the shapes that it meets first?
+    """
+
+    def __init__(self, function: Callable[[State], Changes], compiled: bool) -> None:
+        self.function, self.compiled = function, compiled
+        self._read: Any = None
+
+    def __call__(self, now: State) -> None:
+        """Fill in the arrays."""
+        if not self.compiled:
+            vars(now).update(self.function(now))
+            return
+        if self._read is None:
+            self._trace(now)
+        arrays, call = self._read(now), self._program.call
+        if call is None or (found := call(*arrays)) is None:
+            found = self._program.compute(*arrays)
+        vars(now).update(zip(self._names, found, strict=True))
+
+    def _trace(self, now: State) -> None:
+        """Trace the function for rows of the record, and keep which arrays it reads."""
+        held = {name: a for name, a in vars(now).items() if isinstance(a, np.ndarray)}
+        held |= {f"belief.{name}": a for name, a in _arrays_of(now.belief).items()}
+        rows = [Argument(a.shape[1:], a.dtype.kind) for a in held.values()]
+
+        def function(*tracers: Any) -> list[Any]:
+            given = dict(zip(held, tracers, strict=True))
+            belief = {name.partition(".")[2]: a for name, a in given.items() if "." in name}
+            belief = {"input_mean": None} | belief
+            row: Any = State(**{n: a for n, a in given.items() if "." not in n})
+            row.belief = SimpleNamespace(**belief)
+            changes = self.function(row)
+            self._names = tuple(changes)
+            return list(changes.values())
+
+        self._program = trace(function, rows, sealed=True)
+        self._read = attrgetter(*map(list(held).__getitem__, self._program.arguments))
+
+
+def _arrays_of(belief: Any) -> dict[str, np.ndarray]:
+    """Mean of the state and of the unknown input."""
+    if belief is None:
+        return {}
+    d = belief.input_mean
+    return {"mean": belief.mean} | ({} if d is None else {"input_mean": d})

@@ -110,10 +110,10 @@ def register_surroundings(task_type: type) -> Callable[[M], M]:
 
 def surroundings_of(core: Core, scenario: np.ndarray) -> Surroundings:
     """Surroundings of an episode with a scenario ``(k,)``; by default the vehicle alone."""
-    known = SURROUNDINGS.of(core.task).get("")
+    known = SURROUNDINGS.of(core.config.system.task).get("")
     if known is not None:
-        return known(core.task, scenario)
-    return Surroundings(space=bool({"z", "h"} & set(core.vehicle.state_names)))
+        return known(core.config.system.task, scenario)
+    return Surroundings(space=bool({"z", "h"} & set(core.config.system.vehicle.state_names)))
 
 
 def pose(states: np.ndarray, names: Sequence[str]) -> np.ndarray:

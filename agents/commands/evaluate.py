@@ -59,7 +59,7 @@ def _fly(title: str, agent: str, env_id: str, seeds: list[int], worlds: dict[str
             columns[name] = scores(flown)
             show(len(columns), len(worlds))
     sections: tuple[list[list[str]], list[list[str]]] = ([], [])
-    for metric in metrics(flown.core.system):
+    for metric in metrics(flown.config.system):
         values = [column[metric.key] for column in columns.values()]
         if np.isfinite(values).any():
             sections[not (metric.cost or metric.key == SCORE.key)].append(_row(metric, values))

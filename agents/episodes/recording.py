@@ -54,7 +54,7 @@ def episode(
     first = options.pop("estimator", None)
     plain = {name: each for name, each in options.items() if name != "estimator_options"}
     with closing(batch(env_id, 1, plain)) as env:
-        default, ours = core_of(env).estimator, hasattr(env.unwrapped, "core")
+        default, ours = core_of(env).config.estimation.filter.name, hasattr(env.unwrapped, "core")
     if not default:
         raise ValueError(
             f"{env_id!r} has no estimator in the loop: wrap it in"
@@ -139,7 +139,7 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     An environment of others has no map; its page holds charts of truth and estimate.
     """
     ours, core = hasattr(flown[0].env.unwrapped, "core"), flown[0].core
-    name, dt = core.system.name, core.vehicle.dt
+    name, dt = core.config.system.name, core.config.system.vehicle.dt
     every = 1 + int(max(each.length[0] for each in flown)) // FRAMES
     histories = [_first_row(each) for each in flown]
     page: dict[str, Any] = {
@@ -165,7 +165,7 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     first = scenes[0].position
     return page | {
         "conditions": [*scenes[0].conditions, *page["conditions"]],
-        "placed": bool({"x", "y", "z", "h"} & set(core.vehicle.state_names)),
+        "placed": bool({"x", "y", "z", "h"} & set(core.config.system.vehicle.state_names)),
         "located": scenes[0].located,
         "focus": [
             {"name": name, "unit": unit, "axis": axis}
@@ -230,7 +230,7 @@ def _flight(flown: Rollout, name: str, scene: Scene, every: int) -> dict[str, An
         "legend": scene.legend,
         **packed(moving, keep),
         "members": None if members is None else packed(members[::apart, :MEMBERS]),
-        "period": apart * scene.core.vehicle.dt,
+        "period": apart * scene.core.config.system.vehicle.dt,
         **curves(scene.charts(CHARTS), keep),
     }
 
@@ -245,6 +245,6 @@ def _costs(flown: Rollout) -> list[dict[str, Any]]:
             "unit": m.unit,
             "meaning": m.meaning,
         }
-        for m in metrics(flown.core.system)
+        for m in metrics(flown.config.system)
         if m.cost and np.isfinite(found[m.key][0])
     ]

@@ -125,7 +125,7 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
     Raises:
         ValueError: if the rollout kept no history, or a metric is not one value an episode.
     """
-    system, count = rollout.core.system, len(rollout.seeds)
+    system, count = rollout.config.system, len(rollout.seeds)
     if not rollout.history and system.estimator:
         raise ValueError("scores need the history of a rollout: fly it with record=True")
     found = {}

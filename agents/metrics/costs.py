@@ -15,12 +15,12 @@ _NEAR = 1e-6  # of the way between the limits of a step: actions are float32
 
 def _steering(rollout: Rollout) -> np.ndarray:
     """Actuators that steer [rad], ``(T + 1, N, a)``; after an episode's end they rest."""
-    return rollout.history["actuators"][..., list(rollout.core.vehicle.steering)]
+    return rollout.history["actuators"][..., list(rollout.config.system.vehicle.steering)]
 
 
 def _minutes(rollout: Rollout) -> np.ndarray:
     """Duration of each episode [min], ``(N,)``."""
-    return rollout.length * rollout.core.vehicle.dt / 60.0
+    return rollout.length * rollout.config.system.vehicle.dt / 60.0
 
 
 def _travel(rollout: Rollout) -> np.ndarray:
@@ -49,7 +49,7 @@ def turning_points(values: np.ndarray, dead_band: float) -> np.ndarray:
 
 def _saturation(rollout: Rollout) -> np.ndarray:
     """Share of steps [%] after which an actuator is at the limit of what the step allowed."""
-    vehicle, actuators = rollout.core.vehicle, rollout.history["actuators"]
+    vehicle, actuators = rollout.config.system.vehicle, rollout.history["actuators"]
     rows = actuators[:-1].reshape(-1, actuators.shape[-1])
     most = np.ones((len(rows), len(vehicle.action_names)))
     after, low, high = (
@@ -86,7 +86,7 @@ def tails(
         return np.where(rollout.alive, np.abs(error(rollout)), np.nan)
 
     def outside(rollout: Rollout) -> np.ndarray:
-        beyond = size(rollout) > margin(rollout.core.task)
+        beyond = size(rollout) > margin(rollout.config.system.task)
         return 100.0 * beyond.mean(0, where=rollout.alive)
 
     return {

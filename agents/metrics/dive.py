@@ -14,19 +14,19 @@ POSITION = ("x", "y", "z")
 
 def path_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
     """Distances [m] of the truth from the path ``(T + 1, N)``: in plan, and vertically."""
-    position = rollout.core.task.position(rollout.history["truth"])
+    position = rollout.config.system.task.position(rollout.history["truth"])
     where = follow(position, rollout.scenario, 0.0)
     return where[..., 1], where[..., 2] / np.sqrt(1.0 + where[..., 4] ** 2)
 
 
 def _clearance(rollout: Rollout) -> np.ndarray:
-    task = rollout.core.task
+    task = rollout.config.system.task
     bottom = rollout.scenario[:, 2] + task.margin
     return (bottom - task.position(rollout.history["truth"])[..., 2]).min(0)
 
 
 def _energy(rollout: Rollout) -> np.ndarray:
-    task, (_, length, depth) = rollout.core.task, rollout.scenario.T
+    task, (_, length, depth) = rollout.config.system.task, rollout.scenario.T
     power = task.power(rollout.history["actuators"][1:])
     seconds = np.hypot(length, depth) / task.auv.cruise_speed
     return power.sum(0, where=rollout.alive[1:]) * task.dt / seconds

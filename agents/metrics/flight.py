@@ -17,7 +17,8 @@ def path_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
 
     The aircraft is looked for near the farthest place it has reached, as in the score.
     """
-    task, truth, scenario = rollout.core.task, rollout.history["truth"], rollout.scenario
+    task, scenario = rollout.config.system.task, rollout.scenario
+    truth = rollout.history["truth"]
     farthest, off = task.initial_score_state(truth[0], scenario)[:, 0], []
     for state in truth:
         true = task.track(state, scenario, farthest)
@@ -28,22 +29,24 @@ def path_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
 
 def _clearance(rollout: Rollout) -> np.ndarray:
     """Least distance from an obstacle [m]; NaN where there is none."""
-    least = rollout.core.task.clearance(rollout.history["truth"], rollout.scenario).min(0)
+    task, truth = rollout.config.system.task, rollout.history["truth"]
+    least = task.clearance(truth, rollout.scenario).min(0)
     return np.where(np.isfinite(least), least, np.nan)
 
 
 def _energy(rollout: Rollout) -> np.ndarray | None:
     """Relative energy of the propeller ``(N,)``; None if the truth does not hold the wind."""
-    core, h = rollout.core, rollout.history
-    forces, names = core.config.world.forces, core.truth_names
+    config, h = rollout.config, rollout.history
+    forces, names = config.world.forces, config.true_state.names
+    task, vehicle = config.system.task, config.system.vehicle
     if not set(forces.disturbance.names) <= set(names):
         return None
     z = h["truth"][..., [names.index(name) for name in forces.disturbance.names]]
-    state = h["truth"][..., : len(core.vehicle.state_names)]
-    wind = forces.on(z, state)[..., len(core.vehicle.increments) : forces.outside]
+    state = h["truth"][..., : len(vehicle.state_names)]
+    wind = forces.on(z, state)[..., len(vehicle.increments) : forces.outside]
     power = h["actuators"][1:, :, 0] * airspeed(state, wind)[1:]
-    work = power.sum(0, where=rollout.alive[1:]) * core.vehicle.dt
-    return work / (core.task.body.cruise[0] * core.task.length_of(rollout.scenario))
+    work = power.sum(0, where=rollout.alive[1:]) * vehicle.dt
+    return work / (task.body.cruise[0] * task.length_of(rollout.scenario))
 
 
 METRICS = described(

@@ -94,9 +94,10 @@ def rmse(*names: str, scale: float = 1.0) -> PerEpisode:
     def of(rollout: Rollout) -> np.ndarray | None:
         if not (chosen := components(rollout, *names)):
             return None
-        core, h = rollout.core, rollout.history
-        angles = core.filter.model.state_angles
-        error = difference(h["estimate"], core.estimated(h["truth"]), angles)[..., chosen]
+        config, estimate = rollout.config, rollout.history["estimate"]
+        angles = config.estimation.filter.model.state_angles
+        truth = config.true_state.in_filter_order(rollout.history["truth"])
+        error = difference(estimate, truth, angles)[..., chosen]
         return rms(np.sqrt((error**2).sum(-1)), rollout.alive) * scale
 
     return of
@@ -118,16 +119,16 @@ def input_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray] | None:
     The estimate of a step is of the input of some steps before: there are as many times fewer. None
     where none is estimated.
     """
-    core, h, alive = rollout.core, rollout.history, rollout.alive
-    if core.belief.input_mean is None:
+    estimation, h, alive = rollout.config.estimation, rollout.history, rollout.alive
+    if rollout.core.now.belief.input_mean is None:
         return None
-    delay = core.config.estimation.input_delay
+    delay = estimation.input_delay
     true = h["unknown_input"][: len(alive) - delay]
     return h["input_estimate"][delay:] - true, alive[delay:]
 
 
 def _input_rmse(rollout: Rollout) -> np.ndarray | None:
-    composition, found = rollout.core.composition, input_errors(rollout)
+    composition, found = rollout.config.composition, input_errors(rollout)
     if found is None or not composition.inputs:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -156,7 +157,7 @@ SCORE, RETURN, STEPS, INPUT, NEES, UNHEALTHY = described(
 
 def components(rollout: Rollout, *names: str) -> tuple[int, ...]:
     """Indices of the components of the estimated state with these names."""
-    return tuple(i for i, name in enumerate(rollout.core.composition.names) if name in names)
+    return tuple(i for i, name in enumerate(rollout.config.composition.names) if name in names)
 
 
 def rms(error: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -171,12 +172,13 @@ def nees_of(rollout: Rollout, *names: str) -> np.ndarray | None:
         rollout: Rollout with a history.
         names: Components of the filter's state; without names, all that the true state also has.
     """
-    core, h = rollout.core, rollout.history
-    if core.estimator in ("", *WITHOUT_COVARIANCE):
+    config, h = rollout.config, rollout.history
+    if config.estimation.filter.name in ("", *WITHOUT_COVARIANCE):
         return None
     chosen = list(_known(rollout, names))
-    state = core.estimated(h["truth"])
-    angles = tuple(chosen.index(i) for i in core.filter.model.state_angles if i in chosen)
+    state = config.true_state.in_filter_order(h["truth"])
+    turning = config.estimation.filter.model.state_angles
+    angles = tuple(chosen.index(i) for i in turning if i in chosen)
     cov = h["covariance"][..., np.array(chosen)[:, None], chosen]
     return nees(h["estimate"][..., chosen], cov, state[..., chosen], angles)
 
@@ -185,7 +187,8 @@ def _known(rollout: Rollout, names: tuple[str, ...]) -> tuple[int, ...]:
     """Components of these names; without names, those that the true state also has."""
     if names:
         return components(rollout, *names)
-    absent = np.isnan(rollout.core.estimated(rollout.history["truth"])).all((0, 1))
+    truth = rollout.config.true_state.in_filter_order(rollout.history["truth"])
+    absent = np.isnan(truth).all((0, 1))
     return tuple(np.flatnonzero(~absent).tolist())
 
 

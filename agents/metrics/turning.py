@@ -26,7 +26,7 @@ _DEGREES = float(np.rad2deg(1.0))
 
 def _true(rollout: Rollout, name: str) -> np.ndarray:
     """A component of the true state ``(T + 1, N)``; NaN if the vehicle has none of this name."""
-    names, truth = rollout.core.vehicle.state_names, rollout.history["truth"]
+    names, truth = rollout.config.system.vehicle.state_names, rollout.history["truth"]
     return truth[..., names.index(name)] if name in names else np.full(truth.shape[:-1], np.nan)
 
 
@@ -38,13 +38,13 @@ def _ahead(rollout: Rollout) -> np.ndarray:
     """Distance [m] made good through the water on the commanded heading."""
     speed = np.hypot(_true(rollout, "u"), _true(rollout, "v"))
     ahead = (speed * np.cos(_heading_error(rollout)))[1:]
-    return ahead.sum(0, where=rollout.alive[1:]) * rollout.core.task.dt
+    return ahead.sum(0, where=rollout.alive[1:]) * rollout.config.system.task.dt
 
 
 def _on_track(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
     """Progress along the track and distance off it [m], ``(T + 1, N)``."""
     place = np.stack([_true(rollout, "x"), _true(rollout, "y")], -1)
-    return rollout.core.task.on_track(rollout.scenario, place)
+    return rollout.config.system.task.on_track(rollout.scenario, place)
 
 
 def _off_track(rollout: Rollout) -> np.ndarray:
@@ -63,7 +63,7 @@ def _propulsion(rollout: Rollout) -> tuple[np.ndarray, np.ndarray] | None:
     The propellers turn at constant revolutions, and their torque is taken to rise and fall as their
     thrust.
     """
-    if tuple(rollout.core.vehicle.parameter_names) != COEFFICIENTS:
+    if tuple(rollout.config.system.vehicle.parameter_names) != COEFFICIENTS:
         return None
     h = rollout.history
     return propulsion(h["truth"][..., : len(STATE)], h["actuators"][..., 0], h["parameters"])
@@ -83,7 +83,7 @@ def _fuel(made_good: Callable[[Rollout], np.ndarray]) -> PerEpisode:
             return None
         distance = made_good(rollout)
         speed, load = straight_course(rollout.history["parameters"][0])
-        energy = found[0][1:].sum(0, where=rollout.alive[1:]) * rollout.core.vehicle.dt
+        energy = found[0][1:].sum(0, where=rollout.alive[1:]) * rollout.config.system.vehicle.dt
         return 100.0 * (energy / np.where(distance > 0.0, distance, np.nan) * speed / load)
 
     return of
@@ -91,7 +91,7 @@ def _fuel(made_good: Callable[[Rollout], np.ndarray]) -> PerEpisode:
 
 def _input_rmse(rollout: Rollout) -> np.ndarray | None:
     """RMS error of the estimated yaw increment [mrad]; None where none is estimated."""
-    found, inputs = input_errors(rollout), rollout.core.unknown_inputs
+    found, inputs = input_errors(rollout), rollout.config.estimation.inputs
     if found is None or _INPUT not in inputs:
         return None
     return 1e3 * rms(found[0][..., inputs.index(_INPUT)], found[1])

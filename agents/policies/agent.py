@@ -27,7 +27,7 @@ class TrainedAgent:
         )
         policy, self._network = load(path, actions)
         core, size = getattr(env.unwrapped, "core", None), int(np.prod(observations.shape))
-        observe = None if core is None else core.observe_mode
+        observe = None if core is None else core.config.observe_mode
         here = "is none of vessel_gym" if core is None else f"gives {observe!r}"
         # Two kinds of observation may have the same length.
         if policy.observe not in (None, observe):
@@ -41,11 +41,13 @@ class TrainedAgent:
                 f"{path} was trained in another environment: on observations of shape {shapes[0]}"
                 f" and actions of shape {shapes[1]}, not {wanted[0]} and {wanted[1]}"
             )
-        vehicle = {} if core is None else vehicle_of(core.vehicle)
+        vehicle, where = {}, "this environment"
+        if core is not None:
+            vehicle, where = vehicle_of(core.config.system.vehicle), core.config.system.name
         if policy.vehicle and not same_vehicle(policy.vehicle, vehicle):
             raise ValueError(
                 f"{path} was trained on another vehicle, that of {policy.environment}: fly it"
-                f" there, or train an agent in {core.system.name if core else 'this environment'}"
+                f" there, or train an agent in {where}"
             )
         self._policy, self._size = policy, size
         self.reset(1)

@@ -133,8 +133,9 @@ def _environment(model: Any) -> dict[str, Any]:
             )
         inner = inner.env
     if core := getattr(unwrapped, "core", None):
-        known |= {"observe": core.observe_mode, "vehicle": vehicle_of(core.vehicle)}
-        return known | {"environment": core.system.name}
+        config = core.config
+        known |= {"observe": config.observe_mode, "vehicle": vehicle_of(config.system.vehicle)}
+        return known | {"environment": config.system.name}
     return known | {"environment": unwrapped.spec.id if unwrapped.spec else ""}
 
 

@@ -51,7 +51,7 @@ class KeepDepth:
         }
 
     def observe(
-        self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
+        self, estimate: Estimate, scenario: np.ndarray, reference: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
         x = estimate.state
         return np.column_stack(
@@ -80,15 +80,15 @@ class KeepDepth:
     ) -> np.ndarray:
         return scenario
 
-    def over(self, reference: np.ndarray) -> np.ndarray:
+    def over(self, scenario: np.ndarray, reference: np.ndarray) -> np.ndarray:
         return np.zeros(len(reference), bool)
 
     def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
         return np.empty((len(state), 0))
 
     def score(
-        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
-        action: np.ndarray, score_state: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, scenario: np.ndarray, reference: np.ndarray,
+        over: np.ndarray, actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         off = reference[:, 0] - state[:, 4]
         return 1.0 / (1.0 + off**2), (np.abs(off) > 10.0).astype(int), score_state

@@ -60,12 +60,12 @@ def test_a_page_holds_what_was_flown(flown: tuple[str, Episode]):
         core = again.env.unwrapped.core
         assert flight["estimator"] == name
         assert flight["score"] == again.score[0]
-        figures, known = scores(again), metrics(core.system)
+        figures, known = scores(again), metrics(core.config.system)
         paid = [(m.label, f"{figures[m.key][0]:.{m.decimals}f}", m.unit) for m in known if m.cost]
         assert [(each["label"], each["value"], each["unit"]) for each in flight["costs"]] == paid
-        truth = pose(again.history["truth"][:, 0], core.truth_names)
+        truth = pose(again.history["truth"][:, 0], core.config.true_state.names)
         np.testing.assert_allclose(unpacked(flight["true"]), truth, rtol=2e-7)
-        focus = [core.composition.names.index(key) for key in ("y", "x")]
+        focus = [core.config.composition.names.index(key) for key in ("y", "x")]
         error = again.history["estimate"][:, 0, focus] - truth[:, [1, 0]]
         np.testing.assert_allclose(unpacked(flight["error"])[:, :2], error, rtol=1e-4, atol=1e-4)
         cov = again.history["covariance"][:, 0][:, focus][:, :, focus]
@@ -143,7 +143,7 @@ def test_a_long_episode_keeps_every_second_moment_and_its_end(monkeypatch: pytes
     monkeypatch.setattr("agents.episodes.recording.FRAMES", 40)
     kept = rollout("autopilot", "ThesisCorvette-v0", [0], {"max_episode_steps": 61}, ensembles=True)
     page = page_of([kept], ["kf-umv-ui"])
-    assert page["dt"] == 2.0 * kept.env.unwrapped.core.vehicle.dt
+    assert page["dt"] == 2.0 * kept.env.unwrapped.core.config.system.vehicle.dt
     assert page["flights"][0]["true"]["shape"][0] == 31 + 1
 
 
@@ -176,7 +176,9 @@ def test_a_page_shows_wind_waves_and_current(env_id: str, names: list[str]):
     assert [each["name"] for each in found] == names
     core, truth = kept.env.unwrapped.core, kept.history["truth"][:, 0]
     if "Current" in names:
-        level = [i for i, name in enumerate(core.truth_names) if name.startswith("current")]
+        level = [
+            i for i, name in enumerate(core.config.true_state.names) if name.startswith("current")
+        ]
         np.testing.assert_allclose(
             unpacked(found[0]["vector"])[:, : len(level)], truth[:, level], rtol=1e-6
         )

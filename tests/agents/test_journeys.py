@@ -64,7 +64,7 @@ def gained(better: np.ndarray, worse: np.ndarray) -> bool:
 
 def test_on_its_default_estimates_the_autopilot_keeps_the_path_and_arrives(env_id: str):
     journey = flown(env_id)
-    assert journey.env.unwrapped.core.estimator == DEFAULTS[env_id]
+    assert journey.env.unwrapped.core.config.estimation.filter.name == DEFAULTS[env_id]
     assert (journey.end == "arrived").sum() >= 47
     assert pooled_rms(journey)[0] <= OFF_PATH[env_id]
 

@@ -112,9 +112,16 @@ def test_training_on_raw_measurements_runs_no_filter_and_sees_the_same(env_id: s
     ours = batch(describe(env_id, options, 0, None), 3)
     env = gym.make_vec(env_id, num_envs=3, **options)
     theirs = StableBaselinesVecEnv(env, ours.reward_scale)
-    assert ours.env.unwrapped.core.estimator == "measurement" != env.unwrapped.core.estimator
+    assert (
+        ours.env.unwrapped.core.config.estimation.filter.name
+        == "measurement"
+        != env.unwrapped.core.config.estimation.filter.name
+    )
     kept = describe(env_id, options | {"termination": "belief"}, 0, None)  # which the filter says
-    assert batch(kept, 1).env.unwrapped.core.estimator == env.unwrapped.core.estimator
+    assert (
+        batch(kept, 1).env.unwrapped.core.config.estimation.filter.name
+        == env.unwrapped.core.config.estimation.filter.name
+    )
     for each in (ours, theirs):
         each.seed(tuning_seeds(1)[0])
     np.testing.assert_array_equal(ours.reset(), theirs.reset())

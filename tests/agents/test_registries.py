@@ -217,7 +217,7 @@ def picture(system: System, steps: int = 5, **options: Any) -> np.ndarray:
     renderer.begin()
     renderer.record()
     for _ in range(steps):
-        core.step(np.full((1, core.action_size), 0.5))
+        core.step(np.full((1, core.config.action_size), 0.5))
         renderer.record()
     drawn = renderer.draw()
     assert drawn is not None

@@ -55,6 +55,10 @@ def core_of(kept: Rollout) -> Any:
     return kept.env.unwrapped.core
 
 
+def system_of(kept: Rollout) -> Any:
+    return kept.config.system
+
+
 def changed(kept: Rollout, **history: np.ndarray) -> Rollout:
     return replace(kept, history=kept.history | history)
 
@@ -62,15 +66,18 @@ def changed(kept: Rollout, **history: np.ndarray) -> Rollout:
 def perfect(env_id: str) -> Rollout:
     """The flight, had the filter known everything."""
     h, core = flown(env_id).history, core_of(flown(env_id))
-    assert core.composition.names == ESTIMATED[env_id]
-    known = {"estimate": core.estimated(h["truth"]), "input_estimate": h["unknown_input"].copy()}
+    assert core.config.composition.names == ESTIMATED[env_id]
+    known = {
+        "estimate": core.config.true_state.in_filter_order(h["truth"]),
+        "input_estimate": h["unknown_input"].copy(),
+    }
     return changed(flown(env_id), **known)
 
 
 @pytest.mark.parametrize("env_id", COSTS)
 def test_every_metric_has_a_value_and_an_owner_s_costs_are_few_enough_for_a_table(env_id: str):
     kept = flown(env_id)
-    figures, every = scores(kept), metrics(core_of(kept).system)
+    figures, every = scores(kept), metrics(system_of(kept))
     assert list(figures) == [m.key for m in every]
     assert {m.key for m in every if m.cost} == COSTS[env_id]
     for key, values in figures.items():
@@ -161,7 +168,7 @@ def test_true_errors_of_a_turn_are_against_the_reference():
     off = np.deg2rad(np.linspace(-3.0, 12.0, 601))
     truth[..., 2] = reference[..., 0] + off[:, None]
     off = off[:401]
-    figures, limit = scores(changed(kept, truth=truth)), core_of(kept).task.HEADING_TOLERANCE
+    figures, limit = scores(changed(kept, truth=truth)), system_of(kept).task.HEADING_TOLERANCE
     expected = {
         "heading_error": np.rad2deg(np.sqrt(np.mean(off**2))),
         "heading_error_95": np.rad2deg(np.percentile(np.abs(off), 95.0)),
@@ -180,8 +187,8 @@ def test_a_ship_beside_its_track_is_as_far_off(
 ):
     """Outside is beyond the margin of the task or else its tolerance."""
     kept = flown(SIGMA)
-    task, truth = core_of(kept).task, kept.history["truth"].copy()
-    scenario = task.scenario_of(kept.history["reference"][0])
+    task, truth = system_of(kept).task, kept.history["truth"].copy()
+    scenario = kept.scenario
     for k in range(len(truth)):
         x, y, direction = task.nominal(scenario, np.full(len(scenario), k))[:, :3].T
         beside = [x - aside * np.sin(direction), y + aside * np.cos(direction), direction]
@@ -241,7 +248,7 @@ class Steady:
 
 @pytest.mark.parametrize("env_id", [THESIS, AUV, PUNA])
 def test_bang_bang_is_always_saturated_and_gentle_commands_never_are(env_id: str):
-    size = len(core_of(flown(env_id)).vehicle.action_names)
+    size = len(system_of(flown(env_id)).vehicle.action_names)
     options = {"estimator": "truth", "disturbance": "calm", "max_episode_steps": 60}
     brisk = scores(rollout(Steady(size, 1.0, alternating=True), env_id, [1, 2], options))
     gentle = scores(rollout(Steady(size, 0.01), env_id, [1, 2], options))
@@ -253,7 +260,7 @@ def test_a_vehicle_that_says_nothing_of_its_steering_has_no_costs_of_it():
     class Nameless(Ship):
         steering = ()
 
-    system = core_of(flown(SIGMA)).system
+    system = system_of(flown(SIGMA))
     mute = {m.key for m in metrics(replace(system, vehicle=Nameless()))}
     assert {m.key for m in metrics(system)} - mute == {m.key for m in STEERING}
 
@@ -302,7 +309,7 @@ def test_a_straight_course_burns_the_fuel_of_one_and_a_slow_one_more(
     kept = flown(env_id)
     first = {key: values[:7] for key, values in kept.history.items()}
     kept = replace(kept, length=np.full(3, 6), history=first)  # the track is straight for 10 steps
-    h, task = kept.history, core_of(kept).task
+    h, task = kept.history, system_of(kept).task
     truth, speed = np.zeros_like(h["truth"]), share * task.ship.speed
     heading = h["reference"][..., 5 if env_id == SIGMA else 0]
     way = speed * task.dt * np.arange(len(truth))[:, None]
@@ -316,20 +323,20 @@ def test_a_straight_course_burns_the_fuel_of_one_and_a_slow_one_more(
 @pytest.mark.parametrize("wind", [0.0, 4.0])
 def test_energy_of_a_flight_is_thrust_times_airspeed_whatever_the_wind_carries(wind: float):
     kept = flown(PUNA)
-    core, h = core_of(kept), kept.history
+    config, task, h = kept.config, system_of(kept).task, kept.history
     truth, actuators = np.zeros_like(h["truth"]), h["actuators"].copy()
-    truth[..., 3], actuators[..., 0] = 18.0 + wind, 2.0 * core.task.body.cruise[0]
-    truth[..., core.truth_names.index("mean wind north")] = wind
-    length = core.task.length_of(core.task.scenario_of(h["reference"][0]))
+    truth[..., 3], actuators[..., 0] = 18.0 + wind, 2.0 * task.body.cruise[0]
+    truth[..., config.true_state.names.index("mean wind north")] = wind
+    length = task.length_of(kept.scenario)
     figures = scores(changed(kept, truth=truth, actuators=actuators))
-    expected = 2.0 * 18.0 * kept.length * core.vehicle.dt / length
+    expected = 2.0 * 18.0 * kept.length * config.system.vehicle.dt / length
     np.testing.assert_allclose(figures["energy"], expected)
 
 
 def test_clearance_of_a_dive_is_its_least_height_above_the_depth_at_which_it_is_lost():
     kept = flown(AUV)
     truth = kept.history["truth"].copy()
-    deepest = kept.history["reference"][0, :, 10] + core_of(kept).task.margin
+    deepest = kept.scenario[:, 2] + system_of(kept).task.margin
     truth[..., 8] = 0.0
     truth[7, :, 8] = deepest - 0.7
     np.testing.assert_allclose(scores(changed(kept, truth=truth))["clearance"], 0.7)

@@ -39,8 +39,8 @@ def test_a_block_has_the_steps_that_are_counted_no_end_and_parts_that_are_all_of
     flight = Flight(env_id, rows)
     assert flight() > 0.0
     core = flight.env.unwrapped.core
-    assert set(core.steps) == {speed.STEPS}
-    assert not core.episodes.any()
+    assert set(core.now.steps) == {speed.STEPS}
+    assert not core.now.episode.any()
     block = part_shares(env_id, rows)
     for shares in (block(), block()):
         assert sum(shares) == pytest.approx(1.0)

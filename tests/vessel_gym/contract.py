@@ -20,6 +20,7 @@ from vessel_gym.core import Core
 from vessel_gym.envs import VesselEnv, VesselVectorEnv
 from vessel_gym.estimation import estimator_names
 from vessel_gym.sensors import SUITES, Sensors, SensorSuite
+from vessel_gym.state import State
 
 OURS = [
     key for key, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym.")
@@ -163,14 +164,12 @@ class AlteredCore(Core):
         world: Any = copy(self.config.world)  # which others share
         begin = world.begin
 
-        def altered(scenario: Any, mean: Any, root: Any, numbers: np.ndarray, *others: Any) -> Any:
-            return begin(
-                scenario,
-                mean,
-                root,
-                numbers + np.random.default_rng(2).normal(size=numbers.shape),
-                *others,
-            )
+        def altered(now: State) -> None:
+            rng = np.random.default_rng(2)
+            for name in ("prior_normals", "slow_normals", "constant_uniforms"):
+                numbers = getattr(now, name)
+                setattr(now, name, numbers + rng.normal(size=numbers.shape))
+            begin(now)
 
         world.begin, self.config.world = altered, world
 
@@ -233,7 +232,7 @@ def observations(core: Core) -> dict[str, np.ndarray]:
 
     One of raw measurements shows those alone: its reference is where the truth is.
     """
-    chosen, seen = core.observe_mode, {}
+    chosen, seen = core.config.observe_mode, {}
     for mode in dict.fromkeys((*MODES, chosen)) if chosen != "measurement" else (chosen,):
         core.config.observe_mode = mode
         seen[mode] = core.observe()
@@ -258,23 +257,23 @@ def observations_when_truth_is_altered(
     other.seed(5)
     rng = np.random.default_rng(9)
     true.reset()
-    other.reset(measurements=true.loop.delivered)
-    walk = random_walk(5, rows, true.action_size)
+    other.reset(measurements=true.now.arrived)
+    walk = random_walk(5, rows, true.config.action_size)
     seen = [observations(true)], [observations(other)]
     distance = [apart(true, other)]
     for step in range(steps):
         if step == 25:  # a partial reset, as autoreset does it
             some = np.array([1, 3])
             for core in (true, other):
-                core.episodes[some] += 1
+                core.seed(None, some)
             true.reset(some)
-            other.reset(some, measurements=tuple(values[some] for values in true.loop.delivered))
+            other.reset(some, measurements=tuple(values[some] for values in true.now.arrived))
             seen[0].append(observations(true))
             seen[1].append(observations(other))
         scramble(other, rng)
         actions = next(walk)
         true.step(actions)
-        other.step(actions, measurements=true.loop.delivered)
+        other.step(actions, measurements=true.now.arrived)
         seen[0].append(observations(true))
         seen[1].append(observations(other))
         distance.append(apart(true, other))
@@ -287,25 +286,28 @@ def observations_when_truth_is_altered(
 
 def apart(one: Core, other: Core) -> dict[str, np.ndarray]:
     """How far every part of what is true differs, ``(rows,)`` each."""
-    drawn = (
-        ("sea_state", "exogenous") if one.sea_state.size else ()
-    )  # what a task prescribes is the same at reset
-    parts = {
-        name: np.abs(getattr(one, name) - getattr(other, name)).max(-1)
-        for name in ("state", *drawn, "parameters")
-    }
-    return parts | (
-        {"bias": np.abs(one.bias - other.bias).max(-1)} if one.sensors.bias.size else {}
-    )
+    size = one.config.world.size
+    parts = {name: apart_in(one, other, name) for name in ("state", "parameters")}
+    if size:  # what a task prescribes is the same at reset
+        parts["exogenous"] = apart_in(one, other, "exogenous")
+        parts["disturbance"] = apart_in(one, other, "slow", slice(size))
+    if one.config.sensors.bias.size:
+        parts["bias"] = apart_in(one, other, "slow", slice(size, None))
+    return parts
+
+
+def apart_in(one: Core, other: Core, name: str, columns: slice = slice(None)) -> np.ndarray:
+    """Largest difference ``(rows,)`` in some columns of a field of the record."""
+    return np.abs(getattr(one.now, name) - getattr(other.now, name))[:, columns].max(-1)
 
 
 def scramble(core: Core, rng: np.random.Generator) -> None:
     """Put everything that is true somewhere else: vehicle, disturbance, biases, what acts and what will."""
-    core.now.state = core.state + rng.normal(0.0, 0.01, core.state.shape)
-    core.now.drifting = rng.normal(0.0, 0.01, core.drifting.shape) - core.drifting
-    core.now.exogenous = core.exogenous + rng.normal(0.0, 0.01, core.exogenous.shape)
-    core.now.noise = core.noise + rng.normal(0.0, 0.01, core.noise.shape)
-    core.now.parameters = core.parameters * rng.uniform(0.9, 1.1, core.parameters.shape)
+    core.now.state = core.now.state + rng.normal(0.0, 0.01, core.now.state.shape)
+    core.now.slow = rng.normal(0.0, 0.01, core.now.slow.shape) - core.now.slow
+    core.now.exogenous = core.now.exogenous + rng.normal(0.0, 0.01, core.now.exogenous.shape)
+    core.now.noise = core.now.noise + rng.normal(0.0, 0.01, core.now.noise.shape)
+    core.now.parameters = core.now.parameters * rng.uniform(0.9, 1.1, core.now.parameters.shape)
 
 
 def assert_apart(distance: dict[str, np.ndarray]) -> None:
@@ -350,7 +352,7 @@ def assert_sound(
 ) -> None:
     """What must hold after every reset and step, whatever the estimator and however bad the measurements."""
     assert observation.dtype == np.float32
-    assert np.abs(observation).max() <= core.task.BOUND  # False for NaN too
+    assert np.abs(observation).max() <= core.config.system.task.BOUND  # False for NaN too
     if reward is not None:
         assert reward.min() >= 0.0
         assert reward.max() <= 1.0
@@ -395,7 +397,7 @@ def soak(env_id: str, steps: int, num_envs: int = 4, seed: int = 0, turns: int =
         core = env.unwrapped.core
         observation, info = env.reset(seed=seed + number)
         assert_sound(core, observation, None, info)
-        actions = random_walk(seed + number, num_envs, core.action_size)
+        actions = random_walk(seed + number, num_envs, core.config.action_size)
         for _ in range(each):
             observation, reward, terminated, truncated, info = env.step(next(actions))
             assert_sound(core, observation, reward, info)

@@ -239,10 +239,11 @@ def test_a_single_environment_that_has_ended_stays_ended_whatever_is_done():
     """A ship far off her track has lost her turn: steps beyond give nothing, move nothing and bring nothing back."""
     env = single_class("SigmaCorvette-v0")()
     env.reset(seed=0)
-    env.core.state[:, 1] += 1e6
+    found, lost = env.core.now.state, env.core.now.state + [0.0, 1e6, *[0.0] * 6]
+    env.core.now.state = lost
     _, _, terminated, _, _ = env.step(np.zeros(1, np.float32))
     assert terminated
-    env.core.state[:, 1] -= 1e6  # found again
+    env.core.now.state = found
     score, truth = env.core.score.copy(), env.truth
     for action in (0.0, 1.0):
         _, reward, terminated, truncated, info = env.step(np.full(1, action, np.float32))
@@ -263,10 +264,10 @@ def test_a_score_is_a_share_however_long_an_episode_is(env_id: str):
     for env in (batch, single):
         env.reset(seed=0)
         core = env.core
-        task, rows, scores = core.task, core.num_envs, []
+        task, rows, scores = core.config.system.task, core.num_envs, []
         for steps in (0, 1, task.horizon // 2, task.horizon, 1200, 10 * task.horizon):
-            core.steps[:] = steps
-            core.total[:] = min(steps, 1.0) * (
+            core.now.steps[:] = steps
+            core.now.total[:] = min(steps, 1.0) * (
                 steps if task.perfect == task.horizon else task.perfect
             )
             scores.append(core.score)
@@ -276,7 +277,7 @@ def test_a_score_is_a_share_however_long_an_episode_is(env_id: str):
         np.testing.assert_allclose(
             scores, np.repeat([[*expected, 1.0, 1.0, 1.0]], rows, 0).T, rtol=1e-15
         )
-    core.total[:] = np.nextafter(core.total, np.inf)
+    core.now.total[:] = np.nextafter(core.now.total, np.inf)
     assert core.score.max() == 1.0
 
 

@@ -100,7 +100,7 @@ def test_an_option_that_makes_no_sense_is_refused_in_a_sentence(
 
 
 def test_a_filter_that_is_built_already_is_refused():
-    built = single_class(SHIP)().core.filter
+    built = single_class(SHIP)().core.config.estimation.filter
     message = refusal(TypeError, gym.make, SHIP, estimator=built)
     assert f"got an instance of {type(built).__name__}" in message
 
@@ -230,7 +230,7 @@ def test_injected_measurements_of_the_wrong_form_are_refused_and_change_nothing(
     core, twin = make_core(AUV, 2), make_core(AUV, 2)
     core.reset()
     twin.reset()
-    p, action = core.sensors.size, np.zeros((2, core.action_size))
+    p, action = core.config.sensors.size, np.zeros((2, core.config.action_size))
     y, mask = np.zeros((2, p)), np.ones((2, p), bool)
     for wrong in (3, y, (y,), (y, mask, mask), ("y", mask), (y, None)):
         assert refusal(TypeError, core.step, action, measurements=wrong).startswith(

@@ -48,21 +48,19 @@ def test_a_sensor_of_an_increment_reads_what_it_did_to_the_state(env_id: str):
     count = len(vehicle.increments)
     places = [vehicle.state_names.index(name) for name in vehicle.incremented]
     rng = np.random.default_rng(0)
-    np.testing.assert_array_equal(core.measurements[0][:, -count:], 0.0)
+    np.testing.assert_array_equal(core.now.y[:, -count:], 0.0)
     for _ in range(40):
         state, exogenous, actuators = (
-            core.state.copy(),
-            core.exogenous.copy(),
-            core.actuators.copy(),
+            core.now.state.copy(),
+            core.now.exogenous.copy(),
+            core.now.actuators.copy(),
         )
         exogenous[:, :count] = 0.0
         core.step(rng.uniform(-0.3, 0.3, core.action_shape))
-        still = vehicle.step(state, actuators, core.actuators, exogenous, core.parameters)
-        scale = np.maximum(1.0, np.abs(core.state[:, places]))
+        still = vehicle.step(state, actuators, core.now.actuators, exogenous, core.now.parameters)
+        scale = np.maximum(1.0, np.abs(core.now.state[:, places]))
         assert (
-            np.abs(
-                (core.measurements[0][:, -count:] - (core.state - still)[:, places]) / scale
-            ).max()
+            np.abs((core.now.y[:, -count:] - (core.now.state - still)[:, places]) / scale).max()
             < 1e-12
         )
 
@@ -71,12 +69,14 @@ def test_a_sensor_of_an_increment_reads_what_it_did_to_the_state(env_id: str):
 def test_compass_and_gyro_of_a_ship_read_her_heading_and_what_has_turned_her(env_id: str):
     core, vehicle = _flown(env_id), registered(env_id).vehicle
     for _ in range(40):
-        before = core.state.copy()
+        before = core.now.state.copy()
         core.step(np.zeros(core.action_shape))
-        y, (psi, r) = core.measurements[0], core.state[:, [2, 5]].T
+        y, (psi, r) = core.now.y, core.now.state[:, [2, 5]].T
         np.testing.assert_allclose(y[:, 0], psi, rtol=0, atol=1e-12)
         turned = vehicle.dt * (y[:, 1] - r)  # by waves, over the step that has ended
-        np.testing.assert_allclose(core.unknown_input[:, 0], turned, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            core.config.unknown_input.values(core.now)[:, 0], turned, rtol=0, atol=1e-12
+        )
         assert np.abs(psi - before[:, 2] - turned).max() < 0.1
 
 
@@ -88,10 +88,10 @@ def test_measurements_are_equal_to_the_bit_whatever_is_drawn_for_later_steps(env
         one.step(action), other.step(action)
     other.now.keys = other.now.keys[::-1].copy()  # all numbers from now on are others
     one.step(action), other.step(action)
-    np.testing.assert_array_equal(one.measurements[0], other.measurements[0])
+    np.testing.assert_array_equal(one.now.y, other.now.y)
     for _ in range(60):
         one.step(action), other.step(action)
-    assert (one.measurements[0] != other.measurements[0]).any(-1).all()
+    assert (one.now.y != other.now.y).any(-1).all()
 
 
 def test_who_reads_a_mean_over_the_coming_step_is_refused():
@@ -120,8 +120,8 @@ def test_a_mean_over_the_coming_step_is_kept_from_sensors_whatever_they_do_with_
     core = Core(system, ROWS, disturbance="rough", sensors=[*system.vehicle.sensors, large])
     core.start(0)
     core.step(np.zeros(core.action_shape))
-    assert np.abs(core.exogenous[:, i]).min() > 10.0
-    assert np.abs(core.measurements[0][:, -1]).max() < 1e-7
+    assert np.abs(core.now.exogenous[:, i]).min() > 10.0
+    assert np.abs(core.now.y[:, -1]).max() < 1e-7
 
 
 def test_a_sea_of_ones_own_acts_as_a_field_or_is_refused():
@@ -199,12 +199,12 @@ def test_white_increments_that_sensors_show_are_estimated_consistently(assumed: 
     found = []
     for k in range(60):
         core.step(np.zeros(core.action_shape))
-        belief = core.belief
+        belief = core.now.belief
         if assumed in ("unknown-input", "white-input"):
             mean, var = belief.input_mean[:, 0], belief.input_cov[:, 0, 0]
         else:
-            assert core.composition.names[-1] == "last yaw increment"
+            assert core.config.composition.names[-1] == "last yaw increment"
             mean, var = belief.mean[:, -1], belief.cov[:, -1, -1]
         if k >= 20:
-            found.append((mean - core.unknown_input[:, 0]) ** 2 / var)
+            found.append((mean - core.config.unknown_input.values(core.now)[:, 0]) ** 2 / var)
     assert abs(np.mean(found) - 1.0) < 6.0 * np.sqrt(2.0 / np.size(found))

@@ -183,9 +183,9 @@ every_world = pytest.mark.parametrize(
 
 def undisturbed(core: Core) -> None:
     """From now on for a step nothing is new."""
-    core.now.noise = np.zeros_like(core.noise)
-    core.now.exogenous = core.exogenous.copy()
-    core.exogenous[:, core.forces.white_indices] = 0.0
+    core.now.noise = np.zeros_like(core.now.noise)
+    core.now.exogenous = core.now.exogenous.copy()
+    core.now.exogenous[:, core.config.world.forces.white_indices] = 0.0
 
 
 @pytest.mark.slow
@@ -197,29 +197,36 @@ def test_where_nothing_is_new_the_world_moves_and_is_read_as_the_filter_has_it(
         env_id, 5, seed=1, estimator="dead-reckoning", **({"disturbance": "rough"} | chosen)
     )
     core.reset()
-    model = core.composition.model
+    model = core.config.composition.model
     assert isinstance(model, NonlinearModel)
-    rng, size = np.random.default_rng(1), core.action_size
+    rng, size = np.random.default_rng(1), core.config.action_size
     for _ in range(20):
         action = rng.uniform(-1.0, 1.0, (5, size)) * (
             env_id not in (SHIP, *MET)
         )  # which is told the mean rudder of a step
         undisturbed(core)
-        before, where = core.estimated(core.truth), core.actuators
-        count = len(core.vehicle.increments)
-        read = np.concatenate([core.now.ended[:, :count], core.exogenous[:, count:]], -1)
-        exact = core.sensors.exact(core.state, read, core.bias)
+        before, where = core.config.true_state.in_filter_order(core.truth), core.now.actuators
+        count = len(core.config.system.vehicle.increments)
+        read = np.concatenate(
+            [core.now.exogenous_before[:, :count], core.now.exogenous[:, count:]], -1
+        )
+        exact = core.config.sensors.exact(
+            core.now.state, read, core.now.slow[:, core.config.world.size :]
+        )
         np.testing.assert_allclose(model.measurement(before, None), exact, atol=1e-12)
-        u = core.vehicle.known_input(
+        u = core.config.system.vehicle.known_input(
             where,
-            core.vehicle.actuate(where, action),
-            core.task.commanded(core.scenario, core.steps),
+            core.config.system.vehicle.actuate(where, action),
+            core.config.system.task.commanded(core.now.scenario, core.now.steps),
         )
         core.step(action)
         np.testing.assert_allclose(
-            core.estimated(core.truth), model.transition(before, u), rtol=1e-12, atol=1e-12
+            core.config.true_state.in_filter_order(core.truth),
+            model.transition(before, u),
+            rtol=1e-12,
+            atol=1e-12,
         )
-        assert np.abs(core.estimated(core.truth) - before).max() > 1e-3
+        assert np.abs(core.config.true_state.in_filter_order(core.truth) - before).max() > 1e-3
 
 
 @pytest.mark.slow
@@ -234,18 +241,22 @@ def test_what_is_new_in_the_world_has_the_covariance_that_the_filter_is_told(
     core.reset(
         options={"obstacles": []} if env_id in ("PunaUAV-v0", "vessel_gym/FixedWing-v0") else None
     )
-    model, vehicle, fresh = core.composition.model, core.vehicle, []
+    model, vehicle, fresh = core.config.composition.model, core.config.system.vehicle, []
     for _ in range(steps):
-        before, where = core.estimated(core.truth), core.actuators
-        idle = np.zeros((rows, core.action_size))
+        before, where = core.config.true_state.in_filter_order(core.truth), core.now.actuators
+        idle = np.zeros((rows, core.config.action_size))
         u = vehicle.known_input(
-            where, vehicle.actuate(where, idle), core.task.commanded(core.scenario, core.steps)
+            where,
+            vehicle.actuate(where, idle),
+            core.config.system.task.commanded(core.now.scenario, core.now.steps),
         )
         core.step(idle)
-        fresh.append(core.estimated(core.truth) - model.transition(before, u))
+        fresh.append(
+            core.config.true_state.in_filter_order(core.truth) - model.transition(before, u)
+        )
     sample = np.concatenate(fresh)
     Q = model.Q.copy()
-    base = core.composition.base
+    base = core.config.composition.base
     Q[:base, :base] -= np.diag(vehicle.process_sd[:base] ** 2)  # what models leave out comes on top
     moving = np.diag(Q) > 1e-18
     scale = np.sqrt(np.where(moving, np.diag(Q), 0.0))
@@ -273,11 +284,11 @@ def test_what_is_known_at_the_start_is_how_episodes_start(env_id: str, chosen: d
     core.reset(
         options={"obstacles": []} if env_id in ("PunaUAV-v0", "vessel_gym/FixedWing-v0") else None
     )
-    n = len(core.composition.names)
-    known = np.diagonal(core.belief.cov, axis1=-2, axis2=-1)[0] > 0.0
-    error = core.estimated(core.truth) - core.belief.mean
+    n = len(core.config.composition.names)
+    known = np.diagonal(core.now.belief.cov, axis1=-2, axis2=-1)[0] > 0.0
+    error = core.config.true_state.in_filter_order(core.truth) - core.now.belief.mean
     np.testing.assert_allclose(error[:, ~known], 0.0, atol=1e-12)  # a drift of nothing
-    cov = core.belief.cov[..., known, :][..., known]
+    cov = core.now.belief.cov[..., known, :][..., known]
     values = nees(error[:, known], cov, np.zeros((rows, known.sum())))
     low, high = chi2.ppf([5e-7, 1 - 5e-7], rows * known.sum()) / rows
     assert low < values.mean() < high
@@ -290,12 +301,14 @@ def test_what_is_known_at_the_start_is_how_episodes_start(env_id: str, chosen: d
 def fly(core: Core, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Steer gently: errors of all that the filter estimates ``(steps, rows, n)``, and their NEES ``(steps, rows)``."""
     angles = tuple(
-        i for i, name in enumerate(core.composition.names) if name in core.vehicle.angles
+        i
+        for i, name in enumerate(core.config.composition.names)
+        if name in core.config.system.vehicle.angles
     )
     errors, values = [], []
     for k in range(steps):
         core.step(np.tile([0.2 * np.sin(0.05 * k), 0.1, 0.0], (core.num_envs, 1)))
-        truth, belief = core.estimated(core.truth), core.belief
+        truth, belief = core.config.true_state.in_filter_order(core.truth), core.now.belief
         errors.append(belief.mean - truth)
         values.append(nees(belief.mean, belief.cov, truth, angles=angles))
     return np.stack(errors), np.stack(values)
@@ -303,7 +316,7 @@ def fly(core: Core, steps: int) -> tuple[np.ndarray, np.ndarray]:
 
 def assert_consistent(core: Core, values: np.ndarray) -> None:
     """NEES ``(steps, rows)``: at every step the mean over the rows lies in a chi-square band of false alarm 1e-5."""
-    low, high = chi_square_band(values.shape[1], len(core.composition.names), 1.0 - 1e-5)
+    low, high = chi_square_band(values.shape[1], len(core.config.composition.names), 1.0 - 1e-5)
     means = values.mean(-1)
     assert low < means.min()
     assert means.max() < high
@@ -314,13 +327,13 @@ def assert_consistent(core: Core, values: np.ndarray) -> None:
 def test_a_filter_that_is_told_of_a_bias_finds_it_and_is_consistent(sensors: list[Sensor]):
     core = make_core(AUV, 200, seed=4, estimator="ekf", sensors=sensors)
     core.reset()
-    begun = np.diagonal(core.belief.cov, axis1=-2, axis2=-1)[0]
+    begun = np.diagonal(core.now.belief.cov, axis1=-2, axis2=-1)[0]
     errors, values = fly(core, 150)
-    columns = [core.composition.names.index(f"bias {name}") for name in "pqr"]
+    columns = [core.config.composition.names.index(f"bias {name}") for name in "pqr"]
     found = np.sqrt(np.mean(errors[-20:, :, columns] ** 2))
-    raw = np.sqrt(np.mean(core.bias[:, :3] ** 2))
+    raw = np.sqrt(np.mean(core.now.slow[:, core.config.world.size :][:, :3] ** 2))
     assert found < 0.5 * raw
-    assert (np.diagonal(core.belief.cov, axis1=-2, axis2=-1)[:, columns] < begun[columns]).all()
+    assert (np.diagonal(core.now.belief.cov, axis1=-2, axis2=-1)[:, columns] < begun[columns]).all()
     assert_consistent(core, values[20:])
 
 
@@ -367,7 +380,7 @@ def test_a_disturbance_of_ones_own_works_with_every_estimator(
         assert core.config.disturbance_name == "own"
         core.reset()
         for _ in range(40):
-            reward, _ = core.step(np.full((3, 3), 0.1))
+            reward = core.step(np.full((3, 3), 0.1)).reward
             assert_sound(core, core.observe(), reward, core.info())
         ambient_flows = not any(
             name.endswith("increment") for name in disturbance.forces
@@ -375,8 +388,8 @@ def test_a_disturbance_of_ones_own_works_with_every_estimator(
         held = len(disturbance.names) * (
             how == "states" or estimator == "truth" or (how == "unknown-input" and ambient_flows)
         )
-        assert len(core.composition.names) == 12 + held
-        assert (core.belief.input_mean is not None) == (
+        assert len(core.config.composition.names) == 12 + held
+        assert (core.now.belief.input_mean is not None) == (
             estimator in (*unknown, "truth", "measurement")
         )
 
@@ -452,8 +465,8 @@ def test_factors_scale_what_they_say_and_nothing_else(env_id: str, how: str):
         told(env_id, **{"as": how}),
         told(env_id, **{"as": how}, Q=2.0, R=3.0, prior=5.0),
     )
-    one, other = as_it_is.composition.model, factored.composition.model
-    x, u = np.full((1, one.n), 0.5), as_it_is.vehicle.cruise[1]
+    one, other = (core.config.composition.model for core in (as_it_is, factored))
+    x, u = np.full((1, one.n), 0.5), as_it_is.config.system.vehicle.cruise[1]
     np.testing.assert_array_equal(resolve(other.Q, u), 2.0 * resolve(one.Q, u))
     np.testing.assert_array_equal(resolve(other.R, u), 3.0 * resolve(one.R, u))
     np.testing.assert_array_equal(other.measurement(x, u), one.measurement(x, u))
@@ -462,7 +475,7 @@ def test_factors_scale_what_they_say_and_nothing_else(env_id: str, how: str):
     for factor in (1.0, 5.0):
         core = told(env_id, estimator="dead-reckoning", prior=factor, **{"as": how})
         core.reset()
-        starts.append(core.belief)
+        starts.append(core.now.belief)
     np.testing.assert_array_equal(starts[1].cov, 5.0 * starts[0].cov)
     np.testing.assert_array_equal(starts[1].mean, starts[0].mean)
 
@@ -475,19 +488,27 @@ def test_who_is_told_of_another_sea_has_the_model_of_who_sails_it(env_id: str, h
     options = {"assume": {"as": how}}
     there = make_core(env_id, 2, estimator="ekf", disturbance="calm", estimator_options=options)
     right = told(env_id, **{"as": how})
-    np.testing.assert_array_equal(wrong.composition.model.Q, there.composition.model.Q)
-    np.testing.assert_array_equal(wrong.composition.model.R, there.composition.model.R)
+    np.testing.assert_array_equal(
+        wrong.config.composition.model.Q, there.config.composition.model.Q
+    )
+    np.testing.assert_array_equal(
+        wrong.config.composition.model.R, there.config.composition.model.R
+    )
     if how != "process-noise" or env_id not in (
         "PunaUAV-v0",
         "vessel_gym/FixedWing-v0",
     ):  # whose increments are the same in every wind
-        assert (np.diag(wrong.composition.model.Q) < np.diag(right.composition.model.Q)).any()
+        assert (
+            np.diag(wrong.config.composition.model.Q) < np.diag(right.config.composition.model.Q)
+        ).any()
     for core in (wrong, there, right):
         core.reset()
-    np.testing.assert_array_equal(wrong.state, right.state)  # it is another sea to the filter alone
-    np.testing.assert_array_equal(wrong.sea_state, right.sea_state)
-    np.testing.assert_array_equal(wrong.measurements[0], right.measurements[0])
-    assert (wrong.sea_state != there.sea_state).any()
+    np.testing.assert_array_equal(
+        wrong.now.state, right.now.state
+    )  # it is another sea to the filter alone
+    np.testing.assert_array_equal(wrong.now.slow, right.now.slow)
+    np.testing.assert_array_equal(wrong.now.y, right.now.y)
+    assert (wrong.now.slow != there.now.slow).any()
 
 
 @every_environment
@@ -497,7 +518,7 @@ def test_a_disturbance_may_be_told_by_name_or_as_an_object(env_id: str):
     for core in cores:
         core.reset()
         for _ in range(5):
-            core.step(np.zeros((2, core.action_size)))
+            core.step(np.zeros((2, core.config.action_size)))
     assert_same_tree(cores[0].info(), cores[1].info())
 
 
@@ -510,7 +531,7 @@ def test_whatever_is_told_the_oracle_knows_what_there_is(env_id: str):
     for core in cores:
         core.reset()
         for _ in range(5):
-            core.step(np.zeros((2, core.action_size)))
+            core.step(np.zeros((2, core.config.action_size)))
     for core in cores[1:]:
         assert_same_tree(core.info(), cores[0].info())
         np.testing.assert_array_equal(core.observe(), cores[0].observe())
@@ -547,7 +568,11 @@ def test_the_factor_on_what_enters_is_on_the_variance_of_a_white_input_too():
     one, other = (
         told(SHIP, estimator="kf", Q=factor, **{"as": "white-input"}) for factor in (1.0, 3.0)
     )
-    np.testing.assert_allclose(other.filter.input_cov, 3.0 * one.filter.input_cov, rtol=1e-15)
+    np.testing.assert_allclose(
+        other.config.estimation.filter.input_cov,
+        3.0 * one.config.estimation.filter.input_cov,
+        rtol=1e-15,
+    )
 
 
 @pytest.mark.parametrize("estimator", ["kf-umv-ui", "ulise"])
@@ -576,15 +601,17 @@ def test_the_unknown_input_is_the_same_whatever_filters_are_told_of_it():
         options = {"disturbance": acting, "estimator_options": {"assume": {"as": "unknown-input"}}}
         flight = rollout("autopilot", SHIP, range(8), options)
         core = flight.env.unwrapped.core
-        assert core.unknown_inputs == ("yaw increment",)
-        np.testing.assert_array_equal(core.unknown_input, core.now.ended[:, :1])
+        assert core.config.estimation.inputs == ("yaw increment",)
+        np.testing.assert_array_equal(
+            core.config.unknown_input.values(core.now), core.now.exogenous_before[:, :1]
+        )
         errors.append(scores(flight)["input_rmse"].mean())
     assert errors[1] == pytest.approx(errors[0], rel=0.1)
 
 
 def test_told_as_noise_an_increment_is_white_and_a_state_when_its_step_has_ended():
     as_input, as_noise = (
-        told(SHIP, estimator="ekf", **{"as": how}).composition
+        told(SHIP, estimator="ekf", **{"as": how}).config.composition
         for how in ("unknown-input", "process-noise")
     )
     d = as_input.forces.increment_cov
@@ -622,7 +649,7 @@ def linear_runs(model: LinearModel, runs: int, steps: int, prior: np.ndarray) ->
 
 
 def test_a_kalman_filter_holds_the_waves_as_states_and_is_consistent():
-    composition = told(SHIP, estimator="kf", **{"as": "states"}).composition
+    composition = told(SHIP, estimator="kf", **{"as": "states"}).config.composition
     assert composition.names == (
         "v",
         "r",
@@ -642,8 +669,8 @@ def test_a_kalman_filter_holds_the_waves_as_states_and_is_consistent():
 
 
 def test_the_composed_linear_model_is_that_of_the_ship_and_of_the_sea_beside_each_other():
-    composition = told(SHIP, estimator="kf", **{"as": "states"}).composition
-    plain_model = told(SHIP, estimator="kf", **{"as": "unknown-input"}).composition.model
+    composition = told(SHIP, estimator="kf", **{"as": "states"}).config.composition
+    plain_model = told(SHIP, estimator="kf", **{"as": "unknown-input"}).config.composition.model
     model, sea, u = composition.model, composition.forces.disturbance, np.array([0.1, 0.03])
     d = np.array([0.0, 0.5, 0.5])  # yaw increment by wave yaw, wave yaw rate, gust yaw rate
     expected = np.zeros((7, 7))
@@ -735,7 +762,8 @@ def test_a_sensor_that_is_misdeclared_is_refused_in_one_sentence(
 
 def test_a_ball_that_outgrows_the_sensors_slowest_bias_is_warned_of_and_the_default_is_none():
     """A warning is an error in tests, so that the default, and any radius without biases, must give none."""
-    assert make_core(AUV, 1, estimator="robust-kf", sensors="budget").filter.radius == 1e-6
+    core = make_core(AUV, 1, estimator="robust-kf", sensors="budget")
+    assert core.config.estimation.filter.radius == 1e-6
     message = (
         "^robust-kf with radius 0.01 enlarges variances by 0.14 of themselves a step, and the"
         " sensors' slowest bias"
@@ -766,10 +794,11 @@ def test_a_current_that_a_sensor_alone_shows_is_a_state_of_who_is_told_of_it(
     for _ in range(60):
         core.step(np.zeros((50, 1)))
     current = [
-        core.composition.names.index(f"current {direction}") for direction in ("north", "east")
+        core.config.composition.names.index(f"current {direction}")
+        for direction in ("north", "east")
     ]
-    error = core.belief.mean[:, current] - core.sea_state[:, -2:]
-    cov = core.belief.cov[:, current][..., current]
+    error = core.now.belief.mean[:, current] - core.now.slow[:, : core.config.world.size][:, -2:]
+    cov = core.now.belief.cov[:, current][..., current]
     low, high = chi_square_band(50, 2, 1.0 - 1e-5)
     assert low < nees(error, cov, np.zeros(error.shape)).mean() < high
 
@@ -901,11 +930,11 @@ def test_a_kalman_filter_that_is_told_of_a_white_increment_is_exact_in_each_way_
 def test_the_names_of_a_composition_are_unique_and_every_state_has_one():
     for env_id, chosen in WORLDS:
         core = make_core(env_id, 1, estimator="ekf", **chosen)
-        names = core.composition.names
-        assert len(set(names)) == len(names) == core.composition.model.n
-        assert len(set(core.truth_names)) == len(core.truth_names)
-        believed = core.forces.disturbance.believed
-        assert set(names) <= {*core.truth_names, *(believed.names if believed else ())}
+        names = core.config.composition.names
+        assert len(set(names)) == len(names) == core.config.composition.model.n
+        assert len(set(core.config.true_state.names)) == len(core.config.true_state.names)
+        believed = core.config.world.forces.disturbance.believed
+        assert set(names) <= {*core.config.true_state.names, *(believed.names if believed else ())}
 
 
 def test_an_effect_that_begins_somewhere_else_than_where_one_cruises_is_not_forgotten():
@@ -917,7 +946,7 @@ def test_an_effect_that_begins_somewhere_else_than_where_one_cruises_is_not_forg
         ),
     ):
         core = make_core(AUV, 1, estimator="ekf", disturbance=disturbance(effect=effect))
-        assert core.composition.estimated.tolist() == [0, 1]
+        assert core.config.composition.estimated.tolist() == [0, 1]
 
 
 def test_a_measurement_that_is_no_number_has_not_come():
@@ -931,8 +960,8 @@ def test_a_measurement_that_is_no_number_has_not_come():
         AUV, 2, observe="measurement", sensors=[*single_class(AUV).system.vehicle.sensors, broken]
     )
     core.reset()
-    core.step(np.zeros((2, core.action_size)))
-    assert not core.measurements[1][:, -1].any()
+    core.step(np.zeros((2, core.config.action_size)))
+    assert not core.now.available[:, -1].any()
     assert np.isfinite(core.observe()).all()
 
 

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import fields
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium as gym
@@ -44,10 +45,10 @@ from gymnasium.utils.env_checker import check_env
 from agents import load_agent
 from vessel_gym import configuration
 from vessel_gym.core import Core
-from vessel_gym.loop import Loop, Measurements
+from vessel_gym.loop import Estimator
 from vessel_gym.mission import Mission
 from vessel_gym.sensors import SUITES
-from vessel_gym.state import EnvState
+from vessel_gym.state import State
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.track import Track
 from vessel_gym.world import World
@@ -264,10 +265,12 @@ def fly_reacting(
         was = (
             env.core.config.world
         )  # which others share; the filter takes its sensors for what they were
-        sensors = silent(env.core.sensors)
-        env.core.config.world = World(was.vehicle, was.forces, was.disturbance, sensors, was.task)
+        sensors = silent(env.core.config.sensors)
+        env.core.config.world = World(was.vehicle, was.forces, was.disturbance, sensors)
     rng = np.random.default_rng(2)
-    weights = rng.normal(0.0, 1.0, (rows, env.core.observation_size, env.core.action_size))
+    weights = rng.normal(
+        0.0, 1.0, (rows, env.core.config.observation_size, env.core.config.action_size)
+    )
     series: dict[tuple, dict[str, list[np.ndarray]]] = {}
     number = np.zeros(rows, int)
 
@@ -281,7 +284,7 @@ def fly_reacting(
     observations, info = env.reset(seed=8)
     for step in range(steps + 1):
         for row in range(rows):
-            keep(row, info, sea=env.core.sea_state, bias=env.core.bias)
+            keep(row, info, slow=env.core.now.slow)
         if step == steps:
             break
         actions = np.tanh(np.einsum("bk,bka->ba", observations, weights)).astype(np.float32)
@@ -379,45 +382,39 @@ def test_what_guides_and_what_ends_do_not_change_what_is_seen_when_truth_does(
 
 def told_the_position(monkeypatch: pytest.MonkeyPatch) -> None:
     class Leaking(Mission):
-        def begin(
-            self, scenario: np.ndarray, steps: np.ndarray, mean: np.ndarray, *others: np.ndarray
-        ) -> Any:
-            _, state, _ = others
-            mean = np.concatenate([state[:, self.based], mean[:, len(self.based) :]], -1)
-            return Mission.begin(self, scenario, steps, mean, *others)
+        def _begin(self, now: State) -> Any:
+            return super()._begin(self._told(now))
 
-        def step(self, *arrays: np.ndarray) -> tuple[np.ndarray, ...]:
-            scenario, steps, mean, known, state, *others = arrays
-            mean = np.concatenate([state[:, self.based], mean[:, len(self.based) :]], -1)
-            return Mission.step(self, scenario, steps, mean, known, state, *others)
+        def _step(self, now: State) -> Any:
+            return super()._step(self._told(now))
+
+        def _told(self, now: State) -> State:
+            places, belief = self.prior_index, now.belief
+            mean = [now.state[..., places], belief.mean[..., len(places) :]]
+            leaked = {"mean": np.concatenate(mean, -1), "input_mean": belief.input_mean}
+            return now.but(belief=SimpleNamespace(**leaked))
 
     monkeypatch.setattr(configuration, "_mission", Leaking)
 
 
 def told_the_bias(monkeypatch: pytest.MonkeyPatch) -> None:
-    def handed(core: Core, measurements: Measurements, now: EnvState) -> Measurements:
-        biases[core.loop] = now.drifting[:, core.config.world.size :]
-        return honest[0](core, measurements, now)
+    def step(estimator: Estimator, now: State) -> None:
+        honest(estimator, now)
+        mean, count = now.belief.mean.copy(), estimator.composition.sensors.bias.size
+        mean[:, -count:] = now.slow[:, -count:]
+        now.belief = now.belief.replace(mean=mean)
 
-    def estimate(loop: Loop, *args: Any) -> None:
-        honest[1](loop, *args)
-        mean = loop.belief.mean.copy()
-        mean[:, -biases[loop].shape[-1] :] = biases[loop]
-        loop.belief = loop.belief.replace(mean=mean)
-
-    biases: dict[Loop, np.ndarray] = {}
-    honest = Core._passed, Loop.estimate
-    monkeypatch.setattr(Core, "_passed", handed)
-    monkeypatch.setattr(Loop, "estimate", estimate)
+    honest = Estimator.step
+    monkeypatch.setattr(Estimator, "step", step)
 
 
 def guided_from_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     def step(core: Core, *args: Any, **kwargs: Any) -> Any:
-        out = honest(core, *args, **kwargs)
-        mean = core.raw.belief.mean.copy()
-        mean[:, : len(core.config.based)] = core.state[:, core.config.based]
-        core.raw.belief = core.raw.belief.replace(mean=mean)
-        return out
+        now = honest(core, *args, **kwargs)
+        mean, places = now.raw.mean.copy(), core.config.prior_index
+        mean[:, : len(places)] = now.state[:, places]
+        now.raw = now.raw.replace(mean=mean)
+        return now
 
     honest = Core.step
     monkeypatch.setattr(Core, "step", step)
@@ -457,26 +454,31 @@ def test_the_oracle_alone_follows_the_altered_truth(env_id: str):
 def test_nothing_that_makes_an_observation_takes_the_truth(env_id: str):
     task = single_class(env_id).system.task
     allowed = {
-        "observe": ["estimate", "reference", "actuators"],
+        "observe": ["estimate", "scenario", "reference", "actuators"],
         "observe_state": ["estimate", "scenario"],
         "observe_std": ["estimate"],
         "observe_measurements": ["sensors", "measurements", "available", "scenario", "step"],
         "observe_mission": ["scenario", "step", "actuators"],
         "reference": ["scenario", "step", "state"],
-        "over": ["reference"],
+        "over": ["scenario", "reference"],
         "commanded": ["scenario", "step"],
     }
     for name, parameters in allowed.items():
         assert list(inspect.signature(getattr(task, name)).parameters) == parameters, name
 
 
-def test_nothing_that_estimates_takes_the_truth():
-    allowed = {
-        "begin": ["self", "rows", "prior", "measurements", "u"],
-        "estimate": ["self", "measurements", "u", "steps"],
-    }
-    for name, parameters in allowed.items():
-        assert list(inspect.signature(getattr(Loop, name)).parameters) == parameters, name
+@every_environment
+def test_a_belief_follows_without_the_truth_in_the_record(env_id: str):
+    core = make_core(env_id, 2, seed=0)
+    core.reset()
+    before, now = core.now, core.step(np.full(core.action_shape, 0.1))
+    truth = "state actuators slow noise exogenous noise_before exogenous_before parameters"
+    blind = now.but(belief=before.belief, **dict.fromkeys(truth.split()))
+    core.config.estimators[0].step(blind)
+    np.testing.assert_array_equal(blind.belief.mean, now.belief.mean)
+
+
+def test_a_task_is_given_an_estimate_without_the_truth():
     assert {field.name for field in fields(Estimate)} == {
         "state",
         "flow",
@@ -509,7 +511,7 @@ def test_writing_to_what_was_handed_out_does_not_change_the_future(env_id: str, 
     def fly(env: Any, vandal: bool) -> list[Any]:
         record = []
         out = env.reset(seed=1)
-        walk = random_walk(1, batch_rows, env.unwrapped.core.action_size)
+        walk = random_walk(1, batch_rows, env.unwrapped.core.config.action_size)
         for _ in range(50):
             record.append(copy_tree(out))
             if vandal:
@@ -568,19 +570,16 @@ def test_info_holds_the_truth_that_the_environment_holds(env_id: str):
     np.testing.assert_array_equal(info["truth"], batch.unwrapped.truth)
     _, info = single.reset(seed=0)
     np.testing.assert_array_equal(info["truth"], single.unwrapped.truth)
-    core = single.unwrapped.core
-    assert single.unwrapped.truth.shape == (len(core.truth_names),)
-    column = dict(zip(core.truth_names, info["truth"], strict=True))
-    for names, values in (
-        (core.vehicle.state_names, core.state), (core.sensors.bias_names, core.bias),
-        (core.forces.disturbance.names, core.sea_state),
-    ):  # fmt: skip
+    config, now = single.unwrapped.core.config, single.unwrapped.core.now
+    assert single.unwrapped.truth.shape == (len(config.true_state.names),)
+    column = dict(zip(config.true_state.names, info["truth"], strict=True))
+    slow = *config.world.forces.disturbance.names, *config.sensors.bias_names
+    for names, values in ((config.system.vehicle.state_names, now.state), (slow, now.slow)):
         for name, value in zip(names, values[0], strict=True):
             assert column.get(name, value) == value, name
-    assert set(core.vehicle.state_names) | set(core.sensors.bias_names) <= set(column)
-    assert core.forces.disturbance.assumed_as != "states" or set(
-        core.forces.disturbance.names
-    ) <= set(column)
+    disturbance = config.world.forces.disturbance
+    assert {*config.system.vehicle.state_names, *config.sensors.bias_names} <= column.keys()
+    assert disturbance.assumed_as != "states" or {*disturbance.names} <= column.keys()
 
 
 @every_environment
@@ -604,7 +603,7 @@ def test_info_holds_the_parameters_that_an_episode_s_truth_has(env_id: str):
                 assert np.array_equal(row, nominal) == (mismatch == 0.0)
             assert info["_parameters"].all()
             np.testing.assert_array_equal(info["parameters"], drawn)
-            np.testing.assert_array_equal(drawn, batch.unwrapped.core.parameters)
+            np.testing.assert_array_equal(drawn, batch.unwrapped.core.now.parameters)
             np.testing.assert_array_equal(drawn[0], first)
             np.testing.assert_array_equal(single.step(action)[4]["parameters"], first)
             episodes.append(drawn)
@@ -622,7 +621,7 @@ def test_the_docstring_says_what_every_key_of_info_is(env_id: str):
 @every_environment
 def test_the_score_is_the_sum_of_rewards_over_that_of_a_perfect_episode(env_id: str):
     env = make_batch(env_id, 5, disturbance="rough")
-    task = env.unwrapped.core.task
+    task = env.unwrapped.core.config.system.task
     assert (
         task.horizon <= gym.spec(env_id).max_episode_steps
     )  # of any vehicle: room for the longest
@@ -671,12 +670,14 @@ def test_even_the_most_mismatched_vehicle_stays_in_one_piece(env_id: str):
     core = make_core(env_id, rows, estimator_options=few, mismatch=0.25, disturbance="calm")
     core.reset()
     rng = np.random.default_rng(0)
-    core.now.parameters = core.vehicle.parameters(
-        0.25, rng.choice([-9.0, 9.0], (rows, core.vehicle.normals))
+    core.now.parameters = core.config.system.vehicle.parameters(
+        0.25, rng.choice([-9.0, 9.0], (rows, core.config.system.vehicle.normals))
     )
     start = np.abs(core.truth).max(0)
     for step in range(240):
-        reward, _ = core.step(np.full((rows, core.action_size), 1.0 if step % 160 < 80 else -1.0))
+        reward = core.step(
+            np.full((rows, core.config.action_size), 1.0 if step % 160 < 80 else -1.0)
+        ).reward
         if step % 8 == 0:  # what is lost stays lost
             assert_sound(core, core.observe(), reward, core.info())
     assert (np.abs(core.truth) < 1e4 + 100.0 * start).all()
@@ -699,7 +700,7 @@ def test_absurd_measurements_raise_nothing_and_leave_no_trace_of_nan(env_id: str
         for observation in observations(core).values():
             assert_sound(core, observation, reward, info)
 
-    p = core.sensors.size
+    p = core.config.sensors.size
     absurd = (
         np.repeat(ABSURD[:, None], p, axis=1),
         np.repeat(np.arange(rows)[:, None] > 0, p, axis=1),
@@ -707,15 +708,17 @@ def test_absurd_measurements_raise_nothing_and_leave_no_trace_of_nan(env_id: str
     rng = np.random.default_rng(1)
     core.reset(measurements=absurd)
     check(None)
-    walk = random_walk(1, rows, core.action_size)
+    walk = random_walk(1, rows, core.config.action_size)
     for step in range(65):
         # For 25 steps every measurement is absurd, then some, then none.
         chosen = rng.random((rows, p)) < (1.0 if step < 25 else 0.3 if step < 50 else 0.0)
         measurements = None
         if step < 50:
-            nominal = core.sensors.exact(core.state, core.exogenous, core.bias)
+            nominal = core.config.sensors.exact(
+                core.now.state, core.now.exogenous, core.now.slow[:, core.config.world.size :]
+            )
             measurements = np.where(chosen, absurd[0], nominal), np.where(chosen, absurd[1], True)
-        reward, _ = core.step(next(walk), measurements=measurements)
+        reward = core.step(next(walk), measurements=measurements).reward
         check(reward)
 
 
@@ -734,9 +737,9 @@ def test_an_estimate_that_has_run_away_raises_nothing_and_leaves_no_trace_of_nan
     }
     core = make_core(env_id, 4, seed=3, **options)
     core.reset()
-    walk = random_walk(3, 4, core.action_size)
+    walk = random_walk(3, 4, core.config.action_size)
     for step in range(50):
         if step == 10:
-            core.loop.belief = core.belief.replace(mean=scales * (core.belief.mean + 1.0))
-        reward, _ = core.step(next(walk))
+            core.now.belief = core.now.belief.replace(mean=scales * (core.now.belief.mean + 1.0))
+        reward = core.step(next(walk)).reward
         assert_sound(core, core.observe(), reward, core.info())

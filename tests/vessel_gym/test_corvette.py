@@ -717,8 +717,10 @@ def test_the_thesis_filters_estimate_sway_yaw_rate_and_heading(kind):
     core = Core(THESIS_CORVETTE, 3, "kf", {"model": kind}, sensors="clean")
     core.start(seed=1)
     core.step(np.ones((3, 1)))
-    np.testing.assert_array_equal(core.estimated(core.truth), seen_by_filters(core.state))
-    assert (core.state[:, 3:6] != 0.0).all()
+    np.testing.assert_array_equal(
+        core.config.true_state.in_filter_order(core.truth), seen_by_filters(core.now.state)
+    )
+    assert (core.now.state[:, 3:6] != 0.0).all()
 
 
 def test_the_truth_starts_where_the_filter_s_state_says():

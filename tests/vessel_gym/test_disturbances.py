@@ -315,14 +315,14 @@ def test_what_is_new_in_a_step_has_its_covariance_and_remembers_nothing(env_id: 
     rows, steps = 500, 40
     core = make_core(env_id, rows, seed=11, estimator="truth", disturbance="rough")
     core.reset(options=SOON_PLANNED.get(env_id))
-    noise = [core.noise.copy()]
+    noise = [core.now.noise.copy()]
     for _ in range(steps - 1):
-        core.step(np.zeros((rows, core.action_size)))
-        noise.append(core.noise.copy())
+        core.step(np.zeros((rows, core.config.action_size)))
+        noise.append(core.now.noise.copy())
     white, process, bias = (
-        core.forces.disturbance.white,
-        core.forces.disturbance.process,
-        core.sensors.bias,
+        core.config.world.forces.disturbance.white,
+        core.config.world.forces.disturbance.process,
+        core.config.sensors.bias,
     )
     cov = block_diagonal(white @ white.T, process.root @ process.root.T, bias.root @ bias.root.T)
     scale = np.sqrt(np.diag(cov))
@@ -344,7 +344,7 @@ def test_what_is_new_in_a_step_has_its_covariance_and_remembers_nothing(env_id: 
 def test_a_disturbance_has_its_stationary_sizes_from_the_first_step_on(env_id: str):
     core = make_core(env_id, 2000, seed=12, estimator="truth", disturbance="rough")
     core.reset(options=SOON_PLANNED.get(env_id))
-    process = core.forces.disturbance.process
+    process = core.config.world.forces.disturbance.process
     np.testing.assert_allclose(
         process.transition @ process.start_cov @ process.transition.T + process.root @ process.root.T,
         process.start_cov, rtol=1e-9, atol=1e-12,
@@ -352,10 +352,12 @@ def test_a_disturbance_has_its_stationary_sizes_from_the_first_step_on(env_id: s
     for step in range(31):
         if step in (0, 1, 30):
             for component, variance in zip(
-                core.sea_state.T, np.diag(process.start_cov), strict=True
+                core.now.slow[:, : core.config.world.size].T,
+                np.diag(process.start_cov),
+                strict=True,
             ):
                 assert_variance(component, variance)
-        core.step(np.zeros((2000, core.action_size)))
+        core.step(np.zeros((2000, core.config.action_size)))
 
 
 @pytest.mark.parametrize("env_id", OURS)
@@ -363,25 +365,30 @@ def test_what_acts_is_the_effect_of_the_disturbance_and_what_shakes(env_id: str)
     core = make_core(env_id, 3, seed=13, estimator="truth", disturbance="rough")
     core.reset()
     disturbance, names = (
-        core.forces.disturbance,
-        core.vehicle.increments + core.vehicle.ambient_flows,
+        core.config.world.forces.disturbance,
+        core.config.system.vehicle.increments + core.config.system.vehicle.ambient_flows,
     )
-    dt = core.vehicle.dt
+    dt = core.config.system.vehicle.dt
     for _ in range(3):
         prescribed = (
-            core.task.exogenous(core.scenario, core.steps)
-            if hasattr(core.task, "exogenous")
+            core.config.system.task.exogenous(core.now.scenario, core.now.steps)
+            if hasattr(core.config.system.task, "exogenous")
             else 0.0
         )
-        acting = dict(zip(names, (core.exogenous - prescribed).T, strict=True))
-        effect = disturbance.effect_at(core.now.drawn, dt * core.steps, core.sea_state, core.state)
+        acting = dict(zip(names, (core.now.exogenous - prescribed).T, strict=True))
+        effect = disturbance.effect_at(
+            core.now.episode_constants,
+            dt * core.now.steps,
+            core.now.slow[:, : core.config.world.size],
+            core.now.state,
+        )
         for name, values in zip(disturbance.forces, effect.T, strict=True):
             np.testing.assert_allclose(
                 acting.pop(name), values, rtol=0, atol=1e-13 * np.abs(values).max()
             )
         for i, name in enumerate(disturbance.white_increments):
-            np.testing.assert_array_equal(acting.pop(name), core.noise[:, i])
+            np.testing.assert_array_equal(acting.pop(name), core.now.noise[:, i])
         assert not any(
             values.any() for values in acting.values()
         )  # these give everything that acts
-        core.step(np.zeros((3, core.action_size)))
+        core.step(np.zeros((3, core.config.action_size)))

@@ -53,11 +53,13 @@ def belief(mean: np.ndarray, flow: np.ndarray | None = None) -> Estimate:
 
 
 def score(
-    task: Dive, truth: np.ndarray, *given: np.ndarray
+    task: Dive, truth: np.ndarray, scenario: np.ndarray, *given: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """What `Dive.score` says where nothing acts."""
     reference, *others = given
-    return task.score(truth, np.zeros((len(truth), 8)), reference, task.over(reference), *others)
+    scenario = np.atleast_2d(scenario)
+    still, over = np.zeros((len(truth), 8)), task.over(scenario, reference)
+    return task.score(truth, still, scenario, reference, over, *others)
 
 
 def sensors_of(system: System) -> Sensors:
@@ -210,11 +212,8 @@ def test_the_reference_is_where_the_believed_position_is_on_the_path(system: Sys
     rng = np.random.default_rng(2)
     mean = rng.normal(0.0, 1.0, (6, states(task))) * 5.0
     reference = believed(task, mean, scenario)
-    assert reference.shape == (6, 11)
-    np.testing.assert_array_equal(
-        reference[:, :8], follow(task.position(mean), scenario, task.ahead)
-    )
-    np.testing.assert_array_equal(reference[:, 8:], scenario)
+    assert reference.shape == (6, 8)
+    np.testing.assert_array_equal(reference, follow(task.position(mean), scenario, task.ahead))
 
 
 # --- what the agent sees --------------------------------------------------------------------------
@@ -249,7 +248,9 @@ def test_vectors_in_the_observation_are_those_of_a_rotation_of_their_own(system:
     current = np.zeros((300, 3))
     current[:, : ambient_flows(task)] = rng.normal(size=(300, ambient_flows(task)))
     seen = task.named(
-        task.observe(belief(x, current[:, : ambient_flows(task)]), reference, trim(task, 300))
+        task.observe(
+            belief(x, current[:, : ambient_flows(task)]), scenario, reference, trim(task, 300)
+        )
     )
     position, inverse = task.position(x), body_axes(task, x).inv()
     closest = path_point(reference[:, 0], scenario)
@@ -275,7 +276,7 @@ def test_the_other_errors_and_estimates_are_what_their_names_say(system: System)
     task, rng, names = system.task, np.random.default_rng(4), system.vehicle.state_names
     x, scenario = random_states(task, rng), scenarios(task, 300, 4)
     reference = believed(task, x, scenario)
-    observation = task.observe(belief(x), reference, trim(task, 300))
+    observation = task.observe(belief(x), scenario, reference, trim(task, 300))
     seen, column = task.named(observation), dict(zip(names, x.T, strict=True))
     _, _, _, heading, slope = path_point(reference[:, 0], scenario).T
     expected = {
@@ -307,7 +308,9 @@ def test_the_heading_error_has_no_seam():
     for turns in (-3, 0, 2):
         for error in (-3.1, -0.2, 0.0, 0.2, 3.1, np.pi - 1e-9, -np.pi + 1e-9):
             x = state(task, [[0.0, 0.0, 0.0]], heading=2.0 * np.pi * turns - error)
-            seen = task.named(task.observe(belief(x), believed(task, x, scenario), trim(task)))
+            seen = task.named(
+                task.observe(belief(x), scenario, believed(task, x, scenario), trim(task))
+            )
             assert abs(seen["heading error"][0]) <= np.pi * (1 + 1e-12)
             assert seen["heading error"][0] == pytest.approx(error, abs=1e-8)
 
@@ -319,7 +322,7 @@ def test_near_the_pole_of_the_euler_angles_lengths_are_kept(system: System, pitc
     x = random_states(task, rng, 50)
     x[:, 5 if isinstance(task, VerticalDive) else 10] = pitch
     reference = believed(task, x, scenario)
-    observation = task.observe(belief(x), reference, trim(task, 50))
+    observation = task.observe(belief(x), scenario, reference, trim(task, 50))
     assert np.isfinite(observation).all()
     seen = task.named(observation)
     length = np.sqrt(sum(seen[name] ** 2 for name in seen if name.startswith("look")))
@@ -335,10 +338,13 @@ def test_standard_deviations_are_those_of_the_state_and_of_order_one_at_the_star
     for factor in (1.0, 4.0, -1.0):
         core.reset()
         known = Gaussian(
-            core.belief.mean, joint_prior(task.prior(core.scenario).cov, core.forces, core.sensors)
+            core.now.belief.mean,
+            joint_prior(
+                task.prior(core.now.scenario).cov, core.config.world.forces, core.config.sensors
+            ),
         )
-        core.loop.belief = core.filter.init(known)
-        core.loop.belief = core.belief.replace(cov=factor * core.belief.cov)
+        core.now.belief = core.config.estimation.filter.init(known)
+        core.now.belief = core.now.belief.replace(cov=factor * core.now.belief.cov)
         seen.append(core.observe()[:, -states(task) - ambient_flows(task) :])
     assert core.observe().shape == (2, sizes(system)["mean"] + states(task) + ambient_flows(task))
     assert (seen[0] > 0.3).all()
@@ -405,7 +411,7 @@ def fly(
         truth, actuators[:, :-1] = state(task, position, pitch), angle
         reference = believed(task, state(task, np.asarray(position) + error), scenario)
         reward, number, score_state = score(
-            task, truth, reference, actuators, np.zeros_like(actuators), score_state
+            task, truth, scenario, reference, actuators, np.zeros_like(actuators), score_state
         )
         rewards.append(float(reward[0]))
         end = int(number[0])
@@ -470,7 +476,13 @@ def test_every_reward_and_every_sum_of_them_lies_between_zero_and_one(system: Sy
             task, state(task, position + rng.normal(0.0, 0.3, (rows, 3))), scenario
         )
         reward, end, score_state = score(
-            task, state(task, position), reference, actuators, 0.0 * actuators, score_state
+            task,
+            state(task, position),
+            scenario,
+            reference,
+            actuators,
+            0.0 * actuators,
+            score_state,
         )
         assert reward.min() >= 0.0
         total += np.where(live, reward, 0.0)
@@ -604,7 +616,7 @@ def test_ending_early_forgoes_the_rest(system: System):
         np.testing.assert_array_equal(early, rewards[:flown])
         truth = state(task, positions[flown + 1])
         last, number, _ = score(
-            task, truth, beyond, trim(task), 0.0 * trim(task), score_state[None]
+            task, truth, scenario, beyond, trim(task), 0.0 * trim(task), score_state[None]
         )
         miss = np.linalg.norm(positions[flown + 1] - positions[-1])
         assert task.end_reasons[number[0]] == "missed the goal"
@@ -635,13 +647,15 @@ def test_arriving_is_by_belief_and_paid_by_truth(system: System):
             near = believed(task, state(task, goal[:3] - 1e-3 * onward), scenario[None])
             score_state = remembered(task, [[scenario[1], energy]])
             reward, number, _ = score(
-                task, truth, arrived, trim(task), 0.0 * trim(task), score_state
+                task, truth, scenario, arrived, trim(task), 0.0 * trim(task), score_state
             )
             assert task.end_reasons[number[0]] == end
             assert reward[0] == pytest.approx(
                 (1 - task.TRACKING) / (1 + (miss / task.GOAL_TOLERANCE) ** 2)
             )
-            reward, number, _ = score(task, truth, near, trim(task), 0.0 * trim(task), score_state)
+            reward, number, _ = score(
+                task, truth, scenario, near, trim(task), 0.0 * trim(task), score_state
+            )
             assert (reward[0], number[0]) == (0.0, 0)
 
 
@@ -658,9 +672,11 @@ def final_reward(task: Dive, scenario: np.ndarray, thrust: float, seconds: float
         task, state(task, path_point(scenario[1] - 0.1, scenario)[:3]), scenario[None]
     )
     for _ in range(steps - 1):
-        reward, _, score_state = score(task, goal, before, actuators, 0.0 * actuators, score_state)
+        reward, _, score_state = score(
+            task, goal, scenario, before, actuators, 0.0 * actuators, score_state
+        )
         assert reward[0] == 0.0
-    return float(score(task, goal, beyond, actuators, 0.0 * actuators, score_state)[0][0])
+    return float(score(task, goal, scenario, beyond, actuators, 0.0 * actuators, score_state)[0][0])
 
 
 @DIVES
@@ -708,7 +724,7 @@ def ended(task: Dive, position: Any, scenario: np.ndarray, pitch: float = 0.0) -
     )
     score_state = task.initial_score_state(state(task, [0.0, 0.0, 0.0]), scenario[None])
     return task.end_reasons[
-        score(task, truth, reference, trim(task), 0.0 * trim(task), score_state)[1][0]
+        score(task, truth, scenario, reference, trim(task), 0.0 * trim(task), score_state)[1][0]
     ]
 
 
@@ -760,7 +776,7 @@ def test_believing_to_have_arrived_decides_whatever_else_happens(system: System)
     surfaced = state(task, [0.0, 0.0, -5.0], 1.5)
     assert (
         task.end_reasons[
-            score(task, surfaced, there, trim(task), 0.0 * trim(task), score_state)[1][0]
+            score(task, surfaced, scenario, there, trim(task), 0.0 * trim(task), score_state)[1][0]
         ]
         == "missed the goal"
     )
@@ -783,8 +799,9 @@ def test_the_score_reads_position_and_pitch_of_the_truth_and_nothing_else(system
         task.score(
             values,
             exogenous,
+            scenario,
             reference,
-            task.over(reference),
+            task.over(scenario, reference),
             actuators,
             0.0 * actuators,
             score_state,

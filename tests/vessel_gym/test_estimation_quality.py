@@ -39,7 +39,7 @@ def rudder_programs(disturbance: str) -> np.ndarray:
     controller = load_agent("autopilot", _Face(core))
     controller.reset(SEEDS)
     actions = []
-    for _ in range(core.task.horizon):
+    for _ in range(core.config.system.task.horizon):
         actions.append(controller.act(core.observe()))
         core.step(actions[-1])
     return np.stack(actions)
@@ -49,7 +49,7 @@ class _Face:
     """What `load_agent` asks of an environment."""
 
     def __init__(self, core: Core) -> None:
-        self.unwrapped, self.core, self.system = self, core, core.system
+        self.unwrapped, self.core, self.system = self, core, core.config.system
 
 
 @cache
@@ -134,7 +134,7 @@ def test_who_holds_the_waves_as_states_is_not_too_sure_of_them():
     core = make_core(
         HEADING_SHIP.name, 1, estimator="kf", estimator_options={"assume": {"as": "states"}}
     )
-    truth = core.estimated(history["truth"])
+    truth = core.config.true_state.in_filter_order(history["truth"])
     high = chi_square_band(SEEDS, 6, 1.0 - 2e-6)[1]
     for k in (30, 150, 300, 450, 599):
         assert (
@@ -174,7 +174,7 @@ def linear_truth(
 @cache
 def consistency(estimator: str, disturbance: str | None, seed: int = 3) -> np.ndarray:
     """NEES ``(T, M)``: one value a time and run; for kf-umv-ui of the state, and of state and input together."""
-    sensors = make_core(HEADING_SHIP.name, 1).sensors
+    sensors = make_core(HEADING_SHIP.name, 1).config.sensors
     model = compose(
         HEADING_SHIP.vehicle, "corrected", HEADING_SHIP.disturbances["calm"], sensors
     ).model

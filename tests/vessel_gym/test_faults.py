@@ -42,13 +42,16 @@ def moved(core: Core, steps: int, seed: int = 1) -> list[dict[str, np.ndarray]]:
     rng, seen = np.random.default_rng(seed), []
     for _ in range(steps):
         before = {
-            "state": core.state.copy(),
-            "before": core.actuators.copy(),
-            "exogenous": core.exogenous.copy(),
+            "state": core.now.state.copy(),
+            "before": core.now.actuators.copy(),
+            "exogenous": core.now.exogenous.copy(),
         }
-        before |= {"d": core.unknown_input.copy(), "z": core.sea_state.copy()}
-        core.step(rng.uniform(-1.0, 1.0, (core.num_envs, core.action_size)))
-        seen.append(before | {"after": core.actuators.copy(), "moved": core.state.copy()})
+        before |= {
+            "d": core.config.unknown_input.values(core.now).copy(),
+            "z": core.now.slow[:, : core.config.world.size].copy(),
+        }
+        core.step(rng.uniform(-1.0, 1.0, (core.num_envs, core.config.action_size)))
+        seen.append(before | {"after": core.now.actuators.copy(), "moved": core.now.state.copy()})
     return seen
 
 
@@ -63,14 +66,14 @@ def test_a_faulty_vehicle_moves_as_a_sound_one_whose_actuators_are_elsewhere(env
         estimator="truth",
     )
     core.reset()
-    assert core.unknown_inputs == tuple(f"{name} fault" for name in actuators)
-    sound = core.vehicle.increments + core.vehicle.ambient_flows
+    assert core.config.estimation.inputs == tuple(f"{name} fault" for name in actuators)
+    sound = core.config.system.vehicle.increments + core.config.system.vehicle.ambient_flows
     for step in moved(core, 10):
         offset = 0.04 - 0.3 * step["before"]
         np.testing.assert_allclose(step["d"], offset, rtol=0, atol=1e-14)
         before, after = step["before"] + step["d"], step["after"] + step["d"]
-        expected = core.vehicle.step(
-            step["state"], before, after, step["exogenous"][:, : len(sound)], core.parameters
+        expected = core.config.system.vehicle.step(
+            step["state"], before, after, step["exogenous"][:, : len(sound)], core.now.parameters
         )
         np.testing.assert_array_equal(step["moved"], expected)
 
@@ -82,7 +85,8 @@ def test_what_else_acts_is_the_same_to_the_last_bit_with_a_fault_and_without(env
         make_core(env_id, 3, seed=2, disturbance=disturbance, estimator="truth")
         for disturbance in (BESIDE[env_id], faulty(env_id, SEEN[env_id][0], **own))
     ]
-    kept = len(cores[0].vehicle.increments + cores[0].vehicle.ambient_flows)
+    vehicle = cores[0].config.system.vehicle
+    kept = len(vehicle.increments + vehicle.ambient_flows)
     for core in cores:
         core.reset()
     for without, fault in zip(*(moved(core, 20) for core in cores), strict=True):
@@ -123,10 +127,10 @@ def test_what_a_fault_does_in_a_step_is_G_times_it_to_first_order(env_id: str):
     told = faulty(env_id, *SEEN[env_id])
     core = make_core(env_id, 5, seed=4, disturbance=told, estimator="ekf-ui-wdf")
     core.reset()
-    model, vehicle = core.composition.model, core.vehicle
-    base = core.composition.base
+    model, vehicle = core.config.composition.model, core.config.system.vehicle
+    base = core.config.composition.base
     for step in moved(core, 5):
-        x, u = core.belief.mean, vehicle.known_input(step["before"], step["after"], None)
+        x, u = core.now.belief.mean, vehicle.known_input(step["before"], step["after"], None)
         G = model.input_matrix(x, u)
         assert G.shape[-1] == len(SEEN[env_id])
         np.testing.assert_array_equal(G[..., base:, :], 0.0)
@@ -144,8 +148,8 @@ def test_what_a_fault_does_in_a_step_is_G_times_it_to_first_order(env_id: str):
 @every_vehicle
 def test_who_is_told_of_a_fault_as_d_knows_all_else_as_without_it(env_id: str):
     fault = faulty(env_id, *SEEN[env_id], bias=0.1, amplitude=0.1, start=0.1, loss=0.5)
-    told = make_core(env_id, 1, disturbance=fault, estimator="ekf-ui-wdf").composition
-    sound = make_core(env_id, 1, disturbance=BESIDE[env_id], estimator="ekf").composition
+    told = make_core(env_id, 1, disturbance=fault, estimator="ekf-ui-wdf").config.composition
+    sound = make_core(env_id, 1, disturbance=BESIDE[env_id], estimator="ekf").config.composition
     assert told.names == sound.names
     x, u = np.ones((2, len(sound.names))), np.tile(told.vehicle.cruise[1], (2, 1))
     np.testing.assert_array_equal(told.model.transition(x, u), sound.model.transition(x, u))
@@ -170,11 +174,11 @@ def test_who_takes_a_fault_for_a_random_walk_finds_it(env_id: str):
     }
     core = make_core(env_id, 20, seed=5, estimator_options=walk, **options)
     core.reset()
-    at = core.composition.names.index(f"{actuator} offset")
+    at = core.config.composition.names.index(f"{actuator} offset")
     moved(core, 60)
-    error = (core.belief.mean[:, at] - 5.0 * DEG) / np.sqrt(core.belief.cov[:, at, at])
+    error = (core.now.belief.mean[:, at] - 5.0 * DEG) / np.sqrt(core.now.belief.cov[:, at, at])
     assert np.abs(error).max() < 4.5
-    assert np.sqrt(core.belief.cov[:, at, at]).max() < 2.5 * DEG
+    assert np.sqrt(core.now.belief.cov[:, at, at]).max() < 2.5 * DEG
 
 
 @pytest.mark.slow

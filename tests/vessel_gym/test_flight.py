@@ -222,7 +222,8 @@ def test_a_scene_that_cannot_be_flown_is_refused_in_one_sentence(
 def test_the_prior_flies_along_the_path_through_an_unknown_wind():
     scenario = scenarios(4)
     prior = TASK.prior(scenario)
-    cov = joint_prior(prior.cov, Forces(PUNA_UAV.vehicle, AIR), make_core("PunaUAV-v0", 1).sensors)
+    sensors = make_core("PunaUAV-v0", 1).config.sensors
+    cov = joint_prior(prior.cov, Forces(PUNA_UAV.vehicle, AIR), sensors)
     assert cov.shape == (16, 16)
     assert np.linalg.eigvalsh(cov).min() > 0.0
     x = np.random.default_rng(0).standard_normal((20_000, 16)) @ np.linalg.cholesky(cov).T
@@ -244,7 +245,8 @@ def test_the_prior_flies_along_the_path_through_an_unknown_wind():
 def seen_at(truth: np.ndarray, scenario: np.ndarray) -> dict[str, np.ndarray]:
     reference = TASK.reference(scenario, np.zeros(len(truth)), truth)
     known = Estimate(truth, np.zeros((len(truth), 3)))
-    return TASK.named(TASK.observe(known, reference, np.tile(TASK.body.cruise, (len(truth), 1))))
+    cruise = np.tile(TASK.body.cruise, (len(truth), 1))
+    return TASK.named(TASK.observe(known, scenario, reference, cruise))
 
 
 def test_on_the_path_nothing_is_to_be_done():
@@ -300,8 +302,9 @@ def flown(
         reference = TASK.reference(scenario, np.zeros(1), truth)
         command = np.full((1, 3), action * (-1) ** k)
         reward, end, score_state = TASK.score(
-            truth, STILL, reference, TASK.over(reference), np.zeros((1, 3)), command, score_state
-        )
+            truth, STILL, scenario, reference, TASK.over(scenario, reference), np.zeros((1, 3)),
+            command, score_state,
+        )  # fmt: skip
         assert 0.0 <= reward[0] <= 1.0
         total += reward[0]
         if end[0]:
@@ -387,8 +390,8 @@ def test_what_stalls_is_the_airspeed_and_not_the_speed_over_ground():
     along, against = STILL.copy(), STILL.copy()
     along[0, 4:6], against[0, 4:6] = 0.6 * truth[0, 3:5], -0.6 * truth[0, 3:5]
     reference, score_state = TASK.reference(scenario, np.zeros(1), truth), np.eye(1, 7) * 290.0
-    ends = [END_REASONS[TASK.score(truth, wind, reference, np.zeros(1, bool), np.zeros((1, 3)), np.zeros((1, 3)),
-    score_state)[1][0]]
+    ends = [END_REASONS[TASK.score(truth, wind, scenario, reference, np.zeros(1, bool), np.zeros((1, 3)),
+    np.zeros((1, 3)), score_state)[1][0]]
             for wind in (STILL, along, against)]  # fmt: skip
     assert ends == ["", "stalled", ""]
 
@@ -400,8 +403,9 @@ def ending(scenario: np.ndarray, truth: np.ndarray, believed: np.ndarray) -> str
         TASK.score(
             truth,
             STILL,
+            scenario,
             reference,
-            TASK.over(reference),
+            TASK.over(scenario, reference),
             np.zeros((1, 3)),
             np.zeros((1, 3)),
             score_state,

@@ -103,13 +103,13 @@ def prepared(env_id: str, observe: str = "mean") -> VesselEnv:
 
 def held(core: Core) -> Any:
     """All that a refused call must leave as it was."""
-    return core.info(), list(core.seeds), core.episodes.copy(), core.steps.copy()
+    return core.info(), list(core.seeds), core.now.episode.copy(), core.now.steps.copy()
 
 
 def assert_flies(core: Core) -> None:
     """That what was accepted is sound, and the next step too."""
     assert_sound(core, core.observe(), None, core.info())
-    reward, _ = core.step(np.zeros((core.num_envs, core.action_size)))
+    reward = core.step(np.zeros((core.num_envs, core.config.action_size))).reward
     assert_sound(core, core.observe(), reward, core.info())
 
 
@@ -164,7 +164,7 @@ def test_any_action_works_or_is_refused_and_changes_nothing(data: Any, env_id: s
     shape = env.action_space.shape
     extreme = npst.arrays(float, shape, elements=st.floats() | EXTREME)
     action = data.draw(JUNK | extreme | npst.arrays(npst.scalar_dtypes(), shape))
-    if env.core.end.any() or env.core.steps[0] > 200:
+    if env.core.now.end.any() or env.core.now.steps[0] > 200:
         env.reset()
     before = held(env.core)
     if refusal(("action",), env.step, action):
@@ -177,7 +177,7 @@ def test_any_action_works_or_is_refused_and_changes_nothing(data: Any, env_id: s
 @given(st.data(), environments)
 def test_any_injected_measurement_works_or_is_refused_and_changes_nothing(data: Any, env_id: str):
     core = prepared(env_id, "measurement").core
-    shape, action = core.measurements[0].shape, np.zeros((1, core.action_size))
+    shape, action = core.now.y.shape, np.zeros((1, core.config.action_size))
     whole = st.tuples(
         npst.arrays(float, shape, elements=st.floats() | EXTREME), npst.arrays(bool, shape)
     )

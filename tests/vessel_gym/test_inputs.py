@@ -62,29 +62,42 @@ def test_the_world_moves_by_what_the_model_says_of_d(inputs: tuple[str, ...]):
     water = asked(*inputs)
     core = make_core(AUV, 6, seed=3, estimator="dead-reckoning", sensors=sensors, disturbance=water)
     core.reset()
-    model, rng = core.composition.model, np.random.default_rng(3)
+    model, rng = core.config.composition.model, np.random.default_rng(3)
     assert isinstance(model, NonlinearModel)
-    assert core.unknown_inputs == core.composition.inputs == inputs
+    assert core.config.estimation.inputs == core.config.composition.inputs == inputs
     new = [*water.white_increments, *CHANGES]
     for _ in range(10):
-        core.now.noise = np.where([name in inputs for name in new], core.noise, 0.0)
-        core.now.exogenous = core.exogenous.copy()
-        core.exogenous[
-            :, [i for i, name in enumerate(core.vehicle.increments) if name not in inputs]
+        core.now.noise = np.where([name in inputs for name in new], core.now.noise, 0.0)
+        core.now.exogenous = core.now.exogenous.copy()
+        core.now.exogenous[
+            :,
+            [
+                i
+                for i, name in enumerate(core.config.system.vehicle.increments)
+                if name not in inputs
+            ],
         ] = 0.0
         if "current east" not in inputs:
-            assert set(water.names) <= set(core.composition.names)  # what is not d is held
-        d, before, where = core.unknown_input, core.estimated(core.truth), core.actuators
+            assert set(water.names) <= set(core.config.composition.names)  # what is not d is held
+        d, before, where = (
+            core.config.unknown_input.values(core.now),
+            core.config.true_state.in_filter_order(core.truth),
+            core.now.actuators,
+        )
         action = rng.uniform(-1.0, 1.0, (6, 3))
-        u = core.vehicle.known_input(where, core.vehicle.actuate(where, action), None)
+        u = core.config.system.vehicle.known_input(
+            where, core.config.system.vehicle.actuate(where, action), None
+        )
         core.step(action)
-        ended = [name not in core.vehicle.ambient_flows for name in inputs]
+        ended = [name not in core.config.system.vehicle.ambient_flows for name in inputs]
         d = np.where(
-            ended, core.unknown_input, d
+            ended, core.config.unknown_input.values(core.now), d
         )  # increments and changes are recorded when they have acted
         expected = model.transition(before, u) + np.matvec(model.input_matrix(before, u), d)
         assert np.abs(d).max(0).min() > 1e-4
-        np.testing.assert_allclose(core.estimated(core.truth), expected, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            core.config.true_state.in_filter_order(core.truth), expected, rtol=0, atol=1e-12
+        )
 
 
 @pytest.mark.parametrize(
@@ -195,19 +208,21 @@ def test_what_cannot_be_an_unknown_input_is_refused_in_one_sentence(
 
 
 def test_what_is_recorded_is_what_d_is():
-    assert (
-        make_core(AUV, 1, disturbance=asked(*CHANGES), estimator="ekf-ui-wdf").unknown_inputs
-        == CHANGES
-    )
+    core = make_core(AUV, 1, disturbance=asked(*CHANGES), estimator="ekf-ui-wdf")
+    assert core.config.estimation.inputs == CHANGES
     water = WATERS["rough"]
     everything = *water.white_increments, *CHANGES
-    assert make_core(AUV, 1, disturbance=water, estimator="ekf").unknown_inputs == everything
+    assert (
+        make_core(AUV, 1, disturbance=water, estimator="ekf").config.estimation.inputs == everything
+    )
     other = {"assume": {"disturbance": asked("u increment"), "as": "unknown-input"}}
     core = make_core(AUV, 2, disturbance=water, estimator="ekf-ui-wdf", estimator_options=other)
     core.reset()
-    assert core.unknown_inputs == ("u increment",)
+    assert core.config.estimation.inputs == ("u increment",)
     core.step(np.zeros((2, 3)))
-    np.testing.assert_array_equal(core.unknown_input, core.now.ended[:, :1])
+    np.testing.assert_array_equal(
+        core.config.unknown_input.values(core.now), core.now.exogenous_before[:, :1]
+    )
 
 
 class Unheard(Disturbance):
@@ -229,8 +244,8 @@ def test_of_an_input_that_only_a_filter_thinks_there_is_nothing_is_true():
     )
     core.reset()
     core.step(np.zeros((2, 3)))
-    assert np.isnan(core.unknown_input).all()
-    assert np.isfinite(core.belief.mean).all()
+    assert np.isnan(core.config.unknown_input.values(core.now)).all()
+    assert np.isfinite(core.now.belief.mean).all()
 
 
 def test_the_scored_error_of_the_input_is_that_of_the_step_that_has_ended_in_units_of_its_size():

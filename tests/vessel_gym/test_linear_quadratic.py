@@ -108,8 +108,8 @@ class StraightTrack(Task):
     prior_sd, state_scale = (3.0, 0.05, 0.01), (10.0, 1.0, 1.0)
 
     def score(
-        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray, actuators: np.ndarray,
-        action: np.ndarray, score_state: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, scenario: np.ndarray, reference: np.ndarray,
+        over: np.ndarray, actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         return 1.0 / (1.0 + state[..., 0] ** 2), np.zeros(len(state), int), score_state
 

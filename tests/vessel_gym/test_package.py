@@ -143,8 +143,10 @@ def test_the_docstring_of_an_environment_is_its_manual(env_id: str):
         assert re.search(rf"\b{heading}", manual), heading
     assert not re.search(r"^\s*%", manual, re.MULTILINE)  # in Markdown a comment
     core = cls().core
-    system, bound = cls.system, core.task.BOUND
-    sizes = sizes_by_mode(core.task.sizes(core.sensors.size, len(core.composition.names)))
+    system, bound = cls.system, core.config.system.task.BOUND
+    sizes = sizes_by_mode(
+        core.config.system.task.sizes(core.config.sensors.size, len(core.config.composition.names))
+    )
     names = [
         *system.disturbances,
         *SUITE_NAMES,

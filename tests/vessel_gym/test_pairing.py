@@ -20,23 +20,22 @@ every_environment = pytest.mark.parametrize("env_id", OURS)
 
 def nature(core: Core) -> dict[str, np.ndarray]:
     """What is drawn in a step, or follows from what was."""
-    measurements, available = core.loop.measurements
-    count = len(core.vehicle.increments)
-    drawn = {
-        "state": core.state, "sea": core.sea_state, "bias": core.bias,
-        # as sensors read it
-        "exogenous": np.concatenate([core.now.ended[:, :count], core.exogenous[:, count:]], -1),
-        "parameters": core.parameters, "scenario": core.scenario, "measurements": measurements, "available": available,
-    }  # fmt: skip
-    return {name: values.copy() for name, values in drawn.items()}
+    now, count = core.now, len(core.config.system.vehicle.increments)
+    names = "state", "slow", "parameters", "scenario", "y", "available"
+    drawn = {name: getattr(now, name).copy() for name in names}
+    read = now.exogenous_before[:, :count], now.exogenous[:, count:]  # by sensors
+    return drawn | {"exogenous": np.concatenate(read, -1)}
 
 
 def flown(core: Core, injected: int = STEPS + 1) -> list[dict[str, np.ndarray]]:
     """Every step of the second episode under given actions; every so many steps are without measurements."""
     core.start(SEED)
     core.start()
-    walk, steps = random_walk(0, ROWS, core.action_size), [nature(core)]
-    nothing = np.zeros((ROWS, core.sensors.size)), np.zeros((ROWS, core.sensors.size), bool)
+    walk, steps = random_walk(0, ROWS, core.config.action_size), [nature(core)]
+    nothing = (
+        np.zeros((ROWS, core.config.sensors.size)),
+        np.zeros((ROWS, core.config.sensors.size), bool),
+    )
     for step in range(1, STEPS + 1):
         core.step(next(walk), None if step % injected else nothing)
         steps.append(nature(core))
@@ -46,14 +45,13 @@ def flown(core: Core, injected: int = STEPS + 1) -> list[dict[str, np.ndarray]]:
 @every_environment
 def test_the_measurements_of_a_step_can_be_had_by_themselves(env_id: str):
     core = make_core(env_id, ROWS, sensors="degraded", disturbance="rough")
-    episode, sensors = RandomKeys.seeded(range(SEED, SEED + ROWS)).of(1), core.sensors
+    episode, sensors = RandomKeys.seeded(range(SEED, SEED + ROWS)).of(1), core.config.sensors
     keys = np.stack([episode.of(f"sensor {sensor.name}").keys for sensor in sensors.each], 1)
     for step, now in reversed(list(enumerate(flown(core)))):
         steps = np.full(ROWS, step)
-        measurements, available = sensors.read(
-            now["state"], now["exogenous"], now["bias"], steps, keys
-        )
-        np.testing.assert_array_equal(measurements, now["measurements"])
+        biases = now["slow"][:, core.config.world.size :]
+        y, available = sensors.read(now["state"], now["exogenous"], biases, steps, keys)
+        np.testing.assert_array_equal(y, now["y"])
         np.testing.assert_array_equal(available, now["available"])
 
 
@@ -72,12 +70,15 @@ def test_one_sensor_more_moves_the_numbers_of_no_other(env_id: str, place: int):
         for s in (own, others)
     )
     kept = [
-        i for i, channel in enumerate(other.sensors.channels) if channel in one.sensors.channels
+        i
+        for i, channel in enumerate(other.config.sensors.channels)
+        if channel in one.config.sensors.channels
     ]
-    biases = [other.sensors.bias_names.index(name) for name in one.sensors.bias_names]
+    size, names = one.config.world.size, other.config.sensors.bias_names
+    slow = [*range(size), *(size + names.index(name) for name in one.config.sensors.bias_names)]
     for told, beside in zip(flown(one), flown(other), strict=True):
-        beside["bias"] = beside["bias"][:, biases]
-        beside |= {name: beside[name][:, kept] for name in ("measurements", "available")}
+        beside["slow"] = beside["slow"][:, slow]
+        beside |= {name: beside[name][:, kept] for name in ("y", "available")}
         for name, values in told.items():
             np.testing.assert_array_equal(values, beside[name], err_msg=name)
 
@@ -94,7 +95,7 @@ def test_nature_is_paired_between_estimators_even_where_sensors_are_not_asked(
         make_core(env_id, ROWS, estimator=estimator, estimator_options=few, **options), injected=3
     )
     for step, (told, beside) in enumerate(zip(one, other, strict=True)):
-        for name in told if step == 0 or step % 3 else set(told) - {"measurements", "available"}:
+        for name in told if step == 0 or step % 3 else set(told) - {"y", "available"}:
             np.testing.assert_array_equal(told[name], beside[name], err_msg=name)
 
 
@@ -150,8 +151,12 @@ def test_whoever_changes_an_effect_is_asked_for_it_though_another_was_declared_l
     )
     for core in (one, other):
         core.reset()
-    np.testing.assert_array_equal(other.exogenous[:, 6:], 2.0 * other.sea_state)
-    np.testing.assert_array_equal(other.sea_state, one.sea_state)
+    np.testing.assert_array_equal(
+        other.now.exogenous[:, 6:], 2.0 * other.now.slow[:, : other.config.world.size]
+    )
+    np.testing.assert_array_equal(
+        other.now.slow[:, : other.config.world.size], one.now.slow[:, : one.config.world.size]
+    )
     for told, beside in zip(flown(one), flown(other), strict=True):
-        np.testing.assert_array_equal(beside["sea"], told["sea"])
+        np.testing.assert_array_equal(beside["slow"], told["slow"])
         np.testing.assert_array_equal(beside["exogenous"][:, 6:], 2.0 * told["exogenous"][:, 6:])

@@ -57,7 +57,7 @@ def without_beliefs(tree: Any) -> Any:
 def flown(env: Any, env_id: str, rows: int | None) -> list[Any]:
     """All that comes out of a batch, or with ``rows=None`` of a single environment, that is steered gently."""
     out = [env.reset(seed=11, options=NEAR[env_id])]
-    walk = random_walk(3, rows or 1, env.unwrapped.core.action_size)
+    walk = random_walk(3, rows or 1, env.unwrapped.core.config.action_size)
     for _ in range(100):
         actions = 0.3 * next(walk)
         out.append(env.step(actions if rows else actions[0]))
@@ -107,13 +107,12 @@ def test_an_episode_is_judged_as_if_the_truth_were_believed(env_id: str):
     told = make_core(env_id, 6, seed=4, estimator="truth")
     for core in (raw, told):
         core.reset(options=NEAR[env_id])
-    walk, over = random_walk(4, 6, raw.action_size), 0
+    walk, over = random_walk(4, 6, raw.config.action_size), 0
     for _ in range(300 if env_id == "Docking-v0" else 100):  # whose dock is where it is
         actions = 0.3 * next(walk)
-        (reward, done), (expected, expected_done) = raw.step(actions), told.step(actions)
-        np.testing.assert_allclose(reward, expected, rtol=0, atol=1e-9)
-        np.testing.assert_array_equal(done, expected_done)
-        np.testing.assert_array_equal(raw.end, told.end)
+        now, expected = raw.step(actions), told.step(actions)
+        np.testing.assert_allclose(now.reward, expected.reward, rtol=0, atol=1e-9)
+        np.testing.assert_array_equal(now.end, expected.end)
         np.testing.assert_array_equal(raw.truth, told.truth)
-        over += done.sum()
+        over += now.end.sum()
     assert over > 0

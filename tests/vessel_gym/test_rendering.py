@@ -59,12 +59,14 @@ def picture(core, *moments):
     """A picture of a core whose vehicle has been, and believed to be, at pairs of places ``(3,)``; none: as it is."""
     renderer = make_renderer(core, "rgb_array", 20)
     renderer.begin()
-    state, mean = core.state, core.belief.mean
+    state, mean = core.now.state, core.now.belief.mean
     for truth, belief in moments or [(None, None)]:
-        core.now.state = put(state, core.vehicle.state_names, truth)
-        core.loop.belief = core.belief.replace(mean=put(mean, core.composition.names, belief))
+        core.now.state = put(state, core.config.system.vehicle.state_names, truth)
+        core.now.belief = core.now.belief.replace(
+            mean=put(mean, core.config.composition.names, belief)
+        )
         renderer.record()
-    core.now.state, core.loop.belief = state, core.belief.replace(mean=mean)
+    core.now.state, core.now.belief = state, core.now.belief.replace(mean=mean)
     return renderer.draw()
 
 
@@ -74,7 +76,7 @@ def core_of(env_id, estimator="ekf", **options):
 
 def somewhere(core, *shares):
     """Places ``(n, 3)`` between the least and the most north, east and down of a path."""
-    path = surroundings.surroundings_of(core, core.scenario[0]).path
+    path = surroundings.surroundings_of(core, core.now.scenario[0]).path
     return path.min(0) + np.array(shares)[:, None] * np.ptp(path, 0)
 
 
@@ -301,7 +303,7 @@ def test_a_fix_leaves_a_mark_when_it_arrives_and_only_then(env_id, every, monkey
         core, scene = env.unwrapped.core, env.unwrapped._renderer._picture.scene
     assert counts == [1] * every + [2] * every + [3]
     np.testing.assert_array_equal(
-        scene.true[-1], surroundings.pose(core.state, core.vehicle.state_names)[0]
+        scene.true[-1], surroundings.pose(core.now.state, core.config.system.vehicle.state_names)[0]
     )
     assert np.flatnonzero(np.isfinite(scene.fixes).all(1)).tolist() == [0, every, 2 * every]
     assert 0.0 < np.linalg.norm(scene.fixes[-2]) < 5.0
@@ -351,13 +353,13 @@ def test_the_header_says_what_is_flown_under_which_conditions(env_id, words):
 @pytest.mark.parametrize("env_id", EVERY)
 def test_an_end_is_said_and_one_that_is_no_success_in_red(env_id, words):
     core = core_of(env_id)
-    task = core.task
+    task = core.config.system.task
     assert not painted(picture(core)[:60], "obstacle").any()
     for number, end in enumerate(task.end_reasons[1:], 1):
-        core.end[:] = number
+        core.now.end[:] = number
         assert painted(picture(core)[:60], "obstacle").any() == (end != task.success)
         assert end in words
-    core.end[:], core.steps[:] = 0, task.horizon
+    core.now.end[:], core.now.steps[:] = 0, task.horizon
     assert painted(picture(core)[:60], "obstacle").any() == bool(task.success)
     assert "time is up" in words
 
@@ -365,7 +367,7 @@ def test_an_end_is_said_and_one_that_is_no_success_in_red(env_id, words):
 @pytest.mark.parametrize("env_id", [SPATIAL, VERTICAL, FLIGHT])
 def test_the_header_says_how_far_the_goal_is(env_id, words):
     core = core_of(env_id)
-    goal = np.array(surroundings.surroundings_of(core, core.scenario[0]).goal[:3])
+    goal = np.array(surroundings.surroundings_of(core, core.now.scenario[0]).goal[:3])
     picture(core, (goal + [0.2, 0.0, 0.0], goal))
     assert "0.20 m" in words
 

@@ -33,16 +33,16 @@ def flown(
     )
     core.start(list(range(20_000, 20_000 + ROWS)))
     autopilot.reset(ROWS)
-    rudder = [core.actuators]
+    rudder = [core.now.actuators]
     for k in range(TASK.horizon):
         seen = core.observe()
         seen[:, 7] -= beside / TASK.TRACK_SCALE
         core.step(helm(k, autopilot.act(seen)))
-        rudder.append(core.actuators)
+        rudder.append(core.now.actuators)
     minutes, moved = TASK.horizon * TASK.dt / 60.0, np.diff(np.rad2deg(rudder), axis=0)
     reversals = (moved[1:] * moved[:-1] < 0.0).sum(0).mean()
     return (
-        (core.total / TASK.horizon).mean(),
+        (core.now.total / TASK.horizon).mean(),
         np.abs(moved).sum(0).mean() / minutes,
         reversals / minutes,
     )

@@ -260,8 +260,10 @@ def test_a_filter_follows_the_vehicle_head_over_heels(recipe: str):
     core = env.unwrapped.core
     for _ in range(60):
         env.step(np.array([0.1, 0.0, 0.0, 0.0, 0.9, 0.9, -0.8, -0.8], np.float32))
-        errors.append((attitude(core.state[0]).inv() * attitude(core.belief.mean[0])).magnitude())
-        upright.append(attitude(core.state[0]).apply([0.0, 0.0, 1.0])[2])
+        errors.append(
+            (attitude(core.now.state[0]).inv() * attitude(core.now.belief.mean[0])).magnitude()
+        )
+        upright.append(attitude(core.now.state[0]).apply([0.0, 0.0, 1.0])[2])
     assert min(upright) < -0.9
     assert max(errors) < 0.06
 
@@ -269,6 +271,6 @@ def test_a_filter_follows_the_vehicle_head_over_heels(recipe: str):
 def test_the_filter_of_the_recipe_runs_compiled(recipe: str):
     env = gym.make(recipe)
     env.reset(seed=0)
-    model = env.unwrapped.core.composition.model
+    model = env.unwrapped.core.config.composition.model
     assert is_compiled(model.transition)
     assert is_compiled(model.measurement)

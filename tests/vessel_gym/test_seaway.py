@@ -164,10 +164,11 @@ def test_the_field_is_one_of_place_and_time_whatever_ship_and_filter_do():
         for _ in range(40):
             core.step(np.full((3, 1), helm))
     one, other = (core.now for core in cores)
-    assert (one.drawn == other.drawn).all()
+    constants = one.episode_constants
+    assert (constants == other.episode_constants).all()
     assert np.abs(one.state[:, :2] - other.state[:, :2]).min() > 0.1
     for now in (one, other):
-        acting = ROUGH.effect_at(one.drawn, ROUGH.dt * now.steps, now.drifting[:, :4], now.state)
+        acting = ROUGH.effect_at(constants, ROUGH.dt * now.steps, now.slow[:, :4], now.state)
         assert (np.abs(now.exogenous - acting) <= 1e-9 * np.abs(acting).max(0)).all()
 
 
@@ -201,9 +202,11 @@ def test_a_current_carries_the_water():
     core.start(0)
     way = np.zeros((3, 2))
     for _ in range(20):
-        way += ROUGH.dt * core.sea_state[:, :2]
+        way += ROUGH.dt * core.now.slow[:, : core.config.world.size][:, :2]
         core.step(np.zeros((3, 1)))
-    np.testing.assert_allclose(core.sea_state[:, 2:], way, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(
+        core.now.slow[:, : core.config.world.size][:, 2:], way, rtol=1e-12, atol=1e-14
+    )
     assert np.abs(way).min() > 0.01
 
 
@@ -508,7 +511,7 @@ def test_constant_thrust_is_the_limit_of_propellers_without_slope():
 
 def test_filters_are_told_of_a_sea_of_no_direction_and_hold_its_current():
     core = Core(SIGMA_CORVETTE, 2)
-    composition = core.composition
+    composition = core.config.composition
     assert composition.inputs == ("yaw increment",)
     assert composition.names == ("x", "y", "psi", "u", "v", "r", "current north", "current east")
     assert composition.forces.disturbance == MODERATE.believed

@@ -80,8 +80,12 @@ def test_filters_of_the_budget_sensors_are_consistent_where_all_is_linear(
     options = {"estimator_options": {"model": kind}, "sensors": "budget", "disturbance": "calm"}
     core = make_core(SHIP, 300, estimator=estimator, **options)
     core.reset(options=None)
-    model, filter, prior = core.composition.model, core.loop.filter, core.belief
-    names = core.composition.names
+    model, filter, prior = (
+        core.config.composition.model,
+        core.config.estimation.filter,
+        core.now.belief,
+    )
+    names = core.config.composition.names
     assert {
         "bias heading",
         "constant bias heading",
@@ -91,7 +95,9 @@ def test_filters_of_the_budget_sensors_are_consistent_where_all_is_linear(
     } <= set(names)
     rng, u = (
         np.random.default_rng(31),
-        np.broadcast_to(core.vehicle.cruise[1], (300, len(core.vehicle.cruise[1]))),
+        np.broadcast_to(
+            core.config.system.vehicle.cruise[1], (300, len(core.config.system.vehicle.cruise[1]))
+        ),
     )
     Q, R = np.asarray(model.Q), np.asarray(model.R)
     root = np.linalg.cholesky(Q + 1e-20 * np.eye(model.n))
@@ -106,7 +112,9 @@ def test_filters_of_the_budget_sensors_are_consistent_where_all_is_linear(
         y = model.measurement(x, u) + rng.standard_normal((300, model.p)) @ np.linalg.cholesky(R).T
         belief = filter.update(belief, y)
         if k % 10 == 9:
-            angles = tuple(i for i, name in enumerate(names) if name in core.vehicle.angles)
+            angles = tuple(
+                i for i, name in enumerate(names) if name in core.config.system.vehicle.angles
+            )
             assert (
                 low_high[0] < nees(belief.mean, belief.cov, x, angles=angles).mean() < low_high[1]
             ), k
@@ -119,8 +127,9 @@ def losses(env_id: str, rows: int = 2000) -> np.ndarray:
     """Mask ``(steps, rows)`` of the times at which the fix is lost in episodes of full length."""
     core = make_core(env_id, rows, seed=41, estimator="truth", sensors="denied")
     core.reset()
-    steps = np.arange(core.task.horizon + round(LOSS / core.vehicle.dt))
-    return np.stack([core.loop.extra_info(np.full(rows, k))["sensor_faults"][:, 0] for k in steps])
+    steps = np.arange(core.config.system.task.horizon + round(LOSS / core.config.system.vehicle.dt))
+    active = core.config.delivery.active
+    return np.stack([active(core.now.but(steps=np.full(rows, k)))[:, 0] for k in steps])
 
 
 def test_a_lost_fix_is_lost_for_exactly_120_seconds_within_the_episode():
@@ -150,20 +159,20 @@ def test_a_lost_fix_takes_its_measurements_and_nothing_else(env_id: str):
         make_core(env_id, 3, seed=5, estimator_options=few, sensors=name)
         for name in ("nominal", "denied")
     )
-    (fault,) = other.sensors.faults
-    names = [sensor.name for sensor in other.sensors.each]
+    (fault,) = other.config.sensors.faults
+    names = [sensor.name for sensor in other.config.sensors.each]
     assert fault.sensor == next(name for name in FIXES if name in names)
-    own = other.sensors.owner == names.index(fault.sensor)
+    own = other.config.sensors.owner == names.index(fault.sensor)
     one.reset()
     other.reset()
     for k in range(30):
-        lost = other.loop.extra_info(other.steps)["sensor_faults"][:, 0]
-        (y, came), (read, there) = one.measurements, other.measurements
+        lost = other.config.delivery.active(other.now)[:, 0]
+        (y, came), (read, there) = one.now.arrived, other.now.arrived
         np.testing.assert_array_equal(one.truth, other.truth)
         np.testing.assert_array_equal(read[:, ~own], y[:, ~own])
         np.testing.assert_array_equal(there, came & ~(own & lost[:, None]))
         np.testing.assert_array_equal(read, np.where(there, y, 0.0))
-        action = np.full((3, one.action_size), 0.1 * np.sin(0.2 * k))
+        action = np.full((3, one.config.action_size), 0.1 * np.sin(0.2 * k))
         one.step(action)
         other.step(action)
 
@@ -172,8 +181,8 @@ def test_the_outage_is_told_as_other_faults_are_and_follows_those_of_the_user():
     mine = [SensorFault("rate gyro", "bias", 0.1, begin=3.0)]
     core = make_core(SHIP, 2, sensors="denied", sensor_faults=mine)
     core.reset()
-    assert core.sensors.faults[0] is mine[0]
-    assert core.sensors.faults[1].duration == LOSS
+    assert core.config.sensors.faults[0] is mine[0]
+    assert core.config.sensors.faults[1].duration == LOSS
     assert core.info()["sensor_faults"].shape == (2, 2)
     assert core.config.sensors_name == "denied"
 
@@ -366,7 +375,7 @@ def test_budget_sensors_err_slowly_and_filters_know_it(env_id: str):
     assert all(sensor.bias is not None and any(sensor.bias.start) for sensor in sensors.each)
     assert sensors.faults == ()
     core = make_core(env_id, 1, estimator="dead-reckoning", sensors="budget")
-    assert core.composition.names[-len(sensors.bias_names) :] == sensors.bias_names
+    assert core.config.composition.names[-len(sensors.bias_names) :] == sensors.bias_names
 
 
 def test_rates_and_latencies_of_a_grade_fall_on_the_vehicle_s_steps(tmp_path: Path):
@@ -443,9 +452,9 @@ def fly(env_id: str, estimator: str, suite: str) -> None:
     core.reset()
     rng = np.random.default_rng(6)
     for _ in range(40):
-        core.step(rng.uniform(-0.3, 0.3, (2, core.action_size)))
+        core.step(rng.uniform(-0.3, 0.3, (2, core.config.action_size)))
         assert_sound(core, core.observe(), None, core.info())
-    assert core.loop.belief.healthy.all() or estimator == "pf"  # of 20 particles
+    assert core.now.belief.healthy.all() or estimator == "pf"  # of 20 particles
 
 
 @pytest.mark.parametrize("suite", [name for name in SUITE_NAMES if name not in SUITES])

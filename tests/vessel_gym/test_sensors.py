@@ -309,17 +309,28 @@ def test_biases_of_episodes_scatter_as_they_say(bias: Bias):
         if step in (0, 1, 40):
             for channel, variance in enumerate(variance_of(bias, 0.1 * step)):
                 if variance:
-                    assert_variance(core.bias[:, channel], variance)
+                    assert_variance(
+                        core.now.slow[:, core.config.world.size :][:, channel], variance
+                    )
                 else:
-                    np.testing.assert_array_equal(core.bias[:, channel], 0.0)
+                    np.testing.assert_array_equal(
+                        core.now.slow[:, core.config.world.size :][:, channel], 0.0
+                    )
         if (
             before is not None and not any(bias.pace) and bias.time is None
         ):  # what does not walk goes straight on
-            drift = core.bias[:, 2:] if any(bias.slope) else np.zeros((2000, 2))
-            np.testing.assert_allclose(
-                core.bias[:, :2] - before[:, :2], 0.1 * drift, rtol=0, atol=1e-12
+            drift = (
+                core.now.slow[:, core.config.world.size :][:, 2:]
+                if any(bias.slope)
+                else np.zeros((2000, 2))
             )
-        before = core.bias.copy()
+            np.testing.assert_allclose(
+                core.now.slow[:, core.config.world.size :][:, :2] - before[:, :2],
+                0.1 * drift,
+                rtol=0,
+                atol=1e-12,
+            )
+        before = core.now.slow[:, core.config.world.size :].copy()
         core.step(np.zeros((2000, 3)))
 
 
@@ -457,12 +468,18 @@ def test_a_filter_s_noise_follows_what_it_expects_one_row_is_as_many_and_nature_
             core.step(np.full(core.action_shape, 0.2))
             history.append(core.info())
         flown[estimator, rows] = history
-        assert core.belief.healthy.all()
-        R = core.filter.expect(core.belief, core.belief.u)[2] if estimator == "ekf" else None
+        assert core.now.belief.healthy.all()
+        R = (
+            core.config.estimation.filter.expect(core.now.belief, core.now.belief.u)[2]
+            if estimator == "ekf"
+            else None
+        )
         if R is not None:
-            expected = core.filter.model.measurement(core.belief.mean, core.belief.u)
+            expected = core.config.estimation.filter.model.measurement(
+                core.now.belief.mean, core.now.belief.u
+            )
             np.testing.assert_allclose(R[:, -1, -1], growing(expected[:, -1]) ** 2, rtol=1e-12)
-            assert (R[:, 0, 0] == core.sensors.sd[0] ** 2).all()
+            assert (R[:, 0, 0] == core.config.sensors.sd[0] ** 2).all()
     many = flown["ekf", 3]
     for (estimator, rows), history in flown.items():
         for ours, theirs in zip(history, many, strict=True):
@@ -489,7 +506,7 @@ def test_a_late_range_is_fused_with_the_noise_of_its_own_step():
         core.start(3)
         for _ in range(14):  # measured at 1 s, come at 1.3 s
             core.step(np.full(core.action_shape, -0.3))
-        beliefs.append(core.belief)
+        beliefs.append(core.now.belief)
     np.testing.assert_array_equal(beliefs[0].mean, beliefs[1].mean)
     np.testing.assert_array_equal(beliefs[0].cov, beliefs[1].cov)
 

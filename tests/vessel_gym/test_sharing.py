@@ -33,14 +33,14 @@ def begun(core: Core, seed: int) -> Core:
 def stepped(core: Core, step: int) -> list[np.ndarray]:
     """All that a step gives."""
     action = np.random.default_rng(step).uniform(-1.0, 1.0, core.action_shape)
-    reward, end = core.step(action)
+    now = core.step(action)
     return [
         core.observe(),
-        reward,
-        end,
+        now.reward,
+        now.end,
         core.truth.copy(),
-        core.belief.mean.copy(),
-        core.belief.cov.copy(),
+        now.belief.mean,
+        now.belief.cov,
     ]
 
 
@@ -59,7 +59,7 @@ def test_two_in_turns_fly_as_each_alone(env: Any, options: dict[str, Any]) -> No
     alone = [flown(Core(env.system, 2, **options), seed) for seed in (3, 4)]
     cores = [begun(Core(env.system, 2, **options), seed) for seed in (3, 4)]
     assert cores[0].config.world is cores[1].config.world
-    assert cores[0].filter is cores[1].filter
+    assert cores[0].config.estimation is cores[1].config.estimation
     turns: list[list[np.ndarray]] = [[], []]
     for step in range(STEPS):
         for core, taken in zip(cores, turns, strict=True):
@@ -72,7 +72,7 @@ def test_two_in_turns_fly_as_each_alone(env: Any, options: dict[str, Any]) -> No
 def test_two_in_two_threads_fly_as_each_alone() -> None:
     alone = [flown(Core(ItsunusaAUVEnv.system, 20), seed) for seed in range(4)]
     cores = [Core(ItsunusaAUVEnv.system, 20) for _ in range(4)]
-    assert len({id(core.filter) for core in cores}) == 1
+    assert len({id(core.config.estimation.filter) for core in cores}) == 1
     with ThreadPoolExecutor(4) as pool:
         together = list(pool.map(flown, cores, range(4)))
     assert all(map(same, together, alone))
@@ -113,7 +113,7 @@ def test_equal_systems_are_built_alike() -> None:
     one, other = (gym.make("vessel_gym/Ship-v0", vessel="mariner").unwrapped for _ in range(2))
     assert isinstance(one, ShipEnv)
     assert one.system is not other.system  # type: ignore[attr-defined]
-    assert one.core.filter is other.core.filter  # type: ignore[attr-defined]
+    assert one.core.config.estimation.filter is other.core.config.estimation.filter  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True)

@@ -62,10 +62,11 @@ def test_what_else_the_water_does_is_the_same(name):
     for core in cores:
         core.start(0)
         for _ in range(20):
-            core.step(np.zeros((3, core.action_size)))
+            core.step(np.zeros((3, core.config.action_size)))
     k = still.beside.process.size
-    assert (cores[0].sea_state[:, :k] == cores[1].sea_state).all()
-    assert cores[0].state == pytest.approx(cores[1].state, abs=1e-8)
+    one, other = (core.now for core in cores)
+    assert (one.slow[:, :k] == other.slow[:, :k]).all()
+    assert one.state == pytest.approx(other.state, abs=1e-8)
 
 
 @pytest.mark.parametrize("name", sorted(SYSTEMS))
@@ -73,7 +74,10 @@ def test_a_filter_holds_the_waves_as_states_and_flies(name):
     water = above(name)
     core = Core(SYSTEMS[name], 4, disturbance=water)
     core.start(0)
-    assert core.composition.names[-6 - core.sensors.bias.size :][:6] == water.modelled.names[-6:]
+    assert (
+        core.config.composition.names[-6 - core.config.sensors.bias.size :][:6]
+        == water.modelled.names[-6:]
+    )
     for _ in range(30):
-        core.step(np.zeros((4, core.action_size)))
-    assert np.isfinite(core.belief.mean).all()
+        core.step(np.zeros((4, core.config.action_size)))
+    assert np.isfinite(core.now.belief.mean).all()

@@ -32,6 +32,7 @@ from vessel_gym.core import Core
 from vessel_gym.estimation import LATE
 from vessel_gym.sensor_faults import KINDS, SensorFault
 from vessel_gym.sensors import LONGEST, SUITES, Sensor, Sensors, plain
+from vessel_gym.state import State
 
 AUV, ROWS = "SegorogeniAUV-v0", 3
 FIX = "acoustic position"
@@ -81,10 +82,10 @@ def at_sea(env_id: str) -> dict[str, Any]:
 def flown(core: Core, steps: int, seed: int = 5) -> list[tuple[np.ndarray, np.ndarray]]:
     """What has come after the start and each step."""
     core.start(seed)
-    walk, come = random_walk(0, core.num_envs, core.action_size), [core.loop.delivered]
+    walk, come = random_walk(0, core.num_envs, core.config.action_size), [core.now.arrived]
     for _ in range(steps):
         core.step(next(walk))
-        come.append(core.loop.delivered)
+        come.append(core.now.arrived)
     return come
 
 
@@ -119,29 +120,28 @@ def test_late_measurements_are_fused_to_the_last_bit_as_if_those_that_are_still_
     )
     one = make_core(env_id, ROWS, sensors=sensors_of(env_id, "degraded", latency=late), **options)
     other = make_core(env_id, ROWS, sensors=sensors_of(env_id, "degraded"), **options)
-    inputs: list[
-        tuple[np.ndarray, np.ndarray]
-    ] = []  # what a filter knows of its input may follow from what it believes
-    estimate = one.loop.estimate
+    records: list[State] = []  # a known input may follow from what the filter believes
+    estimate = one.config.estimators[0].step
 
-    def recorded(measurements: Any, u: np.ndarray, steps: np.ndarray) -> None:
-        inputs.append((u.copy(), steps.copy()))
-        estimate(measurements, u, steps)
+    def recorded(now: State) -> None:
+        records.append(now)
+        estimate(now)
 
-    monkeypatch.setattr(one.loop, "estimate", recorded)
+    monkeypatch.setattr(one.config.estimators[0], "step", recorded)
     come = flown(one, steps)
     flown(other, 0)
-    nothing = np.zeros((ROWS, other.sensors.size))
-    for step, (u, behind) in enumerate(inputs, 1):
+    nothing = np.zeros((ROWS, other.config.sensors.size))
+    for step, now in enumerate(records, 1):
         there = step + late <= steps
         measurements = (
             tuple(values[:, late] for values in come[step + late])
             if there
             else (nothing, nothing != 0.0)
         )
-        other.loop.estimate(measurements, u, behind)
-    np.testing.assert_array_equal(one.belief.mean, other.belief.mean)
-    np.testing.assert_array_equal(one.belief.cov, other.belief.cov)
+        other.now = other.now.but(u=now.u, steps=now.steps, arrived=measurements)
+        other.config.estimators[0].step(other.now)
+    np.testing.assert_array_equal(one.now.belief.mean, other.now.belief.mean)
+    np.testing.assert_array_equal(one.now.belief.cov, other.now.belief.cov)
 
 
 def test_what_is_discarded_is_as_if_it_were_lost():
@@ -151,7 +151,7 @@ def test_what_is_discarded_is_as_if_it_were_lost():
                                                            for s in late_fix()])  # fmt: skip
     come = flown(one, 45)
     flown(other, 45)
-    np.testing.assert_array_equal(one.belief.mean, other.belief.mean)
+    np.testing.assert_array_equal(one.now.belief.mean, other.now.belief.mean)
     assert sum(available[:, 1:].sum((1, 2)) for _, available in come).all()
 
 
@@ -166,13 +166,13 @@ def test_what_is_taken_as_new_is_as_if_it_had_been_read_when_it_came():
     other = make_core(AUV, ROWS, sensors=late_fix(), estimator="ekf")
     one.start(5)
     other.start(5)
-    other.reset(measurements=one.measurements)
-    walk = random_walk(0, ROWS, one.action_size)
+    other.reset(measurements=(one.now.y, one.now.available))
+    walk = random_walk(0, ROWS, one.config.action_size)
     for _ in range(45):
         actions = next(walk)
         one.step(actions)
-        other.step(actions, measurements=one.measurements)
-        np.testing.assert_array_equal(one.belief.mean, other.belief.mean)
+        other.step(actions, measurements=(one.now.y, one.now.available))
+        np.testing.assert_array_equal(one.now.belief.mean, other.now.belief.mean)
 
 
 def test_how_late_measurements_are_taken_moves_no_measurement_and_no_truth():
@@ -361,7 +361,7 @@ def test_faults_without_measure_leave_everything_finite(estimator: str):
         )
         core.start(0)
         for _ in range(15):
-            reward, _ = core.step(np.zeros((ROWS, 3)))
+            reward = core.step(np.zeros((ROWS, 3))).reward
             assert_sound(core, core.observe(), reward, core.info())
 
 
@@ -369,9 +369,9 @@ def test_raw_measurements_show_what_has_come_and_the_mission_is_guided_by_it():
     options = {"observe": "measurement", "guidance": True}
     env = gym.make(AUV, sensors=sensors_of(AUV, latency=5), disable_env_checker=True, **options)
     observation, info = env.reset(seed=0)
-    core, p = env.unwrapped.core, env.unwrapped.core.sensors.size
+    core, p = env.unwrapped.core, env.unwrapped.core.config.sensors.size
     assert not info["available"].any()
-    guided = core.task.sizes(p, len(core.composition.names))["guided"]
+    guided = core.config.system.task.sizes(p, len(core.config.composition.names))["guided"]
     for step in range(1, 12):
         observation, _, _, _, info = env.step(np.zeros(3, np.float32))
         seen = observation[guided + p : guided + 2 * p]

@@ -25,13 +25,13 @@ def test_the_commanded_path_closes_a_circle_of_the_commanded_radius():
 
 
 def test_the_commanded_path_of_a_trial_is_that_of_the_ship_in_it():
-    task = gym.make("ThesisCorvette-v0").unwrapped.core.task
+    task = gym.make("ThesisCorvette-v0").unwrapped.core.config.system.task
     points = task.path(task.scenario(np.zeros((1, 0)), {})[0])
     np.testing.assert_array_equal(points, task.record[:195, :2])
 
 
 def test_a_commanded_track_closes_its_circle():
-    task = gym.make("SigmaCorvette-v0").unwrapped.core.task
+    task = gym.make("SigmaCorvette-v0").unwrapped.core.config.system.task
     radius = 4.0 * task.ship.length
     for side in (1.0, -1.0):
         scenario = task.scenario(np.zeros((1, task.uniforms)), {"radius": side * radius})[0]

@@ -188,7 +188,7 @@ def test_the_observation_is_scaled_so_that_one_is_a_typical_size():
     )
     reference, rudder = np.array([[0.4, 0.0, 0.02, 0.04]]), np.array([[-SHIP.rudder_limit]])
     np.testing.assert_allclose(
-        TASK.observe(rows, reference, rudder), [[1, 1, 1, 1, -1, 0, 0.5]], atol=1e-12
+        TASK.observe(rows, scenarios(1), reference, rudder), [[1, 1, 1, 1, -1, 0, 0.5]], atol=1e-12
     )
 
 
@@ -197,7 +197,7 @@ def test_on_course_the_errors_are_zero_across_the_seam_of_the_compass():
         started(2).replace(mean=np.array([[0.0, 0.03, np.pi - 0.01], [0.0, 0.03, 3 * np.pi]]))
     )
     reference = np.array([[-np.pi + 0.01, 0.03, 0.03, 0.03], [np.pi, 0.03, 0.03, 0.03]])
-    observation = TASK.observe(rows, reference, np.zeros((2, 1)))
+    observation = TASK.observe(rows, scenarios(2), reference, np.zeros((2, 1)))
     np.testing.assert_allclose(observation[:, 0], [0.2, 0.0], atol=1e-9)
     np.testing.assert_allclose(observation[:, 1], 0.0, atol=1e-12)
 
@@ -205,9 +205,10 @@ def test_on_course_the_errors_are_zero_across_the_seam_of_the_compass():
 def test_a_filter_without_unknown_input_shows_a_zero_in_its_place():
     kf = seen_of(started(3, estimator="kf"))
     assert kf.input_mean is None
-    np.testing.assert_array_equal(
-        TASK.observe(kf, TASK.command(scenarios(3), np.zeros(3)), np.zeros((3, 1)))[:, 3], 0.0
-    )
+    scenario = scenarios(3)
+    reference = TASK.command(scenario, np.zeros(3))
+    seen = TASK.observe(kf, scenario, reference, np.zeros((3, 1)))
+    np.testing.assert_array_equal(seen[:, 3], 0.0)
     np.testing.assert_array_equal(TASK.observe_std(kf)[:, 3], 0.0)
 
 
@@ -235,14 +236,15 @@ def test_missing_measurements_are_zero_and_the_mask_says_so():
 def rewarded(truth, reference, action):
     """Reward and whether the turn is lost, of a rudder that goes on turning as the action says; no increment counts."""
     step = SHIP.rudder_rate * TASK.dt * action
-    score_state = TASK.initial_score_state(truth, scenarios(len(truth))) + np.concatenate(
-        [0.0 * action, action], -1
-    )
+    scenario = scenarios(len(truth))
+    score_state = TASK.initial_score_state(truth, scenario)
+    score_state = score_state + np.concatenate([0.0 * action, action], -1)
     rudder, action = step, np.random.default_rng(0).uniform(-1.0, 1.0, action.shape)
     acting = np.random.default_rng(1).normal(size=(len(truth), 1 + len(AROUND)))
     reward, end, after = TASK.score(
-        truth, acting, reference, TASK.over(reference), rudder, action, score_state
-    )
+        truth, acting, scenario, reference, TASK.over(scenario, reference), rudder, action,
+        score_state,
+    )  # fmt: skip
     np.testing.assert_allclose(after, np.concatenate([step, score_state[:, 1:]], -1))
     return reward, np.array(TASK.end_reasons)[end] == "turn lost"
 

@@ -18,7 +18,7 @@ from estimators import Belief, Gaussian, models, wrap
 from vessel_gym.core import Core
 from vessel_gym.estimation import ENVIRONMENT_ONLY, Estimation, build
 from vessel_gym.reference_filters import HeldBelief, Oracle, ZeroOrderHold
-from vessel_gym.start import known
+from vessel_gym.start import filter_prior
 
 FAR = {"x": 6e5, "y": -5e6, "north [m]": 6e5, "east [m]": -5e6}
 """A place in UTM coordinates [m], as states and as measurements."""
@@ -63,7 +63,11 @@ class Axes(NamedTuple):
 
 def names(core: Core) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
     """Components of the widest state that filters have, of the unknown input and of the measurements."""
-    return core.composition.names, core.unknown_inputs, core.sensors.channels
+    return (
+        core.config.composition.names,
+        core.config.estimation.inputs,
+        core.config.sensors.channels,
+    )
 
 
 def half_a_turn(core: Core) -> Axes:
@@ -83,7 +87,9 @@ def elsewhere(core: Core) -> Axes:
 
 def estimation(core: Core, name: str, options: dict[str, object] | None) -> Estimation:
     """An estimator of the core's system, told what there is."""
-    return build(core.system, name, options, core.sensors, core.forces.disturbance)
+    return build(
+        core.config.system, name, options, core.config.sensors, core.config.world.forces.disturbance
+    )
 
 
 def written(values: np.ndarray, axes: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
@@ -102,26 +108,27 @@ def episode(env_id: str) -> Episode:
         env_id, ROWS, seed=2, estimator="truth", estimator_options=widest, disturbance="rough"
     )
     core.reset(options=NORTH.get(env_id))
-    vehicle, task = core.vehicle, core.task
+    vehicle, task = core.config.system.vehicle, core.config.system.task
     state, _, channels = names(core)
-    prior = known(task.prior(core.scenario), core.composition)
+    prior = filter_prior(task.prior(core.now.scenario), core.config.composition)
     north = -prior.mean[:, state.index("psi")] if env_id == "ThesisCorvette-v0" else np.zeros(ROWS)
     of_state, of_measurements = (
         np.multiply.outer(north, np.isin(part, HEADINGS)) for part in (state, channels)
     )
-    walk = random_walk(5, ROWS, core.action_size)
+    walk = random_walk(5, ROWS, core.config.action_size)
     found: list[tuple[np.ndarray, ...]] = []
     u = vehicle.known_input(
-        core.actuators, core.actuators, task.commanded(core.scenario, core.steps)
+        core.now.actuators, core.now.actuators, task.commanded(core.now.scenario, core.now.steps)
     )
     for k in range(STEPS):
-        truth, (y, available) = core.estimated(core.truth) + of_state, core.measurements
-        found.append((truth, core.unknown_input, y + of_measurements, available, u))
-        before, at = core.actuators, core.steps.copy()
+        now, truth = core.now, core.config.true_state.in_filter_order(core.truth) + of_state
+        d = core.config.unknown_input.values(now)
+        found.append((truth, d, now.y + of_measurements, now.available, u))
+        before, at = core.now.actuators, core.now.steps.copy()
         action = 0.1 * next(walk)
         action[:, STEERING.get(env_id, 0)] += 0.8 * np.cos(np.pi / 20.0 * k)
         core.step(action)
-        u = vehicle.known_input(before, core.actuators, task.commanded(core.scenario, at))
+        u = vehicle.known_input(before, core.now.actuators, task.commanded(core.now.scenario, at))
     assert np.isfinite(found[-1][0]).all(), "filters estimate what is not there"
     return Episode(
         core, Gaussian(prior.mean + of_state, prior.cov), *map(np.array, zip(*found, strict=True))
@@ -185,7 +192,7 @@ def apart(told: Episode, axes: Axes, one: list[Belief], other: list[Belief]) -> 
             for key in ("held", "previous"):
                 found.append(
                     short(getattr(b, key) - written(getattr(a, key), axes.y), angles[2])
-                    / told.core.sensors.sd
+                    / told.core.config.sensors.sd
                 )
             np.testing.assert_array_equal(b.interval, a.interval)
         worst = max(worst, *(float(np.abs(part).max()) for part in found))
@@ -296,9 +303,9 @@ def test_what_is_derived_of_two_measurements_does_not_depend_on_the_cut_between_
     told = episode(env_id)
     core = told.core
     axes, (state, unknown, channels) = half_a_turn(core), names(core)
-    held = estimation(core, "measurement", {"model": core.vehicle.kinds[0]}).filter
+    held = estimation(core, "measurement", {"model": core.config.system.vehicle.kinds[0]}).filter
     assert isinstance(held, ZeroOrderHold)
-    rng, sd = np.random.default_rng(1), core.sensors.sd
+    rng, sd = np.random.default_rng(1), core.config.sensors.sd
     middle = np.array(
         [{"ground speed": 20.0, "airspeed": 20.0}.get(channel, 0.0) for channel in channels]
     )

@@ -81,12 +81,13 @@ def _filled(file: str, values: Mapping[str, str]) -> str:
 
 def observation_space(core: Core) -> Box:
     """Finite float32 bounds of scaled, clipped observations."""
-    return Box(-core.task.BOUND, core.task.BOUND, (core.observation_size,), np.float32)
+    bound = core.config.system.task.BOUND
+    return Box(-bound, bound, (core.config.observation_size,), np.float32)
 
 
 def action_space(core: Core) -> Box:
     """float32 in [-1, 1]: shares of the actuators' ranges."""
-    return Box(-1.0, 1.0, (core.action_size,), np.float32)
+    return Box(-1.0, 1.0, (core.config.action_size,), np.float32)
 
 
 def check_arguments(env: Any, options: Mapping[str, Any], render_mode: str | None) -> None:

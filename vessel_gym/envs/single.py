@@ -55,8 +55,8 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     @property
     def truth(self) -> np.ndarray:
-        """Copy of the true state, for scoring only; components are ``core.truth_names``."""
-        return self.core.scored_truth()[0]
+        """Copy of the true state, for scoring only; components are ``core.config.true_state.names``."""
+        return self.core.truth[0].copy()
 
     @property
     def end_reasons(self) -> tuple[str, ...]:
@@ -85,10 +85,10 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         if core.now.end.item(0):
             checked_action(action, self._shape)
             return core.observe()[0], 0.0, True, False, self._info()
-        reward, end = core.step(action, shape=self._shape)
+        now = core.step(action, shape=self._shape)
         if self.render_mode is not None:
             self._record()
-        return core.observe()[0], reward.item(0), end.item(0) > 0, False, self._info()
+        return core.observe()[0], now.reward.item(0), now.end.item(0) > 0, False, self._info()
 
     def render(self) -> np.ndarray | None:
         """Image ``(height, width, 3)`` of the episode; in mode ``"human"``, update the window."""
@@ -106,7 +106,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
     def _info(self) -> dict[str, Any]:
         core, end = self.core, self.core.now.end.item(0)
         info: dict[str, Any] = {name: values[0].copy() for name, values in core.happened().items()}
-        info["healthy"], info["score"] = bool(core.loop.belief.healthy[0]), core.score_of(0)
+        info["healthy"], info["score"] = bool(core.now.belief.healthy[0]), core.score_of(0)
         info["end"], info["is_success"] = end, end == core.config.success
         return info
 

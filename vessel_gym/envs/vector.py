@@ -72,13 +72,12 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.single_action_space = action_space(self.core)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._ended = np.zeros(num_envs, bool)  # and not yet reset
         self._renderers: list[Any] = []
 
     @property
     def truth(self) -> np.ndarray:
         """Copy of the true states ``(num_envs, n)``, for scoring only."""
-        return self.core.scored_truth()
+        return self.core.truth.copy()
 
     @property
     def end_reasons(self) -> tuple[str, ...]:
@@ -110,7 +109,6 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         core.start(first_seed(self, core) if seed is None else seed, options, np.flatnonzero(mask))
         if seed is not None:
             self._keep_seed()
-        self._ended &= ~mask
         self._record(mask, np.zeros_like(mask))
         return core.observe(), self._masked(core.info(None if mask.all() else mask), mask)
 
@@ -125,18 +123,18 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             gymnasium.error.ResetNeeded: before the first reset; in mode ``"Disabled"`` also where
                 an episode has ended.
         """
-        core, restarted = self.core, self._ended
+        core, restarted = self.core, self.core.now.over
         if restarted.any():
             reward, terminated = self._step_and_restart(actions, restarted)
         else:
-            reward, end = core.step(actions)
-            terminated = end.astype(bool)
-        truncated = core.steps >= (
+            now = core.step(actions)
+            reward, terminated = now.reward.copy(), now.end.astype(bool)
+        truncated = core.now.steps >= (
             np.inf if self.max_episode_steps is None else self.max_episode_steps
         )
         done, final = terminated | truncated, {}
         if self.autoreset_mode is not AutoresetMode.SAME_STEP:
-            self._ended = done
+            core.now.over = done
         elif done.any():
             final, restarted = self._final(done), done
             core.start(rows=np.flatnonzero(done))
@@ -164,10 +162,10 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 " reset(options={'reset_mask': terminated | truncated}) before the next step()"
             )
         with np.errstate(all="ignore"):  # states of ended vehicles are not used
-            reward, end = self.core.step(actions, ended=ended)
-        terminated = end.astype(bool) & ~ended
+            now = self.core.step(actions, ended=ended)
+        terminated = now.end.astype(bool) & ~ended
         self.core.start(rows=np.flatnonzero(ended))
-        return np.where(ended, 0.0, reward), terminated
+        return np.where(ended, 0.0, now.reward), terminated
 
     def _final(self, done: np.ndarray) -> dict[str, Any]:
         """Last observations and infos of ended episodes."""

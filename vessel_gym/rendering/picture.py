@@ -29,7 +29,7 @@ class Picture:
     """
 
     def __init__(self, core: Core, row: int = 0) -> None:
-        self.title = core.system.name
+        self.title = core.config.system.name
         self._core, self._row = core, row
         self._surroundings = Surroundings()
         self._history: dict[str, list[np.ndarray]] = {}
@@ -38,16 +38,16 @@ class Picture:
     def begin(self) -> None:
         """Begin a new episode in the core's present state, with an empty history."""
         core, row = self._core, self._row
-        self._surroundings = surroundings_of(core, core.scenario[row])
-        start = pose(core.state[row : row + 1], core.vehicle.state_names)[:, :3]
+        self._surroundings = surroundings_of(core, core.now.scenario[row])
+        start = pose(core.now.state[row : row + 1], core.config.system.vehicle.state_names)[:, :3]
         way = np.concatenate([start, self._surroundings.landmarks])[-1] - start[0]
-        self._views = views_of(core.vehicle.state_names, way[:2])
+        self._views = views_of(core.config.system.vehicle.state_names, way[:2])
         self._history = {key: [] for key in (*RECORDED, "action")}
 
     def record(self) -> None:
         """Append the core's present state to the history."""
         core = self._core
-        present = core.happened() | {"action": core.action, "score": core.score}
+        present = core.happened() | {"action": core.now.action, "score": core.score}
         for key, moments in self._history.items():
             moments.append(present[key][self._row].copy())
 
@@ -56,7 +56,7 @@ class Picture:
         """Scene of the episode so far."""
         history, ensemble = (
             {key: np.array(each) for key, each in self._history.items()},
-            self._core.belief.ensemble,
+            self._core.now.belief.ensemble,
         )
         if ensemble is not None:
             history["ensemble"] = ensemble[self._row : self._row + 1]
@@ -82,7 +82,7 @@ class Picture:
             box,
             scene.charts(6 if self._views else 12),
             scene.time,
-            self._core.task.horizon * self._core.vehicle.dt,
+            self._core.config.system.task.horizon * self._core.config.system.vehicle.dt,
         )
 
     # --- header -----------------------------------------------------------------------------------
@@ -90,12 +90,12 @@ class Picture:
     def _header(self, canvas: Canvas, box: Box, scene: Scene) -> None:
         """Draw conditions, time, distance from the goal, and end of the episode."""
         core, row, goal = self._core, self._row, self._surroundings.goal
-        words = [f"estimator {core.estimator}", *scene.conditions]
+        words = [f"estimator {core.config.estimation.filter.name}", *scene.conditions]
         canvas.text(box.left, box.top + 21, self.title, "ink", 17, bold=True)
         canvas.text(box.left, box.top + 44, "   ·   ".join(words), "muted", 13)
         values = {
             "score": f"{core.score[row]:.3f}",
-            "time": f"{core.steps[row] * core.vehicle.dt:.1f} s",
+            "time": f"{core.now.steps[row] * core.config.system.vehicle.dt:.1f} s",
         }
         if goal is not None:
             away = float(np.linalg.norm(scene.true[-1, :3] - goal[:3]))
@@ -109,11 +109,11 @@ class Picture:
 
     def _outcome(self) -> tuple[str, str]:
         """Outcome of the episode in words, and its colour."""
-        task = self._core.task
-        end = task.end_reasons[self._core.end[self._row]]
+        task = self._core.config.system.task
+        end = task.end_reasons[self._core.now.end[self._row]]
         if end:
             return end, "goal" if end == task.success else "obstacle"
-        if self._core.steps[self._row] >= task.horizon:
+        if self._core.now.steps[self._row] >= task.horizon:
             return "time is up", "obstacle" if task.success else "goal"
         return "under way", "muted"
 

@@ -86,7 +86,7 @@ def ambients(core: Core, history: dict[str, np.ndarray]) -> list[Ambient]:
     """
     truth, names, disturbance = (
         history["truth"],
-        core.truth_names,
+        core.config.true_state.names,
         core.config.world.forces.disturbance,
     )
 
@@ -133,24 +133,25 @@ class Components:
     """
 
     def __init__(self, core: Core, history: dict[str, np.ndarray], names: Sequence[str]) -> None:
-        state, turns = core.vehicle.state_names, [name in core.vehicle.angles for name in names]
+        config, vehicle = core.config, core.config.system.vehicle
+        state, turns = vehicle.state_names, [name in vehicle.angles for name in names]
         at, angles = (
-            [core.composition.names.index(name) for name in names],
+            [config.composition.names.index(name) for name in names],
             tuple(np.flatnonzero(turns).tolist()),
         )
-        self.names, self.words = names, [in_words(name, core.vehicle.angles) for name in names]
+        self.names, self.words = names, [in_words(name, vehicle.angles) for name in names]
         scale = np.array([factor for *_, factor in self.words])
         true = history["truth"][:, [state.index(name) for name in names]]
         self.true, self.error = (
             scale * true,
             scale * difference(history["estimate"][:, at], true, angles),
         )
-        claimed = core.estimator not in WITHOUT_COVARIANCE
+        claimed = config.estimation.filter.name not in WITHOUT_COVARIANCE
         self.cov = (
             history["covariance"][:, at][:, :, at] * np.outer(scale, scale) if claimed else None
         )
         measured = np.full(true.shape, np.nan)
-        for channel, name in enumerate(core.sensors.gives):
+        for channel, name in enumerate(config.sensors.gives):
             if name in names:
                 i, came = names.index(name), history["available"][:, channel]
                 measured[came, i] = history["measurement"][came, channel]
@@ -188,17 +189,17 @@ class Scene:
         self, core: Core, surroundings: Surroundings, history: dict[str, np.ndarray]
     ) -> None:
         self.core, self.surroundings, self.history = core, surroundings, history
-        names = core.composition.names[: core.composition.base]
+        config = core.config
+        names = config.composition.names[: config.composition.base]
         self._estimated = sorted(
             names, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST)
         )
         states = history["truth"].copy()
-        self.time = np.arange(len(states)) * core.vehicle.dt
-        self.true = pose(states, core.truth_names)
-        states[:, [core.truth_names.index(name) for name in names]] = history["estimate"][
-            :, : len(names)
-        ]
-        self.believed = pose(states, core.truth_names)
+        self.time = np.arange(len(states)) * config.system.vehicle.dt
+        true_names = config.true_state.names
+        self.true = pose(states, true_names)
+        states[:, [true_names.index(name) for name in names]] = history["estimate"][:, : len(names)]
+        self.believed = pose(states, true_names)
         placed = [name for name in ("y", "x", "z", "h") if name in names]
         self.position = Components(
             core, history, placed or (["psi"] if "psi" in names else [names[0]])
@@ -221,10 +222,12 @@ class Scene:
         """
         core, history = self.core, self.history
         rest = []
-        if len(core.unknown_inputs) == 1 and np.isfinite(history["unknown_input"]).all():
+        if len(core.config.estimation.inputs) == 1 and np.isfinite(history["unknown_input"]).all():
             rest.append(self._unknown_input())
         if "action" in history:
-            lines = zip(core.vehicle.action_names, _LINES, history["action"].T, strict=False)
+            lines = zip(
+                core.config.system.vehicle.action_names, _LINES, history["action"].T, strict=False
+            )
             rest.append(Chart("Actions", [Series(*each) for each in lines], reach=(-1.0, 1.0)))
         rest.append(
             Chart("Score so far", [Series("", "true", history["score"], 2.0)], reach=(0.0, 1.0))
@@ -258,11 +261,11 @@ class Scene:
 
     def _unknown_input(self) -> Chart:
         """Chart of the unknown input, with estimates shifted by their delay."""
-        core, history = self.core, self.history
-        words, unit, scale = in_words(f"unknown {core.unknown_inputs[0]}", ())
+        estimation, history = self.core.config.estimation, self.history
+        words, unit, scale = in_words(f"unknown {estimation.inputs[0]}", ())
         lines = [_true(scale * history["unknown_input"][:, 0])]
-        if core.belief.input_mean is not None:
-            estimate = scale * history["input_estimate"][core.config.estimation.input_delay :, 0]
+        if self.core.now.belief.input_mean is not None:
+            estimate = scale * history["input_estimate"][estimation.input_delay :, 0]
             missing = np.full(len(lines[0].value) - len(estimate), np.nan)
             lines.append(Series("estimate", "believed", np.append(estimate, missing), 1.2))
         return Chart(_title(words, unit), lines)
@@ -283,7 +286,7 @@ class Scene:
             labels["ellipse"] = "estimate ±2σ"
         if self.located and position.members is not None:
             labels["cloud"] = f"ensemble of {position.members.shape[1]}"
-        if self.located and set(self.core.sensors.gives).issuperset(
+        if self.located and set(self.core.config.sensors.gives).issuperset(
             np.array(position.names)[self._fixed]
         ):
             labels["fix"] = "position fix"

@@ -24,7 +24,6 @@ ALONG = 3
 _POINTS = LENGTH + 1
 _PATH = _POINTS + 2 * (WAYPOINTS - 1)
 _ANYWHERE = np.array([-np.inf, np.inf, 0.0])
-_BESIDE = 8  # numbers of a reference before the scenario
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class Channel(Track, verified=True):
     A reference belongs to the point of the axis nearest to the estimated position. It is ``(heading
     to steer in still water [rad], mean yaw rates over the next half of PREVIEW and the PREVIEW
     after it [rad/s], distance along the channel [m], to starboard of its axis [m], direction of the
-    axis [rad], surge of the steady turn [m/s], estimated heading [rad])``, then the scenario.
+    axis [rad], surge of the steady turn [m/s], estimated heading [rad])``.
 
     The margin follows the concept design of PIANC Report 121 (2014), for a one-way outer channel: a
     width of 5 beams, of which the ship's middle may use 4. The width is the sum of 1.5 beams for
@@ -135,13 +134,13 @@ class Channel(Track, verified=True):
 
     @compiled(axes=(1, 0, 1))
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Reference ``(..., k)`` for a ship in a state ``(..., 6)``."""
+        """Reference ``(..., 8)`` for a ship in a state ``(..., 6)``."""
         place = self._nearest(scenario, state[..., :2])
         along, off, direction, soon, later = (place[..., i] for i in range(5))
         rate = self.turning(soon)
         heading, surge = self.steady_course(rate, direction)
         own = [heading, rate, self.turning(later), along, off, direction, surge, state[..., 2]]
-        return np.concatenate([np.stack(own, -1), scenario], -1)
+        return np.stack(own, -1)
 
     @compiled(axes=(1, 0))
     def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -169,10 +168,6 @@ class Channel(Track, verified=True):
         """Poses ``(k, 3)`` along the axis."""
         along = np.linspace(0.0, scenario[LENGTH], 200)
         return np.stack(pose_along(along, np.tile(scenario[_PATH:], (len(along), 1))), -1)
-
-    def scenario_of(self, reference: np.ndarray) -> np.ndarray:
-        """Scenarios ``(..., k)`` from references."""
-        return reference[..., _BESIDE:]
 
     def on_track(self, scenario: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances along and to starboard of the axes [m], of positions ``(T, B, 2)``."""
@@ -202,10 +197,11 @@ class Channel(Track, verified=True):
         """Farthest distance along the channel so far, rudder and its rate ``(..., 3)``."""
         return np.zeros_like(scenario[..., :3])
 
-    @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
+    @compiled(axes=(1, 1, 1, 1, 0, 1, 1, 1))
     def score(
-        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray,
-        actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, scenario: np.ndarray,
+        reference: np.ndarray, over: np.ndarray, actuators: np.ndarray, action: np.ndarray,
+        score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward ``(...)``, end ``(...)`` and score state ``(..., 3)``, from the truth.
 
@@ -213,7 +209,7 @@ class Channel(Track, verified=True):
         the distance from the axis, the course over ground and the steering. The score is at most 1,
         and neither loitering nor ending early pays.
         """
-        scenario, farthest = self.scenario_of(reference), score_state[..., 0]
+        farthest = score_state[..., 0]
         place = self._nearest(scenario, state[..., :2])
         along, off, direction = (place[..., i] for i in range(3))
         aside = self.course_error(state, exogenous, direction)

@@ -7,7 +7,7 @@ import numpy as np
 
 from estimators.engine import compiled, sincos
 from vessel_gym.tasks.steering import wrapped
-from vessel_gym.tasks.track import TRACK, Track
+from vessel_gym.tasks.track import Track
 from vessel_gym.tasks.turning_circle import TurningCircle
 
 HEADING, RATE, CURVATURE, SPEED = range(4)
@@ -156,10 +156,6 @@ class CircleTrack(Track, TurningCircle, verified=True):
         place = np.stack([forward * cos - sideways * sin, forward * sin + sideways * cos], -1)
         return place, scenario[..., HEADING] + direction
 
-    def scenario_of(self, reference: np.ndarray) -> np.ndarray:
-        """Scenarios ``(..., 4)`` from references at the start ``(..., 8)``."""
-        return self._turn(reference[..., TRACK], reference[..., RATE_FINALLY])
-
     def on_track(self, scenario: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances along and to starboard of the tracks [m], of positions ``(T, B, 2)``."""
         found, along = [], np.zeros(len(scenario))
@@ -192,21 +188,22 @@ class CircleTrack(Track, TurningCircle, verified=True):
     ENOUGH = 0.85  # share of the nominal progress that earns the full reward
 
     def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
-        """Scenario, distance along the track and farthest one, rudder and rate: ``(..., 8)``."""
-        return np.concatenate([scenario, np.zeros_like(scenario)], -1)
+        """Distance along the track and farthest one [m], rudder and its rate ``(..., 4)``."""
+        return np.zeros_like(scenario)
 
-    @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
+    @compiled(axes=(1, 1, 1, 1, 0, 1, 1, 1))
     def score(
-        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray,
-        actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, scenario: np.ndarray,
+        reference: np.ndarray, over: np.ndarray, actuators: np.ndarray, action: np.ndarray,
+        score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-        """Reward in [0, 1] ``(...)``, end ``(...)`` and score state ``(..., 8)``, from the truth.
+        """Reward in [0, 1] ``(...)``, end ``(...)`` and score state ``(..., 4)``, from the truth.
 
         The reward has four factors: distance from the track, motion, steering, and progress along
         the track. The factor of motion is six tenths for the course over ground and four tenths for
         the yaw rate. Neither loitering nor ending early pays.
         """
-        scenario, before, farthest = score_state[..., :4], score_state[..., 4], score_state[..., 5]
+        before, farthest = score_state[..., 0], score_state[..., 1]
         u, v, r = (state[..., i] for i in range(3, 6))
         along, off, direction, bent = self._nearest(scenario, state[..., :2], before)
         aside = self.course_error(state, exogenous, direction)
@@ -218,8 +215,8 @@ class CircleTrack(Track, TurningCircle, verified=True):
         progress = np.minimum(fresh / (self.ENOUGH * (self.dt * speed)), 1.0)
         value = self.COURSE_SHARE / (1.0 + (aside / self.COURSE_TOLERANCE) ** 2)
         value = value + (1.0 - self.COURSE_SHARE) / (1.0 + (turning / self.RATE_TOLERANCE) ** 2)
-        smooth, steered = self.smooth(actuators, score_state[..., 6:])
+        smooth, steered = self.smooth(actuators, score_state[..., 2:])
         reward = value / (1.0 + (off / self.DISTANCE_TOLERANCE) ** 2) * smooth * progress
         place = np.stack([along, np.maximum(farthest, along)], -1)
         lost = np.abs(off) > self.FAR * self.ship.length
-        return reward, np.where(lost, 1, 0), np.concatenate([scenario, place, steered], -1)
+        return reward, np.where(lost, 1, 0), np.concatenate([place, steered], -1)

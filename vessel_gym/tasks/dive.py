@@ -48,11 +48,11 @@ class Dive(Task, verified=True):
     """Common part of all dives: path, scenarios and score.
 
     The path is that of `vessel_gym.guidance.dive_path`. A scenario (the episode's parameters, drawn
-    at reset) is ``(angle, length, depth)`` of the path. A reference ``(B, 11)`` is the estimated
+    at reset) is ``(angle, length, depth)`` of the path. A reference ``(B, 8)`` is the estimated
     position on the path: progress, cross-track and depth error [m], heading and slope of the path
-    there, the vector to the path's point ``ahead`` (north, east, down), and the scenario. The dive
-    ends when the estimated position has covered the path; if no estimate is observed, the true
-    position counts (see `vessel_gym.core.Core`).
+    there, and the vector to the path's point ``ahead`` (north, east, down). The dive ends when the
+    estimated position has covered the path; if no estimate is observed, the true position counts
+    (see `vessel_gym.core.Core`).
     """
 
     auv: AUVParameters
@@ -147,8 +147,8 @@ class Dive(Task, verified=True):
 
     @compiled(axes=(1, 0, 1))
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Position ``(..., 11)`` relative to the path, and scenario, for states ``(..., n)``."""
-        return np.concatenate([locate(self.position(state), scenario, self.ahead), scenario], -1)
+        """Position ``(..., 8)`` relative to the path, for states ``(..., n)``."""
+        return locate(self.position(state), scenario, self.ahead)
 
     # --- what the agent sees ----------------------------------------------------------------------
 
@@ -164,16 +164,17 @@ class Dive(Task, verified=True):
         return np.array([[*zeros, *(0.0,) * (self.actuators - 1), thrust], 1.0 / np.array(sizes)])
 
     def errors(
-        self, state: np.ndarray, flow: np.ndarray, reference: np.ndarray
+        self, state: np.ndarray, flow: np.ndarray, scenario: np.ndarray, reference: np.ndarray
     ) -> list[np.ndarray]:
         """Components of ``observed``, ``(...)`` each in SI, from an estimated state and current."""
         raise NotImplementedError
 
     def observe(
-        self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
-    ) -> np.ndarray:
+        self, estimate: Estimate, scenario: np.ndarray, reference: np.ndarray,
+        actuators: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
         """Observation ``(..., k)`` of mode ``"mean"``: errors, estimates, actuators."""
-        seen = np.stack(self.errors(estimate.state, estimate.flow, reference), -1)
+        seen = np.stack(self.errors(estimate.state, estimate.flow, scenario, reference), -1)
         offset, gain = self._gains
         return (np.concatenate([seen, actuators], -1) - offset) * gain
 
@@ -239,13 +240,9 @@ class Dive(Task, verified=True):
     HOTEL = 2.0  # power of all but the propeller, relative to the propeller's at cruise speed
     FASTEST = 3.0  # largest progress that counts, relative to cruise speed
 
-    def scenario_of(self, reference: np.ndarray) -> np.ndarray:
-        """Scenarios ``(..., 3)`` from references ``(..., 11)``."""
-        return reference[..., 8:]
-
-    def over(self, reference: np.ndarray) -> np.ndarray:
+    def over(self, scenario: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Has the position covered the path ``(...)``?"""
-        return reference[..., 0] >= reference[..., 9]
+        return reference[..., 0] >= scenario[..., 1]
 
     def power(self, actuators: np.ndarray) -> np.ndarray:
         """Power ``(...)`` of propeller and hotel load relative to cruise."""
@@ -259,10 +256,11 @@ class Dive(Task, verified=True):
         used = np.stack([np.clip(progress, 0.0, scenario[..., 1]), np.zeros_like(progress)], -1)
         return np.concatenate([used, np.zeros_like(state[..., : 2 * (self.actuators - 1)])], -1)
 
-    @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
+    @compiled(axes=(1, 1, 1, 1, 0, 1, 1, 1))
     def score(
-        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray,
-        actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, scenario: np.ndarray,
+        reference: np.ndarray, over: np.ndarray, actuators: np.ndarray, action: np.ndarray,
+        score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward in [0, 1] ``(...)``, end ``(...)`` and score state ``(..., k)``, from the truth.
 
@@ -271,8 +269,7 @@ class Dive(Task, verified=True):
         nothing. Arriving pays by the distance to the goal, and by the energy of a dive at cruise
         speed over the energy used, so that waiting costs. Ending early forgoes the rest.
         """
-        scenario, position = self.scenario_of(reference), self.position(state)
-        farthest, speed = score_state[..., 0], self.auv.cruise_speed
+        position, farthest, speed = self.position(state), score_state[..., 0], self.auv.cruise_speed
         length, depth = scenario[..., 1], scenario[..., 2]
         place = locate(position, scenario, 0.0)
         off = np.hypot(place[..., 1], place[..., 2] / np.sqrt(1.0 + place[..., 4] ** 2))
@@ -325,11 +322,12 @@ class SpatialDive(Dive, verified=True):
     }  # fmt: skip
 
     def errors(
-        self, state: np.ndarray, flow: np.ndarray, reference: np.ndarray
+        self, state: np.ndarray, flow: np.ndarray, scenario: np.ndarray, reference: np.ndarray
     ) -> list[np.ndarray]:
         """Components of ``observed``; vectors to path, ahead, and of the current come first."""
         progress, cross, depth, heading, slope = (reference[..., i] for i in range(5))
-        north, east, down, angle, length = (reference[..., i] for i in range(5, 10))
+        north, east, down = (reference[..., i] for i in range(5, 8))
+        angle, length = scenario[..., 0], scenario[..., 1]
         motion = [state[..., i] for i in range(6)]
         roll, pitch, yaw = (state[..., i] for i in range(9, 12))
         to_path = cross * np.sin(heading), -cross * np.cos(heading), -depth
@@ -380,7 +378,7 @@ class VerticalDive(Dive, verified=True):
         return np.stack([-np.arctan(6.0 * depth * share * (1.0 - share) / length)], -1)
 
     def errors(
-        self, state: np.ndarray, flow: np.ndarray, reference: np.ndarray
+        self, state: np.ndarray, flow: np.ndarray, scenario: np.ndarray, reference: np.ndarray
     ) -> list[np.ndarray]:
         """Components of ``observed``; vectors to path, ahead, and of the current come first."""
         progress, _, depth, _, slope, ahead, _, down = (reference[..., i] for i in range(8))
@@ -389,5 +387,5 @@ class VerticalDive(Dive, verified=True):
         return [
             depth * sin, -depth * cos, ahead * cos - down * sin, ahead * sin + down * cos,
             current * cos, current * sin,
-            -np.arctan(slope) - pitch, reference[..., 9] - progress, surge, heave, rate, pitch,
+            -np.arctan(slope) - pitch, scenario[..., 1] - progress, surge, heave, rate, pitch,
         ]  # fmt: skip

@@ -33,7 +33,6 @@ _PATH = COLUMNS * SEGMENTS
 _CENTRE_X, _CENTRE_Y, _RADIUS = (
     slice(i, None, 3) for i in range(-3 * OBSTACLES, 3 - 3 * OBSTACLES)
 )
-_WHERE = 6  # numbers of a reference before the scenario
 _NEAR = 40.0  # m
 _ALTITUDES = np.nextafter(50.0, 0.0), np.nextafter(1000.0, 2000.0)  # m, both left out
 _OPTIONS = ("start", "goal", "obstacles", "altitude")
@@ -45,10 +44,9 @@ class Flight(Task, verified=True):
 
     A scenario ``(97,)`` (the episode's parameters, drawn at reset) has 16 segments of the path (x,
     y, heading, curvature, length; padded by segments of length 0), the length of the path, the
-    commanded altitude, and 5 obstacles (x, y, radius; radius 0: none). A reference ``(103,)`` is
+    commanded altitude, and 5 obstacles (x, y, radius; radius 0: none). A reference ``(6,)`` is
     the estimated position on the path: progress, cross-track and altitude error [m], heading of the
-    path there, mean curvatures of the path ahead (over the next 20 m, and from 20 to 60 m), and the
-    scenario.
+    path there, and mean curvatures of the path ahead (over the next 20 m, and from 20 to 60 m).
 
     The flight ends when the estimated position has covered the path; if no estimate is observed,
     the true position replaces the estimate (see `vessel_gym.core.Core`).
@@ -250,13 +248,13 @@ class Flight(Task, verified=True):
 
     @compiled(axes=(1, 0, 1))
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Position ``(..., 103)`` relative to the path, and scenario, for states ``(..., n)``."""
+        """Position ``(..., 6)`` relative to the path, for states ``(..., n)``."""
         pose = np.stack(
             [state[..., 0], state[..., 1], np.arctan2(state[..., 4], state[..., 3])], -1
         )
         place = locate(pose, ANYWHERE, scenario[..., :_PATH], np.array(self.ahead))
         above = state[..., 2:3] - scenario[..., _PATH + 1 : _PATH + 2]
-        return np.concatenate([place[..., :2], above, place[..., 2:5], scenario], -1)
+        return np.concatenate([place[..., :2], above, place[..., 2:5]], -1)
 
     # --- what the agent sees ----------------------------------------------------------------------
 
@@ -305,8 +303,9 @@ class Flight(Task, verified=True):
         return 1.0 / np.concatenate([path, [100.0], np.tile([100.0, 100.0, 50.0], OBSTACLES)])
 
     def observe(
-        self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
-    ) -> np.ndarray:
+        self, estimate: Estimate, scenario: np.ndarray, reference: np.ndarray,
+        actuators: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
         """Observation ``(..., 18)`` of mode ``"mean"``: errors, estimates, actuators."""
         north, east, climb, bank = (estimate.state[..., i] for i in range(3, 7))
         wind_north, wind_east, wind_down = (estimate.flow[..., i] for i in range(3))
@@ -321,8 +320,7 @@ class Flight(Task, verified=True):
         seen = [
             cross, above, np.sin(heading - course), np.cos(heading - course), curvature, later,
             path_bank, ground, airspeed(estimate.state, estimate.flow), climb, wind_down, bank,
-            *_obstacles_near(estimate.state, reference),
-            reference[..., _WHERE + _PATH] - progress,
+            *_obstacles_near(estimate.state, scenario), self.length_of(scenario) - progress,
         ]  # fmt: skip
         offset, gain = self._gains
         return np.concatenate([(np.stack(seen, -1) - offset) * gain, self.scaled(actuators)], -1)
@@ -363,10 +361,11 @@ class Flight(Task, verified=True):
         progress = np.maximum(self.track(state, scenario, zero)[..., 0], 0.0)
         return np.stack([progress, *(zero,) * 6], -1)
 
-    @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
+    @compiled(axes=(1, 1, 1, 1, 0, 1, 1, 1))
     def score(
-        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray,
-        actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, scenario: np.ndarray,
+        reference: np.ndarray, over: np.ndarray, actuators: np.ndarray, action: np.ndarray,
+        score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward in [0, 1] ``(...)``, end ``(...)`` and score state ``(..., 7)``, from the truth.
 
@@ -375,7 +374,6 @@ class Flight(Task, verified=True):
         waiting, circling and short cuts pay nothing. Arriving pays by the distance to the goal and
         the covered share of the path.
         """
-        scenario = self.scenario_of(reference)
         farthest, last = score_state[..., 0], score_state[..., 1:4]
         x, y, altitude = (state[..., i] for i in range(3))
         length, above = scenario[..., _PATH], altitude - self.altitude_of(scenario)
@@ -411,13 +409,9 @@ class Flight(Task, verified=True):
         pose, path = np.stack([x, y, zero], -1), scenario[..., :_PATH]
         return locate(pose, window, path, np.array(self.ahead))
 
-    def over(self, reference: np.ndarray) -> np.ndarray:
+    def over(self, scenario: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Has the position covered the path ``(...)``?"""
-        return reference[..., 0] >= reference[..., _WHERE + _PATH]
-
-    def scenario_of(self, reference: np.ndarray) -> np.ndarray:
-        """Scenarios ``(..., 97)`` from references ``(..., 103)``."""
-        return reference[..., _WHERE:]
+        return reference[..., 0] >= self.length_of(scenario)
 
     def length_of(self, scenario: np.ndarray) -> np.ndarray:
         """Length [m] of the path of scenarios ``(...)``."""
@@ -445,12 +439,12 @@ class Flight(Task, verified=True):
         return np.stack(follow_on(final[..., 4], *(final[..., i] for i in range(4))), -1)
 
 
-def _obstacles_near(state: np.ndarray, reference: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _obstacles_near(state: np.ndarray, scenario: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sums of vectors to obstacles, ahead and to starboard.
 
     A vector is the longer the nearer the obstacle's edge is, and 0 beyond 100 m.
     """
-    x, y, radius = (reference[..., columns] for columns in (_CENTRE_X, _CENTRE_Y, _RADIUS))
+    x, y, radius = (scenario[..., columns] for columns in (_CENTRE_X, _CENTRE_Y, _RADIUS))
     dx, dy = x - state[..., :1], y - state[..., 1:2]
     course = np.arctan2(state[..., 4:5], state[..., 3:4])
     distance, sin, cos = np.hypot(dx, dy), np.sin(course), np.cos(course)

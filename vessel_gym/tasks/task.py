@@ -138,7 +138,9 @@ class Task(Verified):
         mission = self.observe_mission(scenario, step, actuators).shape[-1]
         return {
             "guided": (
-                self.observe(estimate, self.reference(scenario, step, mean), actuators).shape[-1]
+                self.observe(
+                    estimate, scenario, self.reference(scenario, step, mean), actuators
+                ).shape[-1]
             ),
             "unguided": self.observe_state(estimate, scenario).shape[-1] + mission,
             "std": states,
@@ -147,18 +149,20 @@ class Task(Verified):
         }
 
     def observe(
-        self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
-    ) -> np.ndarray:
+        self, estimate: Estimate, scenario: np.ndarray, reference: np.ndarray,
+        actuators: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
         """Part ``"guided"`` ``(B, k)``: guidance from the estimate, and the actuators.
 
         Default: the estimated state and flow, the reference and the actuators.
 
         Args:
             estimate: Estimate of the filter.
+            scenario: ``(B, k)``.
             reference: ``(B, r)`` as `reference` returns it.
             actuators: ``(B, a)``.
         """
-        return np.concatenate([self.observe_state(estimate, reference), reference, actuators], -1)
+        return np.concatenate([self.observe_state(estimate, scenario), reference, actuators], -1)
 
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
         """The estimate ``(B, k)`` in observations without guidance; `observe_mission` follows it.
@@ -203,10 +207,10 @@ class Task(Verified):
         """Part ``"mission"`` ``(B, k)``; default: the scenario and the actuators."""
         return np.concatenate([scenario, actuators], -1)
 
-    def over(self, reference: np.ndarray) -> np.ndarray:
+    def over(self, scenario: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Mask ``(...)`` of the references ``(..., r)`` at which the mission is complete.
 
-        Default: never.
+        Default: never. Scenarios are ``(..., k)``.
         """
         return np.zeros(reference.shape[:-1], bool)
 
@@ -215,8 +219,9 @@ class Task(Verified):
         return np.zeros((*state.shape[:-1], 0))
 
     def score(
-        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray,
-        actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, scenario: np.ndarray,
+        reference: np.ndarray, over: np.ndarray, actuators: np.ndarray, action: np.ndarray,
+        score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward of a step, from the truth; every subclass must define this method.
 
@@ -229,6 +234,7 @@ class Task(Verified):
                 ``vehicle.state_names``.
             exogenous: ``(B, f)`` true exogenous input over the next step: ``vehicle.increments``,
                 then ``vehicle.ambient_flows``.
+            scenario: ``(B, k)``.
             reference: ``(B, r)`` as `reference` returns it. It is evaluated at the estimated state,
                 so a reward that depends on it scores the estimate; if raw measurements are
                 observed, it is evaluated at the true state.

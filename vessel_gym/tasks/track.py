@@ -104,8 +104,9 @@ class Track(Steering):
         return np.concatenate([self._mean_gains, 1.0 / np.array(scales)])
 
     def observe(
-        self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
-    ) -> np.ndarray:
+        self, estimate: Estimate, scenario: np.ndarray, reference: np.ndarray,
+        actuators: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
         """Observation ``(..., 11)`` of mode ``"mean"`` before clipping.
 
         Error of the heading that holds the track in the estimated current, error of the yaw rate,

@@ -162,8 +162,9 @@ class TurningCircle(Steering, verified=True):
         return 1.0 / np.array(scales)
 
     def observe(
-        self, estimate: Estimate, reference: np.ndarray, actuators: np.ndarray
-    ) -> np.ndarray:
+        self, estimate: Estimate, scenario: np.ndarray, reference: np.ndarray,
+        actuators: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
         """Observation ``(..., 7)`` of mode ``"mean"`` before clipping.
 
         Errors of heading and yaw rate, sway, d, rudder, commanded yaw rates now and ahead.
@@ -227,10 +228,11 @@ class TurningCircle(Steering, verified=True):
         """Rudder and its rate ``(..., 2)``."""
         return np.zeros_like(state[..., :2])
 
-    @compiled(axes=(1, 1, 1, 0, 1, 1, 1))
+    @compiled(axes=(1, 1, 1, 1, 0, 1, 1, 1))
     def score(
-        self, state: np.ndarray, exogenous: np.ndarray, reference: np.ndarray, over: np.ndarray,
-        actuators: np.ndarray, action: np.ndarray, score_state: np.ndarray,
+        self, state: np.ndarray, exogenous: np.ndarray, scenario: np.ndarray,
+        reference: np.ndarray, over: np.ndarray, actuators: np.ndarray, action: np.ndarray,
+        score_state: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
         """Reward in [0, 1] ``(...)``, end ``(...)`` and score state ``(..., 2)``, from the truth.
 

@@ -6,6 +6,7 @@ from contextlib import closing
 from copy import deepcopy
 from dataclasses import replace
 from functools import partial
+from operator import attrgetter
 from typing import Any, cast
 
 import numpy as np
@@ -26,13 +27,14 @@ from estimators.checks import numbers, short_repr
 from estimators.randomness import word
 from vessel_gym import checks
 from vessel_gym.configuration import OBSERVE
-from vessel_gym.delivery import Measurements
+from vessel_gym.delivery import Delivery
 from vessel_gym.estimation import LATE, Estimation, EstimatorChoice, is_own, own_filter
 from vessel_gym.foreign import copied, repeated
-from vessel_gym.loop import Loop
+from vessel_gym.loop import Estimator
 from vessel_gym.reference_filters import DeadReckoning, Oracle
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, Sensors
+from vessel_gym.state import State
 
 KNOWN = ("truth", "dead-reckoning")
 """Estimators besides filters that a wrapper offers."""
@@ -73,16 +75,16 @@ class Watch:
         R = self.sensors.noise(partial(_expected, self.sensors), prior.mean, u)
         self.filter = _filter(replace(cast(Any, model), R=R), estimator, options)
         horizon = self.sensors.horizon
-        self._estimation = Estimation(self.filter, cast(Any, None), 1.0, (), late, horizon)
+        estimation = Estimation(self.filter, cast(Any, None), 1.0, (), late, horizon)
+        self._delivery = Delivery(self.sensors)
+        self._estimator = Estimator(estimation, "belief", attrgetter("state"))
         own = getattr(estimator, "__name__", "own")
         self.estimator = estimator if isinstance(estimator, str) else own
-        self.loop = Loop(self, rows, "_estimation")
-        self.steps, self.episodes = np.zeros(rows, int), np.zeros(rows, int)
-        self._still = np.zeros((rows, u.shape[-1]))
+        self.now = State(episode=np.zeros(rows, int))
+        self._no_input, self._tells_truth = np.zeros((rows, u.shape[-1])), estimation.tells_truth
         self._keys, self._seeded = np.zeros((rows, 2), np.uint64), np.zeros(rows, bool)
         names = [*(sensor.name for sensor in self.sensors.each), "filter"]
         self._parts = np.array([word(name) for name in names], np.uint64)
-        self.truth = np.zeros((rows, model.n))
         self.space = self._space()
         if observation is not None and rows > 1:
             self._check_rows(observation)
@@ -94,71 +96,64 @@ class Watch:
 
         A row whose seed is None continues; without an earlier seed it gets a random one.
         """
+        episode = self.now.episode.copy()
         for i in np.flatnonzero(rows).tolist():
             seed = seeds[i]
             if seed is None and not self._seeded[i]:
                 seed = int(np.random.SeedSequence().generate_state(1, np.uint64)[0])
             if seed is not None:
                 self._keys[i] = RandomKeys.seeded([int(seed)]).keys[0]
-                self._seeded[i], self.episodes[i] = True, -1
+                self._seeded[i], episode[i] = True, -1
+        self.now = self.now.but(episode=episode)
 
     def begin(self, rows: np.ndarray, state: np.ndarray) -> None:
         """Begin episodes in the rows of a mask ``(B,)``, in states ``(B, n)``."""
-        self.truth = np.where(rows[:, None], self._checked(state), self.truth)
-        self._restart(rows)
-        self._start(rows, self._measured(self._still, None if rows.all() else np.flatnonzero(rows)))
+        chosen, state = np.flatnonzero(rows), self._checked(state)
+        episode = self.now.episode[chosen] + 1
+        seeded = RandomKeys(self._keys[chosen]).of(episode)
+        keys = RandomKeys(seeded.keys[:, None]).of(self._parts).keys
+        now = State(
+            episode=episode, steps=np.zeros(len(chosen), int), sensing=keys[:, :-1].copy(),
+            filtering=keys[:, -1].copy(), state=state[chosen], u=self._no_input[chosen],
+        )  # fmt: skip
+        self._delivery.begin(now)
+        self._deliver(now)
+        prior = self.prior.about(np.broadcast_to(self.prior.mean, now.state.shape))
+        self._estimator.begin(now, prior)
+        self.now = now if rows.all() else self.now.merged(chosen, now)
 
     def go_on(self, state: np.ndarray, action: Any, reset_mask: np.ndarray) -> None:
         """Step all rows to states ``(B, n)``; rows of ``reset_mask (B,)`` begin an episode."""
         if not self._seeded.all():
             raise ResetNeeded("call reset() before step()")
-        self.truth = self._checked(state)
-        self.steps += 1
-        u, some = self.known(action), bool(reset_mask.any())
-        if some:
-            self._restart(reset_mask)
-            u = np.where(reset_mask[:, None], self._still, u)
-        measurements = self._measured(u, None)
-        self.loop.estimate(self._for_filter(measurements, self.truth), u, self.steps)
-        if some:
-            self._start(reset_mask, (measurements[0][reset_mask], measurements[1][reset_mask]))
+        now = self.now
+        self.now = now = now.but(
+            steps=now.steps + 1, state=self._checked(state), u=self.known(action)
+        )
+        self._deliver(now)
+        self._estimator.step(now)
+        if reset_mask.any():
+            self.begin(reset_mask, now.state)
 
-    def _restart(self, rows: np.ndarray) -> None:
-        """Count the next episode of the rows of a mask ``(B,)``, and derive its random keys."""
-        self.episodes[rows] += 1
-        self.steps[rows] = 0
-        chosen = np.flatnonzero(rows)
-        episode = RandomKeys(self._keys[chosen]).of(self.episodes[chosen])
-        keys = RandomKeys(episode.keys[:, None]).of(self._parts).keys
-        self.loop.restart(chosen, keys[:, :-1], keys[:, -1])
-
-    def _measured(self, u: np.ndarray, rows: np.ndarray | None) -> Measurements:
-        """Measurements delivered to some rows (None: all), given known inputs ``(B, m)``."""
-        chosen: Any = slice(None) if rows is None else rows
-        x, u, steps = self.truth[chosen], u[chosen], self.steps[chosen]
-        keys = self.loop.sensing[chosen]
+    def _deliver(self, now: State) -> None:
+        """Sample the sensors, and deliver measurements."""
+        x, u = now.state, now.u
         if self._suite:
             exact = np.asarray(self.model.measurement(x, u), float)
-            measurements = self.sensors.corrupted(exact, self.sensors.sd, steps, keys)
+            measured = self.sensors.corrupted(exact, self.sensors.sd, now.steps, now.sensing)
         else:
-            measurements = self.sensors.read(x, u, np.zeros((len(x), 0)), steps, keys)
-        return self.loop.receive(measurements, steps, rows)
-
-    def _start(self, rows: np.ndarray, measurements: Measurements) -> None:
-        """Set beliefs of the rows of a mask ``(B,)`` after their first measurements."""
-        count = len(measurements[0])
-        prior = self.prior.about(np.broadcast_to(self.prior.mean, (count, self.n)))
-        measurements = self._for_filter(measurements, self.truth[rows])
-        some = None if count == self.rows else rows
-        self.loop.begin(some, prior, measurements, self._still[:count])
+            no_bias = np.zeros((len(x), 0))
+            measured = self.sensors.read(x, u, no_bias, now.steps, now.sensing)
+        now.y, now.available = measured
+        self._delivery(now)
 
     def observe(self, seen: Any) -> Any:
         """Observations ``(B, ...)``, given the environment's own observations ``seen``."""
         if self.observe_mode == "measurement":
             return self._read(seen)
-        belief = self.loop.belief
-        mean = np.array(self.truth if self.loop.tells_truth else belief.mean)
-        if self._angles and self._observation is None and not self.loop.tells_truth:
+        now, belief = self.now, self.now.belief
+        mean = np.array(now.state if self._tells_truth else belief.mean)
+        if self._angles and self._observation is None and not self._tells_truth:
             mean[:, self._angles] = wrap(mean[:, self._angles])  # filters do not wrap angles
         value = mean if self._observation is None else self._observation(mean)
         beside: dict[str, np.ndarray] = {}
@@ -175,16 +170,18 @@ class Watch:
 
     def info(self) -> dict[str, np.ndarray]:
         """Copies of the last step's record, one row for each environment."""
-        belief, (y, available) = self.loop.belief, self.loop.measurements
+        now, belief = self.now, self.now.belief
         happened = {
-            "truth": self.truth, "estimate": belief.mean, "covariance": belief.cov,
-            "measurement": y, "available": available, "healthy": belief.healthy,
-        } | self.loop.extra_info(self.steps)  # fmt: skip
+            "truth": now.state, "estimate": belief.mean, "covariance": belief.cov,
+            "measurement": now.y, "available": now.available, "healthy": belief.healthy,
+        }  # fmt: skip
+        if now.faults is not None:
+            happened["sensor_faults"] = self._delivery.active(now)
         return {name: values.copy() for name, values in happened.items()}
 
     def known(self, action: Any) -> np.ndarray:
         """Known input of filters for an action."""
-        u, (rows, m) = self._numbers(action), self._still.shape
+        u, (rows, m) = self._numbers(action), self._no_input.shape
         if u.shape != (rows, m) and not (rows == 1 and np.atleast_1d(u).shape == (m,)):
             batch = f"an array {rows, m}, a row for each environment"
             wanted = f"{m} numbers" if rows == 1 else batch
@@ -207,7 +204,7 @@ class Watch:
 
     def _read(self, seen: Any) -> Any:
         """Measurements, mask of those that arrived, and passing components."""
-        measurements = np.concatenate(self.loop.measurements, -1).astype(np.float32)
+        measurements = np.concatenate([self.now.y, self.now.available], -1).astype(np.float32)
         if isinstance(self.own, Dict):
             return {"measurement": measurements, **{key: seen[key] for key in self._passes}}
         whole = np.asarray(seen, np.float32).reshape(self.rows, -1)
@@ -242,10 +239,6 @@ class Watch:
                     "observation must give a row for each environment, and mixes them: give x[...,"
                     " 0] and the like, joined by np.stack(..., -1)"
                 )
-
-    def _for_filter(self, measurements: Measurements, state: np.ndarray) -> Measurements:
-        """Measurements for the filter; the oracle alone gets the truth."""
-        return (state, np.ones(state.shape, bool)) if self.loop.tells_truth else measurements
 
     def _checked(self, state: Any) -> np.ndarray:
         array = numbers(state)
@@ -330,9 +323,9 @@ class Watch:
             )
         array = array.reshape(self.rows, -1)
         if np.isnan(array).any():
-            bad = self.loop.belief.mean[np.isnan(array).any(-1)][0]
+            bad = self.now.belief.mean[np.isnan(array).any(-1)][0]
             raise ValueError(f"observation gave NaN of the state {short_repr(bad.tolist())}")
-        if not self.loop.tells_truth:
+        if not self._tells_truth:
             array = np.clip(array, own.low.ravel()[rest], own.high.ravel()[rest])
         array = (np.rint(array) if cast(Any, own.dtype).kind in "iu" else array).astype(own.dtype)
         if passes:

@@ -137,7 +137,7 @@ def recorded_controls(ahead: float, depth: float) -> np.ndarray:
         if reference[0, 0] >= scenario[0, 1]:
             break
         estimate = Estimate(truth, np.zeros((1, 1)))  # without a current
-        action = autopilot.act(task.observe(estimate, reference, actuators))
+        action = autopilot.act(task.observe(estimate, scenario, reference, actuators))
         before, actuators = actuators, VEHICLE.actuate(actuators, action)
         controls.append(np.concatenate([before, actuators], -1)[0])
         truth = _step(truth, controls[-1])

@@ -285,7 +285,7 @@ def test_rows_of_a_vector_fly_as_single_ones_over_their_ends(estimator: str, mod
             np.testing.assert_array_equal(alone, seen[i])
             np.testing.assert_array_equal(single_info["measurement"], info["measurement"][i])
         over = terminated | truncated
-    assert many.watch.episodes.min() >= 1
+    assert many.watch.now.episode.min() >= 1
 
 
 def test_a_native_batch_is_wrapped_as_others_are():
@@ -302,7 +302,7 @@ def test_a_native_batch_is_wrapped_as_others_are():
     for _ in range(50):
         *_, info = wrapped.step(wrapped.action_space.sample())
     assert np.abs(info["truth"] - info["estimate"]).max() < 0.5
-    assert wrapped.watch.episodes.max() > 0
+    assert wrapped.watch.now.episode.max() > 0
 
 
 def test_functions_of_a_batch_must_keep_its_rows():
@@ -522,7 +522,7 @@ def test_measurements_that_come_late_are_fused_where_they_belong(estimator: str)
         np.testing.assert_array_equal(infos[0]["truth"], infos[1]["truth"])
     assert np.abs(infos[0]["estimate"] - infos[1]["estimate"]).max() > 0.0
     # all that was taken then has come: the same before it
-    assert late.watch.loop.belief.steps[-1 - 5].available.all()
+    assert late.watch.now.belief.steps[-1 - 5].available.all()
 
 
 def test_what_is_done_with_late_measurements_is_said():
