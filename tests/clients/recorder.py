@@ -33,20 +33,20 @@ class Record:
             self._start(core, seed, options, rows)
             for row in range(core.num_envs) if rows is None else rows:
                 episode = SimpleNamespace(first=core.observe()[row], steps=[])
-                episode.number = core.episodes[row]
+                episode.number = core.now.episode[row]
                 self.rows.setdefault((core, int(row)), []).append(episode)
 
         def step(core: Core, action: Any, *arguments: Any, **named: Any) -> Any:
             before, ended = core.observe(), named.get("ended")
-            reward, end = self._step(core, action, *arguments, **named)
+            now = self._step(core, action, *arguments, **named)
             after, actions = core.observe(), np.reshape(action, core.action_shape).clip(-1.0, 1.0)
             for row in range(core.num_envs) if ended is None else np.flatnonzero(~ended):
                 happened = {"observation": before[row], "next_observation": after[row]}
-                happened |= {"action": actions[row], "reward": reward[row]}
-                happened |= {"terminated": end[row] > 0}
-                happened["truncated"] = core.steps[row] >= self.limit and not end[row]
+                happened |= {"action": actions[row], "reward": now.reward[row]}
+                happened |= {"terminated": now.end[row] > 0}
+                happened["truncated"] = now.steps[row] >= self.limit and not now.end[row]
                 self.rows[core, int(row)][-1].steps.append(happened)
-            return reward, end
+            return now
 
         Core.start, Core.step = start, step
         return self
