@@ -290,17 +290,21 @@ class Filter(ABC, Generic[Record]):
         Both run as one program where filter and model are compiled. The arguments are as for
         `predict` and `update`, with a row for each row of the belief.
         """
+        if available is None:
+            available = _all(belief.mean.shape[:-1], self.model.p)
+        if self.joins_steps():
+            return self._run("step", belief, (u, y, available, None, rng))
+        belief = self._run("predict", belief, (u, None, None, None, rng))
+        return self._run("update", belief, (u, y, available, None, rng))
+
+    def joins_steps(self) -> bool:
+        """Are a prediction and its update one program? Filter and model are then compiled."""
         if (one := self._programs.get("one")) is None:
             one = self.compiled and self.model.is_compiled("step")
             # With a singular R an update is checked against its prediction.
             one = one and (callable(self.model.R) or not lacks_rank(self.model.R).any())
             self._programs["one"] = one
-        if available is None:
-            available = _all(belief.mean.shape[:-1], self.model.p)
-        if one:
-            return self._run("step", belief, (u, y, available, None, rng))
-        belief = self._run("predict", belief, (u, None, None, None, rng))
-        return self._run("update", belief, (u, y, available, None, rng))
+        return bool(one)
 
     def log_likelihood(self, predicted: Record, updated: Record) -> np.ndarray:
         """The log density ``(...)`` of a measurement, given those before it; 0 where none came.

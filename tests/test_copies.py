@@ -217,7 +217,8 @@ def test_an_unverified_copy_gives_what_ours_gives_alone_and_in_batches(
     unverified: dict[str, System], part: str
 ) -> None:
     (_, ours), (core, many) = (flights(unverified[name], 9, "ukf", 40) for name in ("ours", part))
-    assert not core.config.world.step.compiled
+    stage = {"vehicle": core.config.world.step, "task": core.config.mission.step}[part]
+    assert not stage.compiled
     for name in ("truth", "measurement", "estimate", "reference", "reward"):
         np.testing.assert_allclose(many[name], ours[name], rtol=1e-12, atol=1e-12, err_msg=name)
     for row in (0, 4, 8):

@@ -142,10 +142,12 @@ def checked_action(
     checked = np.array(asked, float, order="C", ndmin=2)
     if ended is not None:
         checked[ended] = 0.0
-    if checked.size <= _FEW and all(
-        -1.0 <= each <= 1.0 for row in checked.tolist() for each in row
-    ):
-        return checked
+    if checked.size <= _FEW and len(checked) == 1:  # a loop takes a third of NumPy's time
+        for each in checked[0].tolist():
+            if not -1.0 <= each <= 1.0:
+                break
+        else:
+            return checked
     # The sum of squares is finite if all numbers are, unless it overflows; it takes a fifth of the
     # time of checking each number.
     if not math.isfinite(np.vdot(checked, checked)) and not np.isfinite(checked).all():

@@ -3,8 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from itertools import chain
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -16,15 +15,17 @@ from vessel_gym.delivery import Delivery
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.filter_models.build import Composition
-from vessel_gym.filter_models.exogenous import Forces, change_of, input_channels
+from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.loop import Estimator
 from vessel_gym.mission import Mission
 from vessel_gym.sensor_faults import SensorFault
-from vessel_gym.sensors import Sensor, Sensors, columns
+from vessel_gym.sensors import Sensor, Sensors
 from vessel_gym.sharing import shared
 from vessel_gym.start import Draws
 from vessel_gym.state import State
 from vessel_gym.system import System
+from vessel_gym.truth import TrueState, UnknownInput
+from vessel_gym.whole_step import WholeStep
 from vessel_gym.world import World
 
 OBSERVE = ("mean", "mean+std", "measurement")
@@ -126,6 +127,7 @@ class Options:
 
 
 _mission = lru_cache(maxsize=32)(Mission)
+_whole_step = lru_cache(maxsize=64)(WholeStep)
 
 
 class Configuration:
@@ -142,6 +144,8 @@ class Configuration:
         delivery: Faults and delays of measurements.
         estimators: The estimator and, with ``raw``, that of raw measurements.
         mission: The task's part of a step.
+        whole_steps: World, estimator and mission as one program, without and with the arrays of
+            ``info``; empty if they cannot be one.
         estimation: Estimator and its model.
         raw: Estimation from raw measurements, if they are observed with guidance; otherwise None.
         observe_mode: One of `OBSERVE`.
@@ -189,6 +193,10 @@ class Configuration:
         self.delivery = Delivery(world.sensors)
         both = (self.estimation, "belief"), (self.raw, "raw")
         self.estimators = [Estimator(each, field, self._oracle) for each, field in both if each]
+        parts = world, self.estimation, self.mission
+        self.whole_steps: Sequence[WholeStep] = ()
+        if self.raw is None and WholeStep.serves(*parts):
+            self.whole_steps = tuple(_whole_step(*parts, info) for info in (False, True))
         self.nominal = np.array(world.vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
 
     def _observation_size(self) -> int:
@@ -207,6 +215,11 @@ class Configuration:
         true = self.true_state
         truth, unknown = true.in_filter_order(true.values(now)), self.unknown_input.values(now)
         return np.concatenate([truth, unknown], -1)
+
+    def score_of(self, total: float, steps: int) -> float:
+        """Score in [0, 1] of an episode, from the sum of its rewards and its number of steps."""
+        score = total / max(self.perfect[0], self.perfect[1] * steps)
+        return score if 0.0 <= score <= 1.0 else min(max(score, 0.0), 1.0)
 
     def refuse_at(self, steps: np.ndarray, ended: np.ndarray | None) -> None:
         """Pass step numbers and ended rows to the user's parts, for their error messages."""
@@ -243,80 +256,6 @@ class Configuration:
     def sensors_name(self) -> str:
         """Name of the sensor suite; ``"own"`` for a list of sensors."""
         return self.options.sensors if isinstance(self.options.sensors, str) else "own"
-
-
-class TrueState(NamedTuple):
-    """Components of `vessel_gym.core.Core.truth`."""
-
-    names: tuple[str, ...]
-    slow: slice  # components of the record's ``slow`` among them
-    alone: bool  # are they the vehicle's state alone?
-    estimated: list[int]  # places of the filter's states; -1: only the filter's model has the state
-    increments: list[int]  # indices of those of the step that has ended that are components
-
-    def values(self, now: State) -> np.ndarray:
-        """True states ``(B, n)``."""
-        if self.alone:
-            return now.state
-        increments = now.exogenous_before[:, self.increments]
-        return np.concatenate([now.state, now.slow[:, self.slow], increments], -1)
-
-    def in_filter_order(self, truth: np.ndarray) -> np.ndarray:
-        """True states ``(..., n)`` in the order of the filter's; NaN where the truth has none."""
-        state = truth[..., self.estimated]
-        state[..., [index < 0 for index in self.estimated]] = np.nan
-        return state
-
-    @classmethod
-    def of(cls, world: World, composition: Composition) -> "TrueState":
-        """The true state of a world, with the places of a filter's states."""
-        disturbance, vehicle = world.forces.disturbance, world.forces.vehicle.state_names
-        waves = disturbance.assumed_as == "states" or len(composition.estimated) > 0
-        names = *vehicle, *(disturbance.names if waves else ()), *world.sensors.bias_names
-        names = *names, *composition.ended_names
-        estimated = [names.index(name) if name in names else -1 for name in composition.names]
-        slow = slice(0 if waves else world.size, None)
-        return cls(names, slow, len(names) == len(vehicle), estimated, composition.ended)
-
-
-class UnknownInput(NamedTuple):
-    """Places of the true unknown input in the environment's state.
-
-    Increments and changes are those of the step that has ended, flows and faults the present ones.
-    """
-
-    columns: Any  # of one array, or of all three side by side and a last column of NaN
-    array: (
-        str  # "noise_before", "exogenous_before" or "exogenous"; "" for columns of several arrays
-    )
-
-    def values(self, now: State) -> np.ndarray:
-        """True unknown input ``(B, q)``; NaN in components that only the filter's model has."""
-        if self.array:
-            chosen: np.ndarray = getattr(now, self.array)[:, self.columns]
-            return chosen
-        unheard = np.full((len(now.noise), 1), np.nan)
-        arrays = now.noise_before, now.exogenous_before, now.exogenous, unheard
-        return np.concatenate(arrays, -1)[:, self.columns]
-
-    @classmethod
-    def of(cls, world: World, names: tuple[str, ...]) -> "UnknownInput":
-        """Places of the components of the unknown input, by their names."""
-        disturbance = world.forces.disturbance
-        new = (*disturbance.names, *world.sensors.bias_names)
-        new = (*disturbance.white_increments, *map(change_of, new))  # components of `noise`
-        vehicle = world.forces.vehicle
-        channels, increments = input_channels(vehicle)[: world.forces.size], vehicle.increments
-        arrays = {
-            "noise_before": new,
-            "exogenous_before": [name if name in increments else None for name in channels],
-            "exogenous": [None if name in increments else name for name in channels],
-        }  # fmt: skip
-        for array, held in arrays.items():
-            if all(name in held for name in names):
-                return cls(columns([held.index(name) for name in names]), array)
-        held = [*chain(*arrays.values())]
-        return cls(columns([held.index(name) if name in held else len(held) for name in names]), "")
 
 
 def observed(observe: str, guidance: bool) -> tuple[str, ...]:

@@ -19,6 +19,11 @@ from vessel_gym.start import DRAWN, draw, filter_prior, seeds_of
 from vessel_gym.state import State
 from vessel_gym.system import System
 from vessel_gym.tasks.task import Estimate
+from vessel_gym.truth import INFO, info_arrays
+from vessel_gym.whole_step import Moment
+
+_FEW = 256
+"""Rows up to which one program is faster than its stages, whose code stays in the first cache."""
 
 
 class Core:
@@ -42,8 +47,6 @@ class Core:
 
     Attributes:
         config: World, estimators, mission and options, which no step changes.
-        now: The record after the last step. Steps replace it and leave its arrays as they are, so
-            that a record which is put back is stepped again with equal results.
         seeds: One seed for each environment; empty before the first reset.
 
     Raises:
@@ -59,17 +62,18 @@ class Core:
         self.num_envs = int(num_envs)
         self.config = Configuration(system, Options(*arguments, **named))
         self.action_shape = self.num_envs, self.config.action_size
+        self._together = self.config.whole_steps if num_envs <= _FEW else ()
         self.seeds: list[int] = []
         zeros = np.zeros(num_envs, int)
-        self.now = State(episode=zeros, over=zeros.astype(bool), end=zeros)
+        self._last: State | Moment = State(episode=zeros, over=zeros.astype(bool), end=zeros)
 
     # --- step -------------------------------------------------------------------------------------
 
     def step(
         self, action: np.ndarray, measurements: Measurements | None = None,
-        ended: np.ndarray | None = None, shape: tuple[int, ...] | None = None,
+        ended: np.ndarray | None = None, info: bool = False,
     ) -> State:  # fmt: skip
-        """Advance every environment by one step.
+        """Advance every environment by one step, and return the new record, which is ``now``.
 
         Args:
             action: ``(B, a)`` finite; clipped to [-1, 1].
@@ -77,10 +81,7 @@ class Core:
                 random numbers stay the same.
             ended: Mask ``(B,)`` of environments whose episode has ended and that are reset next:
                 their actions are not checked.
-            shape: Shape that the action must have; None for ``(B, a)``.
-
-        Returns:
-            The new record, which is ``now``.
+            info: Is `info` asked for next? The program of a step then makes its arrays, too.
 
         Raises:
             ValueError: if the action or the measurements have the wrong shape, or the action is not
@@ -88,18 +89,61 @@ class Core:
             TypeError: if the measurements are no pair of arrays.
             gymnasium.error.ResetNeeded: before the first reset.
         """
+        moment = self.advance(action, self.action_shape, measurements, ended, info)
+        if moment is not None and info:
+            self.now.info = dict(zip(INFO, moment.found[moment.program.first_info :], strict=True))
+        return self.now
+
+    def advance(
+        self, action: np.ndarray, shape: tuple[int, ...], measurements: Measurements | None = None,
+        ended: np.ndarray | None = None, info: bool = True,
+    ) -> Moment | None:  # fmt: skip
+        """Advance as `step` does, for an action of another shape, without making the record.
+
+        It returns the results of the program, from which ``now`` is made when it is asked for; None
+        if the stages were run one by one.
+        """
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
-        config = self.config
-        now = self.now.acted(checked_action(action, shape or self.action_shape, ended))
+        action, moment = checked_action(action, shape, ended), None
         given = self._given(measurements, self.num_envs)
+        if given is None and self._together:
+            moment = self._together[info](self._last, action)
+        self._last = self._stages(action, given, ended) if moment is None else moment
+        return moment
+
+    def end_of(self, row: int) -> int:
+        """Number of the end reason of one environment."""
+        last = self._last
+        end = last.program.seen(last.found)[2] if isinstance(last, Moment) else last.end
+        return int(end.item(row))
+
+    @property
+    def now(self) -> State:
+        """The record after the last step.
+
+        Steps replace it and leave its arrays as they are, so that a record which is put back is
+        stepped again with equal results.
+        """
+        if isinstance(self._last, Moment):
+            self._last = self._last.record()
+        return self._last
+
+    @now.setter
+    def now(self, now: State) -> None:
+        self._last = now
+
+    def _stages(
+        self, action: np.ndarray, given: Measurements | None, ended: np.ndarray | None
+    ) -> State:
+        """The record a step later, stage by stage."""
+        config, now = self.config, self.now.acted(action)
         config.refuse_at(now.steps, ended)
         config.world.step(now)
         config.delivery(now, given)
         for estimator in config.estimators:
             estimator.step(now)
         config.mission.step(now)
-        self.now = now
         return now
 
     # --- reset ------------------------------------------------------------------------------------
@@ -179,7 +223,7 @@ class Core:
             estimator.begin(now, filter_prior(prior, estimator.composition))
         config.mission.begin(now)
         now = now.without_start()
-        self.now = now if len(rows) == self.num_envs else self.now.merged(rows, now)
+        self.now = now if len(rows) == self.num_envs else self.now.but(info=None).merged(rows, now)
         config.refuse_at(self.now.steps, None)
 
     def _drawn(self, rows: np.ndarray, options: dict[str, Any]) -> tuple[State, Gaussian]:
@@ -274,9 +318,7 @@ class Core:
 
     def score_of(self, row: int) -> float:
         """Score of one environment, ten times as fast as `score`."""
-        perfect, each = self.config.perfect
-        score: float = self.now.total.item(row) / max(perfect, each * self.now.steps.item(row))
-        return score if 0.0 <= score <= 1.0 else min(max(score, 0.0), 1.0)
+        return self.config.score_of(self.now.total.item(row), self.now.steps.item(row))
 
     @property
     def truth(self) -> np.ndarray:
@@ -295,29 +337,28 @@ class Core:
         Args:
             rows: Mask ``(B,)`` of the rows to copy; other rows hold 0. None for all.
         """
-        happened = self.happened() | {"healthy": self.now.belief.healthy}
-        own = {
-            "score": self.score, "end": self.now.end.copy(),
-            "is_success": self.now.end == self.config.success,
+        info = self.own_arrays() | {
+            "healthy": self.now.belief.healthy.copy(), "score": self.score,
+            "end": self.now.end.copy(), "is_success": self.now.end == self.config.success,
         }  # fmt: skip
         if rows is None:
-            return {name: values.copy() for name, values in happened.items()} | own
-        return {name: _only(rows, values) for name, values in (happened | own).items()}
+            return info
+        return {name: _only(rows, values) for name, values in info.items()}
 
     def happened(self) -> dict[str, np.ndarray]:
         """Record of the last step, read-only, one row for each environment."""
-        now, belief = self.now, self.now.belief
-        unknown, d = self.config.unknown_input.values(now), belief.input_mean
-        happened = {
-            "truth": self.truth, "unknown_input": unknown, "reference": now.reference,
-            "actuators": now.actuators, "measurement": now.y, "available": now.available,
-            "estimate": belief.mean, "covariance": belief.cov,
-            "input_estimate": np.zeros(unknown.shape) if d is None else d,
-            "parameters": now.parameters,
-        }  # fmt: skip
+        config, now = self.config, self.now
+        happened = info_arrays(config.true_state, config.unknown_input, now)
         if now.faults is not None:
-            happened["sensor_faults"] = self.config.delivery.active(now)
+            happened["sensor_faults"] = config.delivery.active(now)
         return happened
+
+    def own_arrays(self) -> dict[str, np.ndarray]:
+        """Record of the last step, in arrays that belong to the caller."""
+        own, self.now.info = self.now.info, None
+        if own is not None:
+            return own
+        return {name: values.copy() for name, values in self.happened().items()}
 
 
 def _only(rows: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -69,7 +69,6 @@ class Delivery:
             self._corrupt(now)
         elif given is not None and self.ages == 1:
             now.y, now.available = given
-        now.arrived = now.y, now.available
         if self.ages > 1:
             self._carry(now, given)
             now.y, now.available = (

@@ -47,8 +47,10 @@ class Estimator:
         """Measurements and their mask in the form for the filter."""
         if self._truth is not None:
             return self._truth(now), None
+        if now.arrived is None:
+            return now.y, now.available
         y, available = now.arrived
-        if y.ndim == 2 or self.estimation.fuses:
+        if self.estimation.fuses:
             return y, available
         if self.estimation.late == "as new":
             return youngest(now.arrived)

@@ -57,7 +57,7 @@ class State:
     u: Any = None  # (B, m) known input over the step that has ended
     y: Any = None  # (B, p) measurements: the youngest that arrived, 0 where none did
     available: Any = None  # (B, p) mask of those that arrived
-    arrived: Any = None  # y and available; with late sensors by age, (B, ages, p) each
+    arrived: Any = None  # with late sensors, all that arrived and its mask, (B, ages, p) each
     transit: Any = None  # measurements by age, (B, ages, p), and their mask
     faults: Any = None  # see `vessel_gym.delivery.Delivery`
     # --- what they believe
@@ -73,19 +73,21 @@ class State:
     total: Any = None  # (B,) sum of rewards
     end: Any = None  # (B,) number of the end reason
     observation: Any = None  # (B, k)
+    info: Any = None  # arrays of ``info`` that belong to the caller, until it takes them
 
     def but(self, **changes: Any) -> "State":
         """A record with other values in some fields."""
         other = object.__new__(State)
-        vars(other).update(vars(self), **changes)
+        other.__dict__ = vars(self) | changes
         return other
 
     def acted(self, action: np.ndarray) -> "State":
         """The record at the beginning of the next step, which an action ``(B, a)`` begins."""
         now = object.__new__(State)
-        vars(now).update(vars(self))
-        now.action, now.steps = action, self.steps + _ONE
-        now.noise_before, now.exogenous_before = self.noise, self.exogenous
+        now.__dict__ = vars(self) | {
+            "action": action, "steps": self.steps + _ONE, "noise_before": self.noise,
+            "exogenous_before": self.exogenous, "info": None,
+        }  # fmt: skip
         return now
 
     def without_start(self) -> "State":
@@ -135,8 +137,8 @@ class Stage:
             return
         if self._read is None:
             self._trace(now)
-        arrays, call = self._read(now), self._program.call
-        if call is None or (found := call(*arrays)) is None:
+        arrays = self._read(now)
+        if (found := self._program.call(*arrays)) is None:
             found = self._program.compute(*arrays)
         vars(now).update(zip(self._names, found, strict=True))
 

@@ -19,8 +19,9 @@ from estimators.engine.tracer import Tracer, cast
 def trace(
     function: Callable[..., Any],
     rows: Sequence[Argument | None],
-    matrices: bool = False,
+    matrices: bool | Sequence[bool] = False,
     sealed: bool = False,
+    own: int = 0,
 ) -> Function:
     """A function of arrays, traced for rows of some shapes.
 
@@ -28,23 +29,26 @@ def trace(
         function: Pure; it gets tracers of a row of each argument.
         rows: Shape and kind of a row of each argument; None for an argument that is None.
         matrices: Are vectors and matrices traced as a whole (`MatrixTracer`), not entry by entry?
+            One answer, or one for each row.
         sealed: See `Function`.
+        own: See `Function`.
 
     Raises:
         NotTraceable: if the function uses an operation that cannot be traced.
     """
     program, arguments, given = Program(), list[Argument](), list[Any]()
-    for row in rows:
+    whole = [matrices] * len(rows) if isinstance(matrices, bool) else matrices
+    for row, as_matrix in zip(rows, whole, strict=True):
         if row is None:
             given.append(None)
         else:
-            inputs = matrix_input if matrices and row.kind in "fb" else scalar_inputs
+            inputs = matrix_input if as_matrix and row.kind in "fb" else scalar_inputs
             given.append(inputs(program, len(arguments), row.shape, row.kind))
             arguments.append(row)
     results = function(*given)
     several = isinstance(results, tuple | list)
     outputs = [*map(partial(_output, program), results if several else [results])]
-    return Function(program, arguments, outputs, several, sealed)
+    return Function(program, arguments, outputs, several, sealed, own)
 
 
 def scalar_inputs(program: Program, argument: int, shape: tuple[int, ...], kind: str) -> Any:

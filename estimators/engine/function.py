@@ -46,6 +46,7 @@ class Function:
         outputs: For each result its scalars or the view of a matrix, and an argument like it.
         several: Does the traced function give a tuple of results?
         sealed: Does it take only the arguments that it reads, and return read-only arrays?
+        own: Number of last results that are the caller's own: writable, though ``sealed``.
 
     Attributes:
         arguments: Shape and kind of a row of each argument of `call`, by its index.
@@ -64,8 +65,10 @@ class Function:
         outputs: Sequence[tuple[Any, Argument]],
         several: bool,
         sealed: bool,
+        own: int = 0,
     ) -> None:
-        self.program, self.several, self._sealed = program, several, sealed
+        self.program, self.several = program, several
+        self._sealed = len(outputs) - own if sealed else 0
         self.outputs: tuple[Any, ...] = tuple(map(itemgetter(0), outputs))
         self.results: tuple[Argument, ...] = tuple(map(itemgetter(1), outputs))
         values = [*map(value_of, itertools.chain(*self.outputs))]
@@ -102,8 +105,7 @@ class Function:
         head = self._code(width), rows, shared, room, self._address
         if (invoke := invoker()) is None:
             return self._called(head, given, batch)
-        flags = ~0x400 if self._sealed else -1  # NPY_ARRAY_WRITEABLE
-        table = [*head, flags, len(own), len(self.results)]
+        table = [*head, self._sealed, len(own), len(self.results)]
         for a in given:
             table += id(a.dtype), a.ndim, *a.shape
         for each in self.results:
@@ -122,8 +124,8 @@ class Function:
         data = np.array([a.ctypes.data for a in (*given, *results)], np.uintp)
         code, *numbers = head
         _CODE(code)(*numbers, data.ctypes.data)
-        for array in results:
-            array.setflags(write=not self._sealed)
+        for array in results[: self._sealed]:
+            array.setflags(write=False)
         return tuple(results)
 
     def _code(self, width: int) -> int:

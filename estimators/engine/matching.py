@@ -76,8 +76,8 @@ def is_right(invoke: _Invoker) -> bool:
     x = x if x.dtype is dtype else x.view(dtype)
     code = machine.load(b"doubles", lambda name: _DOUBLES.replace("@doubles(", f"@{name}("))
     like = id(dtype), 2, 1, 2
-    for flags in (-1, ~_WRITEABLE):
-        table = np.array([code, 1, 0, 0, 0, flags, 1, 1, *like, *like], np.int64)
+    for sealed in (0, 1):
+        table = np.array([code, 1, 0, 0, 0, sealed, 1, 1, *like, *like], np.int64)
         found: Any = invoke(table, x)
         if not (type(found) is tuple and len(found) == 1 and type(found[0]) is np.ndarray):
             return False
@@ -85,7 +85,7 @@ def is_right(invoke: _Invoker) -> bool:
         if not (y.dtype is dtype and y.shape == x.shape and y[0, 0] == 3.0 and y.flags.owndata):
             return False
         others = (), (x, x), (x[0],), (x.astype(np.int64),), (np.zeros((1, 4))[:, ::2],)
-        if y.flags.writeable != (flags == -1) or any(invoke(table, *each) for each in others):
+        if y.flags.writeable == bool(sealed) or any(invoke(table, *each) for each in others):
             return False
     return True
 
@@ -94,10 +94,10 @@ def is_right(invoke: _Invoker) -> bool:
 def _created() -> _Invoker:
     """The function ``(table, *arrays)`` that returns results in new arrays.
 
-    A table of whole numbers has the address of the code, its arguments, the flags that fresh arrays
-    keep, the numbers of arguments and results, and for each of these the address of its type, its
-    number of axes and its shape. The function returns None if the number, order in memory, types or
-    shapes of arrays differ.
+    A table of whole numbers has the address of the code, its arguments, the number of first results
+    that are read-only, the numbers of arguments and results, and for each of these the address of
+    its type, its number of axes and its shape. The function returns None if the number, order in
+    memory, types or shapes of arrays differ.
     """
     address = machine.load(b"invoker", lambda name: _TEXT.replace("@call(", f"@{name}("))
     # bytes: the collector of garbage may empty a structure of ctypes before the function reads it
@@ -116,7 +116,6 @@ class _Method(ctypes.Structure):
 
 
 _FASTCALL = 0x80
-_WRITEABLE = 0x400
 _DOUBLES = """
 define void @doubles(i64 %end, i64 %shared, ptr %scratch, ptr %constants, ptr %arrays) {
   %in = load ptr, ptr %arrays
@@ -199,8 +198,7 @@ entry:
   %head = load {_HEADER}, ptr %table
   %inputs = extractvalue {_HEADER} %head, 6
   %outputs = extractvalue {_HEADER} %head, 7
-  %kept64 = extractvalue {_HEADER} %head, 5
-  %kept = trunc i64 %kept64 to i32
+  %sealed = extractvalue {_HEADER} %head, 5
   %begin = getelementptr i64, ptr %table, i64 8
   %expected = add i64 %inputs, 1
   %all = add i64 %inputs, %outputs
@@ -248,6 +246,8 @@ make:
 made:
   %fresh_flags_at = getelementptr i8, ptr %fresh, i64 {_HEAD + 48}
   %fresh_flags = load i32, ptr %fresh_flags_at
+  %is_sealed = icmp slt i64 %j, %sealed
+  %kept = select i1 %is_sealed, i32 {~0x400}, i32 -1 ; NPY_ARRAY_WRITEABLE
   %own_flags = and i32 %fresh_flags, %kept
   store i32 %own_flags, ptr %fresh_flags_at
   %set = call i32 @PyTuple_SetItem(ptr %results, i64 %j, ptr %fresh)

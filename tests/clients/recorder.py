@@ -26,7 +26,7 @@ class Record:
     def __init__(self, env_id: str) -> None:
         self.env_id, self.limit = env_id, ENVIRONMENTS[env_id]
         self.rows: dict[tuple[Core, int], list[Any]] = {}
-        self._start, self._step = Core.start, Core.step
+        self._start, self._advance = Core.start, Core.advance
 
     def __enter__(self) -> "Record":
         def start(core: Core, seed: Any = None, options: Any = None, rows: Any = None) -> None:
@@ -36,23 +36,27 @@ class Record:
                 episode.number = core.now.episode[row]
                 self.rows.setdefault((core, int(row)), []).append(episode)
 
-        def step(core: Core, action: Any, *arguments: Any, **named: Any) -> Any:
-            before, ended = core.observe(), named.get("ended")
-            now = self._step(core, action, *arguments, **named)
-            after, actions = core.observe(), np.reshape(action, core.action_shape).clip(-1.0, 1.0)
+        def advance(
+            core: Core, action: Any, shape: Any, given: Any = None, ended: Any = None,
+            info: bool = True,
+        ) -> Any:  # fmt: skip
+            before = core.observe()
+            moment = self._advance(core, action, shape, given, ended, info)
+            now, after = core.now, core.observe()
+            actions = np.reshape(action, core.action_shape).clip(-1.0, 1.0)
             for row in range(core.num_envs) if ended is None else np.flatnonzero(~ended):
                 happened = {"observation": before[row], "next_observation": after[row]}
                 happened |= {"action": actions[row], "reward": now.reward[row]}
                 happened |= {"terminated": now.end[row] > 0}
                 happened["truncated"] = now.steps[row] >= self.limit and not now.end[row]
                 self.rows[core, int(row)][-1].steps.append(happened)
-            return now
+            return moment
 
-        Core.start, Core.step = start, step
+        Core.start, Core.advance = start, advance
         return self
 
     def __exit__(self, *_: object) -> None:
-        Core.start, Core.step = self._start, self._step
+        Core.start, Core.advance = self._start, self._advance
 
     def played(self) -> list[list[Any]]:
         """Episodes of each row that moved, from the first in which it did."""

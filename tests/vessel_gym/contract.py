@@ -257,7 +257,7 @@ def observations_when_truth_is_altered(
     other.seed(5)
     rng = np.random.default_rng(9)
     true.reset()
-    other.reset(measurements=true.now.arrived)
+    other.reset(measurements=delivered(true))
     walk = random_walk(5, rows, true.config.action_size)
     seen = [observations(true)], [observations(other)]
     distance = [apart(true, other)]
@@ -267,13 +267,13 @@ def observations_when_truth_is_altered(
             for core in (true, other):
                 core.seed(None, some)
             true.reset(some)
-            other.reset(some, measurements=tuple(values[some] for values in true.now.arrived))
+            other.reset(some, measurements=tuple(values[some] for values in delivered(true)))
             seen[0].append(observations(true))
             seen[1].append(observations(other))
         scramble(other, rng)
         actions = next(walk)
         true.step(actions)
-        other.step(actions, measurements=true.now.arrived)
+        other.step(actions, measurements=delivered(true))
         seen[0].append(observations(true))
         seen[1].append(observations(other))
         distance.append(apart(true, other))
@@ -282,6 +282,11 @@ def observations_when_truth_is_altered(
         for frames in (*seen, distance)
     )
     return one, two, parts
+
+
+def delivered(core: Core) -> tuple[np.ndarray, np.ndarray]:
+    """Measurements and their mask; of late sensors, by age."""
+    return core.now.arrived or (core.now.y, core.now.available)
 
 
 def apart(one: Core, other: Core) -> dict[str, np.ndarray]:

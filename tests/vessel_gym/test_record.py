@@ -1,14 +1,17 @@
-"""The record of environments: it holds all that a step changes, and steps leave it as it is."""
+"""The record of environments, and the program that fills it in as the stages one by one do."""
 
+import sys
 from dataclasses import replace
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
-from contract import make_batch, random_walk, single_class
+from contract import make_batch, make_core, random_walk, single_class
 from gymnasium.vector import AutoresetMode
 
 from vessel_gym.sensor_faults import SensorFault
+from vessel_gym.truth import INFO
 
 OURS = (
     "SigmaCorvette-v0", "SigmaChannel-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0",
@@ -43,3 +46,49 @@ def test_record_put_back_is_stepped_to_the_same_bits(env_id: str, late: bool):
         runs.append(np.array([[*each.ravel(), *reward] for each, reward in seen]))
     np.testing.assert_array_equal(*runs)
     assert np.ptp(runs[0], axis=0).max() > 0.0
+
+
+@pytest.mark.parametrize("rows", [1, 5])
+@pytest.mark.parametrize("estimator", [None, "ekf", "ukf"])
+@pytest.mark.parametrize("env_id", OURS)
+def test_one_program_gives_the_bits_of_the_stages(env_id: str, estimator: str | None, rows: int):
+    core = make_core(env_id, rows, seed=2, estimator=estimator, disturbance="rough")
+    core.reset()
+    walk, apart = random_walk(0, rows, core.config.action_size), core.now
+    for _ in range(8):
+        action = next(walk)
+        core.now = apart
+        moment = core.config.whole_steps[1](apart, action)
+        assert moment is not None
+        together, apart = moment.record(), core._stages(action, None, None)
+        core.now = apart
+        info = dict(zip(INFO, moment.found[moment.program.first_info :], strict=True))
+        for name, array in core.happened().items():
+            np.testing.assert_array_equal(info[name], array, name)
+            assert info[name].flags.writeable
+        for name, array in vars(apart).items():
+            if isinstance(array, np.ndarray):
+                np.testing.assert_array_equal(getattr(together, name), array, name)
+        for name in type(apart.belief).names():
+            each = getattr(together.belief, name), getattr(apart.belief, name)
+            np.testing.assert_array_equal(*each, name)
+
+
+def test_a_step_takes_few_calls_in_few_files():
+    env: Any = gym.make("SigmaCorvette-v0").unwrapped
+    env.reset(seed=0)
+    action, calls = env.action_space.sample(), list[str]()
+    env.step(action)
+
+    def count(frame: Any, event: str, _: Any) -> None:
+        file = frame.f_code.co_filename
+        if event == "call" and ("/vessel_gym/" in file or "/estimators/" in file):
+            calls.append(file)
+
+    sys.setprofile(count)
+    try:
+        env.step(action)
+    finally:
+        sys.setprofile(None)
+    assert len(calls) <= 15
+    assert len({*calls}) <= 8

@@ -167,7 +167,7 @@ def test_a_lost_fix_takes_its_measurements_and_nothing_else(env_id: str):
     other.reset()
     for k in range(30):
         lost = other.config.delivery.active(other.now)[:, 0]
-        (y, came), (read, there) = one.now.arrived, other.now.arrived
+        (y, came), (read, there) = ((c.now.y, c.now.available) for c in (one, other))
         np.testing.assert_array_equal(one.truth, other.truth)
         np.testing.assert_array_equal(read[:, ~own], y[:, ~own])
         np.testing.assert_array_equal(there, came & ~(own & lost[:, None]))

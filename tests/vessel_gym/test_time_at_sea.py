@@ -17,6 +17,7 @@ from contract import (
     assert_copies_go_on,
     assert_same_tree,
     assert_sound,
+    delivered,
     every_environment,
     make_batch,
     make_core,
@@ -82,10 +83,10 @@ def at_sea(env_id: str) -> dict[str, Any]:
 def flown(core: Core, steps: int, seed: int = 5) -> list[tuple[np.ndarray, np.ndarray]]:
     """What has come after the start and each step."""
     core.start(seed)
-    walk, come = random_walk(0, core.num_envs, core.config.action_size), [core.now.arrived]
+    walk, come = random_walk(0, core.num_envs, core.config.action_size), [delivered(core)]
     for _ in range(steps):
         core.step(next(walk))
-        come.append(core.now.arrived)
+        come.append(delivered(core))
     return come
 
 

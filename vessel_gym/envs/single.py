@@ -1,5 +1,6 @@
 """Single environments: a `gymnasium.Env` on a batch of one."""
 
+from operator import itemgetter
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -11,6 +12,10 @@ from vessel_gym.checks import checked_action, is_integer
 from vessel_gym.core import Core
 from vessel_gym.envs.shared import action_space, check_arguments, first_seed, observation_space
 from vessel_gym.system import System
+from vessel_gym.truth import INFO
+from vessel_gym.whole_step import Moment
+
+_row = itemgetter(0)
 
 
 class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -82,13 +87,28 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         After its end an episode does not change, with reward 0, until the next reset.
         """
         core = self.core
-        if core.now.end.item(0):
+        if core.end_of(0):
             checked_action(action, self._shape)
             return core.observe()[0], 0.0, True, False, self._info()
-        now = core.step(action, shape=self._shape)
+        moment = core.advance(action, self._shape)
+        if moment is None:
+            reward, end = core.now.reward.item(0), core.end_of(0)
+            step = core.observe()[0], reward, end > 0, False, self._info()
+        else:
+            step = self._seen(moment)
         if self.render_mode is not None:
             self._record()
-        return core.observe()[0], now.reward.item(0), now.end.item(0) > 0, False, self._info()
+        return step
+
+    def _seen(self, moment: Moment) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Results of a step from those of its program."""
+        program, config = moment.program, self.core.config
+        observation, reward, end, total, steps = program.seen(moment.found)
+        number = end.item()
+        info = dict(zip(INFO, map(_row, moment.found[program.first_info :]), strict=True))
+        info["healthy"], info["score"] = True, config.score_of(total.item(), steps.item())
+        info["end"], info["is_success"] = number, number == config.success
+        return observation[0].astype(np.float32), reward.item(), number > 0, False, info
 
     def render(self) -> np.ndarray | None:
         """Image ``(height, width, 3)`` of the episode; in mode ``"human"``, update the window."""
@@ -104,11 +124,10 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
             self._renderer = None
 
     def _info(self) -> dict[str, Any]:
-        core, end = self.core, self.core.now.end.item(0)
-        info: dict[str, Any] = {name: values[0].copy() for name, values in core.happened().items()}
-        info["healthy"], info["score"] = bool(core.now.belief.healthy[0]), core.score_of(0)
-        info["end"], info["is_success"] = end, end == core.config.success
-        return info
+        core, end = self.core, self.core.end_of(0)
+        info: dict[str, Any] = {name: values[0] for name, values in core.own_arrays().items()}
+        info |= {"healthy": core.now.belief.healthy.item(0), "score": core.score_of(0)}
+        return info | {"end": end, "is_success": end == core.config.success}
 
     def _record(self, begin: bool = False) -> None:
         if self._renderer is None:

@@ -127,7 +127,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if restarted.any():
             reward, terminated = self._step_and_restart(actions, restarted)
         else:
-            now = core.step(actions)
+            now = core.step(actions, info=True)
             reward, terminated = now.reward.copy(), now.end.astype(bool)
         truncated = core.now.steps >= (
             np.inf if self.max_episode_steps is None else self.max_episode_steps

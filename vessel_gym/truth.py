@@ -1,0 +1,102 @@
+"""Arrays of ``info`` as functions of the record: true states, true unknown input, and others."""
+
+from itertools import chain
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vessel_gym.filter_models.build import Composition
+from vessel_gym.filter_models.exogenous import change_of, input_channels
+from vessel_gym.sensors import columns
+from vessel_gym.state import Changes, State
+from vessel_gym.world import World
+
+INFO = (
+    "truth", "unknown_input", "reference", "actuators", "measurement", "available", "estimate",
+    "covariance", "input_estimate", "parameters",
+)  # fmt: skip
+"""Arrays of the record that ``info`` shows."""
+
+
+class TrueState(NamedTuple):
+    """Components of `vessel_gym.core.Core.truth`."""
+
+    names: tuple[str, ...]
+    slow: slice  # components of the record's ``slow`` among them
+    alone: bool  # are they the vehicle's state alone?
+    estimated: list[int]  # places of the filter's states; -1: only the filter's model has the state
+    increments: list[int]  # indices of those of the step that has ended that are components
+
+    def values(self, now: State) -> np.ndarray:
+        """True states ``(B, n)``."""
+        if self.alone:
+            return now.state
+        increments = now.exogenous_before[..., self.increments]
+        return np.concatenate([now.state, now.slow[..., self.slow], increments], -1)
+
+    def in_filter_order(self, truth: np.ndarray) -> np.ndarray:
+        """True states ``(..., n)`` in the order of the filter's; NaN where the truth has none."""
+        state = truth[..., self.estimated]
+        state[..., [index < 0 for index in self.estimated]] = np.nan
+        return state
+
+    @classmethod
+    def of(cls, world: World, composition: Composition) -> "TrueState":
+        """The true state of a world, with the places of a filter's states."""
+        disturbance, vehicle = world.forces.disturbance, world.forces.vehicle.state_names
+        waves = disturbance.assumed_as == "states" or len(composition.estimated) > 0
+        names = *vehicle, *(disturbance.names if waves else ()), *world.sensors.bias_names
+        names = *names, *composition.ended_names
+        estimated = [names.index(name) if name in names else -1 for name in composition.names]
+        slow = slice(0 if waves else world.size, None)
+        return cls(names, slow, len(names) == len(vehicle), estimated, composition.ended)
+
+
+class UnknownInput(NamedTuple):
+    """Places of the true unknown input in the environment's state.
+
+    Increments and changes are those of the step that has ended, flows and faults the present ones.
+    """
+
+    columns: Any  # of one array, or of all three side by side and a last column of NaN
+    array: (
+        str  # "noise_before", "exogenous_before" or "exogenous"; "" for columns of several arrays
+    )
+
+    def values(self, now: State) -> np.ndarray:
+        """True unknown input ``(B, q)``; NaN in components that only the filter's model has."""
+        if self.array:
+            chosen: np.ndarray = getattr(now, self.array)[..., self.columns]
+            return chosen
+        unheard = np.full((*now.steps.shape, 1), np.nan)
+        arrays = now.noise_before, now.exogenous_before, now.exogenous, unheard
+        return np.concatenate(arrays, -1)[..., self.columns]
+
+    @classmethod
+    def of(cls, world: World, names: tuple[str, ...]) -> "UnknownInput":
+        """Places of the components of the unknown input, by their names."""
+        disturbance = world.forces.disturbance
+        new = (*disturbance.names, *world.sensors.bias_names)
+        new = (*disturbance.white_increments, *map(change_of, new))  # components of `noise`
+        vehicle = world.forces.vehicle
+        channels, increments = input_channels(vehicle)[: world.forces.size], vehicle.increments
+        arrays = {
+            "noise_before": new,
+            "exogenous_before": [name if name in increments else None for name in channels],
+            "exogenous": [None if name in increments else name for name in channels],
+        }  # fmt: skip
+        for array, held in arrays.items():
+            if all(name in held for name in names):
+                return cls(columns([held.index(name) for name in names]), array)
+        held = [*chain(*arrays.values())]
+        return cls(columns([held.index(name) if name in held else len(held) for name in names]), "")
+
+
+def info_arrays(true_state: TrueState, unknown_input: UnknownInput, now: State) -> Changes:
+    """Arrays of the record that ``info`` shows, one row for each environment."""
+    unknown, belief, d = unknown_input.values(now), now.belief, now.belief.input_mean
+    arrays = (
+        true_state.values(now), unknown, now.reference, now.actuators, now.y, now.available,
+        belief.mean, belief.cov, np.zeros(unknown.shape) if d is None else d, now.parameters,
+    )  # fmt: skip
+    return dict(zip(INFO, arrays, strict=True))
