@@ -306,7 +306,7 @@ def test_swapping_the_estimator_leaves_nature_as_it_was_in_every_episode(env_id:
     steps = 1200 if at_sea(env_id) else 320
     options = {"sensors": "degraded", "disturbance": "rough", "mismatch": 0.2, "steps": steps}
     # What a field of waves does to a ship depends on where she is, and not only on the waves.
-    same = "unknown_input", "sea", "bias", "available", *(("measurement",) if quiet else ())
+    same = "unknown_input", "slow", "available", *(("measurement",) if quiet else ())
     same = same[at_sea(env_id) :]
     reference = fly_reacting(env_id, quiet, estimator=names[0], **options)
     elsewhere = 0
