@@ -22,7 +22,7 @@ from vessel_gym.tasks.task import Estimate
 from vessel_gym.truth import INFO, info_arrays
 from vessel_gym.whole_step import Moment
 
-_FEW = 256
+_FEW = 64
 """Rows up to which one program is faster than its stages, whose code stays in the first cache."""
 
 
