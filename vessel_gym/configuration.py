@@ -149,7 +149,7 @@ class Configuration:
         estimation: Estimator and its model.
         raw: Estimation from raw measurements, if they are observed with guidance; otherwise None.
         observe_mode: One of `OBSERVE`.
-        prior_index: Indices of the true state's components that the filter's widest model estimates.
+        prior_index: Indices of the true state's components in the filter's widest model.
         perfect: Sum of rewards of a perfect episode, and reward of a further step.
         nominal: Parameters ``(1, k)`` of the filter's model.
 

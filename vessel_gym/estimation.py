@@ -126,11 +126,11 @@ class Estimation:
 
     @cached_property
     def input_delay(self) -> int:
-        """Steps by which the estimate of the unknown input lags behind `Core.unknown_input`."""
+        """Steps by which the estimate of the unknown input lags behind the true one in ``info``."""
         vehicle = self.composition.vehicle
         levels = set(input_channels(vehicle)) - set(
             vehicle.increments
-        )  # `Core.unknown_input` has their present values
+        )  # ``info`` has their present values
         as_it_acts = self.composition.late or levels.isdisjoint(self.inputs)
         return 0 if as_it_acts else self.filter.input_delay or 0
 

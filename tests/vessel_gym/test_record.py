@@ -10,6 +10,7 @@ import pytest
 from contract import make_batch, make_core, random_walk, single_class
 from gymnasium.vector import AutoresetMode
 
+from estimators.engine.function import Function
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.truth import INFO
 
@@ -92,3 +93,17 @@ def test_a_step_takes_few_calls_in_few_files():
         sys.setprofile(None)
     assert len(calls) <= 15
     assert len({*calls}) <= 8
+
+
+@pytest.mark.parametrize("rows", [1, 65])  # one program, and stages
+@pytest.mark.parametrize("env_id", OURS)
+def test_no_warm_step_takes_the_slow_call(env_id: str, rows: int):
+    batch: Any = make_batch(env_id, rows)
+    batch.reset(seed=0)
+    actions = np.zeros((rows, batch.unwrapped.core.config.action_size))
+    for _ in range(4):
+        batch.unwrapped.core.step(actions)
+    before = Function.computed
+    for _ in range(4):
+        batch.unwrapped.core.step(actions)
+    assert Function.computed == before

@@ -60,7 +60,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     @property
     def truth(self) -> np.ndarray:
-        """Copy of the true state, for scoring only; components are ``core.config.true_state.names``."""
+        """Copy of the true state, for scoring only; names: ``core.config.true_state.names``."""
         return self.core.truth[0].copy()
 
     @property
