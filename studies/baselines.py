@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from estimators import Gaussian, LinearModel, NonlinearModel, RandomKeys, make
+from estimators.engine import compiled
 
 STATES, MEASUREMENTS, INPUTS = 12, 8, 2
 """Size of the system of the filters."""
@@ -39,16 +40,19 @@ def bent(M: np.ndarray) -> tuple[Callable[..., np.ndarray], Callable[..., np.nda
 
 
 (move, moving), (see, seeing) = bent(A), bent(C)
-"""Transition and measurement of the nonlinear system, on which `ekf` and `ukf` are timed."""
+NONLINEAR = "ekf", "ukf"
+"""Filters that are timed on the nonlinear system, whose transition and measurement these are."""
 
 
-def ours(name: str, rows: int) -> Step:
-    """A filter of the package."""
+def ours(name: str, rows: int, plain: bool = False) -> Step:
+    """A filter of the package; a nonlinear model is compiled, or plain NumPy of a user."""
     model: Any = LinearModel(A, C, Q, R, G=G, H=H)
-    if name in ("ekf", "ukf"):
+    if name in NONLINEAR and plain:
         model = NonlinearModel(
             move, see, Q, R, transition_jacobian=moving, measurement_jacobian=seeing
         )
+    elif name in NONLINEAR:
+        model = NonlinearModel(compiled(move), compiled(see), Q, R)
     try:
         filter = make(name, model)
     except ValueError:  # a filter without feedthrough

@@ -1,7 +1,9 @@
 """Tables and texts of pages in Markdown, and their places between marks."""
 
 import re
-from collections.abc import Sequence
+import subprocess
+from collections.abc import Callable, Sequence
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +33,29 @@ def put(page: Path, mark: str, text: str) -> None:
     """Write a text into a page, in place of what stands between the lines of its mark."""
     before, after = around(page, mark)
     page.write_text(f"{before}\n{text.strip()}\n\n{after}", encoding="utf-8")
+
+
+def publish(report: Callable[[], str], page: Path | None, mark: str) -> None:
+    """Print a report, and write it into a page, if one is given, between the lines of its mark.
+
+    Raises:
+        Refusal: before anything is measured, if the page has no such lines.
+    """
+    if page is not None:
+        around(page, mark)
+    text = report()
+    print(text)
+    if page is not None:
+        put(page, mark, text)
+
+
+def measured_on() -> str:
+    """The day, the commit and the processor of a measurement, in a sentence."""
+    git = ("git", "rev-parse", "--short", "HEAD")
+    commit = subprocess.run(git, cwd=ROOT, capture_output=True, text=True).stdout.strip()
+    processors = re.findall(r"model name\s*: (.+)", Path("/proc/cpuinfo").read_text())
+    day = f"{date.today():%d %B %Y}".lstrip("0")
+    return f"Measured on {day} (commit {commit}) on one core of {processors[0]}."
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

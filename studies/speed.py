@@ -15,8 +15,8 @@ from agents.commands.console import asked, command, progress
 from agents.page import markdown_table
 from agents.refusal import Refusal
 from estimators import names
-from studies.baselines import MEASUREMENTS, STATES, Step, filterpys, numpy_kalman, ours
-from studies.markdown import around, put
+from studies.baselines import MEASUREMENTS, NONLINEAR, STATES, Step, filterpys, numpy_kalman, ours
+from studies.markdown import around, measured_on, publish
 
 ENVIRONMENTS = "SigmaCorvette-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"
 STEPS, BATCH, MARK = 64, 256, "measured"
@@ -24,11 +24,11 @@ STEPS, BATCH, MARK = 64, 256, "measured"
 
 
 def time_block(step: Callable[[Any], Any], inputs: Any, rows: int) -> float:
-    """Time of a row [µs] in a block: a step for each of the inputs."""
-    start = time.perf_counter()
+    """CPU time of a row [µs] in a block: a step for each of the inputs."""
+    start = time.process_time()
     for each in inputs:
         step(each)
-    return 1e6 * (time.perf_counter() - start) / (rows * len(inputs))
+    return 1e6 * (time.process_time() - start) / (rows * len(inputs))
 
 
 def filter_block(step: Step, rows: int) -> Callable[[], float]:
@@ -70,9 +70,9 @@ def part_shares(env_id: str, rows: int) -> Callable[[], np.ndarray]:
         method = getattr(owner, name)
 
         def timed(*args: Any, **named: Any) -> Any:
-            start = time.perf_counter()
+            start = time.process_time()
             found = method(*args, **named)
-            spent[part] += time.perf_counter() - start
+            spent[part] += time.process_time() - start
             return found
 
         setattr(owner, name, timed)
@@ -111,10 +111,22 @@ def quartiles(values: np.ndarray) -> str:
     return f"{median} [{', '.join(ends)}]"
 
 
+def labels() -> dict[str, tuple[str, bool]]:
+    """Name of each filter by its label in the table; is its model NumPy that is not compiled?"""
+    linear = {name: (name, False) for name in names() if name not in NONLINEAR}
+    return linear | {
+        f"{name}, {'NumPy' if plain else 'compiled'} model": (name, plain)
+        for name in NONLINEAR
+        for plain in (False, True)
+    }
+
+
 def report(env_ids: tuple[str, ...], rows: tuple[int, ...], rounds: int) -> str:
     """Tables of filters by rows, of flights, and of the parts of a step, timed in one run."""
     filters = {
-        (name, size): filter_block(ours(name, size), size) for name in names() for size in rows
+        (label, size): filter_block(ours(name, size, plain), size)
+        for label, (name, plain) in labels().items()
+        for size in rows
     }
     for name in ("kf", "ekf", "ukf"):
         filters[f"{name} of filterpy", 1] = filter_block(filterpys(name), 1)
@@ -134,7 +146,7 @@ def report(env_ids: tuple[str, ...], rows: tuple[int, ...], rounds: int) -> str:
     ]
     heads = "", *(f"{size:,} system{'s' if size > 1 else ''}" for size in rows)
     return "\n\n".join((
-        f"Median [quartiles] of {rounds} rounds, µs.",
+        f"CPU time [µs]: median [quartiles] of {rounds} rounds. {measured_on()}",
         "**A step of one environment on its default estimator, and the share of each part [%]**",
         markdown_table(("", "", "µs", *PARTS, "rest"), shares, 2),
         f"**Prediction and update for each system: {STATES} states, {MEASUREMENTS} measurements**",
@@ -163,13 +175,10 @@ def main(
     if find_spec("filterpy") is None:
         raise Refusal("the baselines need filterpy: pip install filterpy")
     with asked():
+        env_ids = tuple(map(environment_id, env_ids))
         if page is not None:
             around(page, MARK)
-        env_ids = tuple(map(environment_id, env_ids))
-    text = report(env_ids, rows, rounds)
-    print(text)
-    if page is not None:
-        put(page, MARK, text)
+    publish(partial(report, env_ids, rows, rounds), page, MARK)
 
 
 if __name__ == "__main__":

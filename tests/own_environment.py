@@ -70,3 +70,10 @@ def run_script(script: Path, *arguments: str, timeout: float) -> str:
     if done.returncode:
         raise RuntimeError(f"{script.name} failed:\n{done.stdout}\n{done.stderr}")
     return done.stdout
+
+
+if __name__ == "__main__":
+    python = interpreter(packages(script := Path(sys.argv[1]).resolve()))
+    os.execve(
+        python, [python, script, *sys.argv[2:]], os.environ | _THREADS | {"PYTHONPATH": str(ROOT)}
+    )

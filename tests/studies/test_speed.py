@@ -6,19 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimators import names
 from studies import speed
 from studies.baselines import MEASUREMENTS, filterpys, numpy_kalman, ours
 from studies.markdown import ROOT, around
 from studies.speed import Flight, measure, part_shares
 
 
+@pytest.mark.parametrize("plain", [False, True])
 @pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "bare"])
-def test_the_filters_that_are_compared_compute_the_same(name: str):
+def test_compared_filters_compute_the_same(name: str, plain: bool):
     rows = 130 if name == "bare" else 1
-    one, rival = (
-        (ours("kf", rows), numpy_kalman(rows)) if rows > 1 else (ours(name, 1), filterpys(name))
-    )
+    one = ours("kf" if name == "bare" else name, rows, plain)
+    rival = numpy_kalman(rows) if name == "bare" else filterpys(name)
     for y in np.random.default_rng(1).normal(size=(30, rows, MEASUREMENTS)):
         np.testing.assert_allclose(one(y), rival(y), rtol=1e-9, atol=1e-9)
 
@@ -61,6 +60,6 @@ def test_the_report_names_all_that_is_timed_and_goes_onto_a_page(
     text = f"before\n<!-- measured -->\n\n{printed}\n<!-- end -->\nafter\n"
     assert page.read_text() == text
     for label in ("ItsunusaAUV-v0", "batch of 2", "kf of filterpy", "kf in bare NumPy",
-                  *names(), *speed.PARTS):  # fmt: skip
+                  *speed.labels(), *speed.PARTS):  # fmt: skip
         assert label in printed
     assert re.search(r"\| kf \| \S+ \[\S+, \S+\] \|", printed)
