@@ -143,15 +143,18 @@ class Manual(SphinxDirective):
 
     def run(self) -> list[nodes.Node]:
         """Parse it one level below the page's own headings."""
-        lines = [
-            f"#{line}" if line.startswith("## ") else line
-            for line in _docstring(self.arguments[0]).splitlines()
-        ]
-        section = nodes.section()
-        self.state.nested_parse(
-            StringList(lines, source=self.arguments[0]), self.content_offset, section, True
-        )
-        return section.children
+        return _parsed(self, re.sub("^## ", "### ", _docstring(self.arguments[0]), flags=re.M))
+
+
+class Computed(SphinxDirective):
+    """``{computed} module.function``: the Markdown that a function returns, as a part of the page."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """Call it and parse what it returns."""
+        module, _, name = self.arguments[0].rpartition(".")
+        return _parsed(self, getattr(import_module(module), name)())
 
 
 class Episode(SphinxDirective):
@@ -172,6 +175,13 @@ class Episode(SphinxDirective):
         return [nodes.image("", uri="images/turning-circle.png", alt=text)]
 
 
+def _parsed(directive: SphinxDirective, markdown: str) -> list[nodes.Node]:
+    section = nodes.section()
+    lines = StringList(markdown.splitlines(), source=directive.arguments[0])
+    directive.state.nested_parse(lines, directive.content_offset, section, True)
+    return section.children
+
+
 def _docstring(path: str) -> str:
     """All but its first line; ``::`` before an indented block is a fenced one."""
     module, _, name = path.rpartition(".")
@@ -183,11 +193,12 @@ def _docstring(path: str) -> str:
 def setup(app: Sphinx) -> None:
     """Add what is ours."""
     app.add_directive("manual", Manual)
+    app.add_directive("computed", Computed)
     app.add_directive("episode", Episode)
     app.add_html_math_renderer("mathml", (_write_mathml, None), (_write_mathml, None))
     app.connect("config-inited", _fly_the_episode)  # before the gallery: compiles what that shows
     app.connect("doctree-read", _keep_numbers_on_one_line)
-    app.connect("doctree-read", _link_tests)
+    app.connect("doctree-read", _link_errata)
     app.connect("source-read", lambda app, page, text: _linked(text, (HERE / page).parent))
     app.connect("include-read", lambda app, path, page, text: _linked(text, (HERE / path).parent))
     app.connect(
@@ -253,15 +264,16 @@ def _keep_numbers_on_one_line(app: Sphinx, doctree: nodes.document) -> None:
             )  # of a literal block that differs nothing is highlighted
 
 
-def _link_tests(app: Sphinx, doctree: nodes.document) -> None:
-    """The name of a test in a table, which is as long as a sentence, becomes a short link to its file."""
-    for code in list(doctree.findall(nodes.literal)):
-        found = re.fullmatch(r"(?:(tests/[\w/]+\.py)::)?(test_\w+)", code.astext())
-        if found and isinstance(code.parent.parent, nodes.entry):
-            file = found[1] or "tests/test_errata.py"
-            link = nodes.reference("", "test", refuri=f"{SOURCE}/blob/main/{file}", internal=False)
-            link["reftitle"] = found[2]
-            code.parent.replace(code, link)
+def _link_errata(app: Sphinx, doctree: nodes.document) -> None:
+    """Give each misprint its number as an address, and its tests short links."""
+    for table in (found for found in doctree.findall(nodes.table) if "errata" in found["classes"]):
+        for row in table.findall(nodes.row):
+            row["ids"].append(row[0].astext().lower())
+        for code in list(table.findall(nodes.literal)):
+            if found := re.fullmatch(r"(tests/[\w/]+\.py)::(test_\w+)", code.astext()):
+                link = nodes.reference("", "test", refuri=f"{SOURCE}/blob/main/{found[1]}")
+                link["reftitle"] = found[2]
+                code.parent.replace(code, link)
 
 
 def _linked(text: list[str], folder: Path) -> None:

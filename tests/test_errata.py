@@ -1,11 +1,12 @@
-"""The misprints of docs/errata.md: what is printed against what the package computes, and the page against the tests.
+"""The misprints of docs/errata.csv, recomputed; the page counts them.
 
-Numbers and formulas marked as printed are transcribed from the papers as they stand. What other
-tests check already is not here; errata.csv names them.
+Numbers marked as printed are transcribed from the papers. The file names the tests of each
+misprint, some of which stand elsewhere.
 """
 
 import csv
 import re
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,7 +23,6 @@ from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.puna import trim
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs" / "errata.md").read_text(encoding="utf-8")
 
 # --- C: the thesis on the corvette ----------------------------------------------------------------
 
@@ -62,9 +62,7 @@ def half_a_digit(printed: float, digits: int) -> float:
     return 0.5 * 10.0 ** (np.floor(np.log10(abs(printed))) + 1 - digits)
 
 
-def test_table_4_2_is_computed_with_both_misprints_the_printed_block_coefficient_and_3_14_for_pi() -> (
-    None
-):
+def test_table_4_2_follows_from_the_misprints_and_pi_3_14() -> None:
     digits = {"Nvdot": 5, "Nrdot": 5, "Yr": 5, "Yrdot": 3}
     computed = printed_derivatives(3.14)
     for name, printed in PRINTED.items():
@@ -76,9 +74,7 @@ def test_table_4_2_is_computed_with_both_misprints_the_printed_block_coefficient
     )
 
 
-def test_i_z_prime_is_that_of_a_gyration_radius_of_a_fifth_of_the_length_without_l_to_the_fifth() -> (
-    None
-):
+def test_eq_2_13_lacks_the_fifth_power_of_the_length() -> None:
     fifth = replace(SHIP, yaw_radius=0.2).clarke["Iz"]
     assert fifth * L**5 == pytest.approx(2.0769e6, rel=5e-5)  # printed 2.0769e-6
     assert fifth == pytest.approx(1.969e-4, abs=5e-8)
@@ -101,7 +97,7 @@ def test_the_printed_inertia_matrix_has_a_negative_determinant() -> None:
     assert np.linalg.det(M) == pytest.approx(4.45e-6, abs=5e-9)
 
 
-def test_eq_4_2_does_not_follow_from_eq_4_1_but_does_with_ten_to_the_plus_six() -> None:
+def test_eq_4_2_follows_from_eq_4_1_with_ten_to_the_plus_six() -> None:
     as_printed = np.linalg.solve(M_PRINTED, np.column_stack([N_PRINTED, [0.0, 1.0]]))
     np.testing.assert_allclose(
         as_printed, [[10.59, 6.78, 4239.0], [-8.96, -5.89, -3889.0]], rtol=1e-3
@@ -120,7 +116,7 @@ def test_eq_4_2_does_not_follow_from_eq_4_1_but_does_with_ten_to_the_plus_six() 
     assert (np.abs(reproduced - np.column_stack([A_PRINTED, B_PRINTED])) <= to_the_digit).all()
 
 
-def test_without_the_minus_of_minus_m_inverse_n_the_sway_of_eq_4_2_runs_away() -> None:
+def test_the_sway_of_eq_4_2_diverges_without_its_minus_sign() -> None:
     assert np.linalg.eigvals(A_PRINTED).max() == pytest.approx(0.83, abs=5e-3)
     assert 1.0 + 0.5 * A_PRINTED[0, 0] > 1.4  # a step of eq. 4.3 with the identity that it drops
     c, x_g = SHIP.clarke, SHIP.x_g / L
@@ -141,7 +137,7 @@ def test_eq_4_2_counts_time_in_6_56_s_and_eq_4_3_in_seconds() -> None:
     )  # the step of 0.5 s in the units of eq. 4.2
 
 
-def test_a_rudder_of_the_printed_b_prime_turns_the_ship_two_thousand_times_too_hard() -> None:
+def test_the_printed_rudder_turns_the_ship_2000_times_too_hard() -> None:
     rudder = replace(SHIP, rudder_area=5.5).clarke  # A_delta, Table 4.1
     assert 1.0 / rudder["Ndelta"] == pytest.approx(2365.0, abs=5.0)
     assert rudder["Ydelta"] == -2.0 * rudder["Ndelta"] != 0.0
@@ -166,7 +162,7 @@ def test_a12_and_a21_have_a_wrong_letter_each() -> None:
     np.testing.assert_allclose([a11, a22], np.diag(A), rtol=1e-12)  # these are right
 
 
-def test_i_xy_and_i_yz_vanish_for_a_hull_that_is_its_own_mirror_in_the_xz_plane() -> None:
+def test_i_xy_and_i_yz_vanish_for_a_hull_mirrored_in_xz() -> None:
     points = np.random.default_rng(1).normal(size=(50, 3))
 
     def products(mirror: list[float]) -> np.ndarray:
@@ -177,7 +173,7 @@ def test_i_xy_and_i_yz_vanish_for_a_hull_that_is_its_own_mirror_in_the_xz_plane(
     assert abs(products([1.0, 1.0, -1.0])[0]) > 0.5  # printed: the xy plane
 
 
-def test_the_printed_covariance_prediction_lacks_a_sign_the_gain_and_s() -> None:
+def test_the_printed_covariance_prediction_lacks_sign_gain_and_s() -> None:
     noise = 1e-3 * np.eye(3)  # eq. 4.6
     printed = Core(
         THESIS_CORVETTE, estimator_options={"model": "as-printed"}
@@ -210,7 +206,7 @@ def test_the_printed_covariance_prediction_lacks_a_sign_the_gain_and_s() -> None
     assert predicted.cov[2, 2] < 0.01
 
 
-def test_the_text_on_simulation_ii_gives_the_mean_of_simulation_i() -> None:
+def test_the_text_on_simulation_ii_gives_simulation_i_s_mean() -> None:
     heading = {
         "I": [0.0047, 0.0046, 0.0048], "II": [0.0048, 0.0049, 0.0047], "III": [0.0095, 0.0053, 0.0057],
         "IV": [0.0087, 0.0071, 0.0067], "V": [0.0370, 0.0370, 0.0370],
@@ -222,7 +218,7 @@ def test_the_text_on_simulation_ii_gives_the_mean_of_simulation_i() -> None:
     assert min(heading["III"]) > max(heading["I"])  # "no significant change"
 
 
-def test_the_larger_unknown_input_of_simulation_v_is_ten_times_smaller_as_printed() -> None:
+def test_the_larger_input_of_simulation_v_is_ten_times_smaller() -> None:
     k = np.arange(195)
 
     def unit_step(k: np.ndarray) -> np.ndarray:
@@ -257,7 +253,7 @@ TABLE_III = np.array([
 ])  # fmt: skip
 
 
-def test_the_printed_inverse_gives_back_the_ones_and_zeros_of_eq_11() -> None:
+def test_the_printed_inverse_has_the_ones_and_zeros_of_eq_11() -> None:
     rows = np.linalg.inv(INVERSE)
     np.testing.assert_allclose(np.diag(rows), 1.0, rtol=0, atol=1e-3)
     zeros = [
@@ -296,7 +292,7 @@ def test_the_signs_of_roll_s_row_of_eq_11_are_turned() -> None:
     assert agree == [True, True, True, True, False, False]
 
 
-def test_pitch_and_yaw_inertia_are_an_eighth_of_roll_s_by_the_printed_inverse() -> None:
+def test_printed_pitch_and_yaw_inertia_are_an_eighth_of_roll_s() -> None:
     rows = np.linalg.inv(INVERSE)
     coupling = {"roll": -rows[3, 1], "pitch": rows[4, 0]}  # m z_G / inertia, with added mass
     assert coupling["pitch"] / coupling["roll"] == pytest.approx(
@@ -315,7 +311,7 @@ def test_pitch_and_yaw_inertia_are_an_eighth_of_roll_s_by_the_printed_inverse() 
     assert np.sqrt(body.pitch_inertia / body.mass) == pytest.approx(0.223, abs=5e-4)
 
 
-def test_with_roll_and_pitch_inertia_exchanged_and_the_signs_mended_eq_11_is_an_inertia() -> None:
+def test_eq_11_is_an_inertia_with_roll_and_pitch_exchanged() -> None:
     rows, others = np.linalg.inv(INVERSE), ~np.eye(6, dtype=bool)
     ratio = -rows[4, 0] / rows[3, 1]
     factors = np.array(
@@ -328,7 +324,7 @@ def test_with_roll_and_pitch_inertia_exchanged_and_the_signs_mended_eq_11_is_an_
     assert (np.linalg.eigvals(signs_alone).real < 0.0).sum() == 2
 
 
-def test_eq_17_moves_the_bracket_of_eq_10_across_with_the_wrong_sign() -> None:
+def test_eq_17_has_the_wrong_sign_before_its_bracket() -> None:
     rng = np.random.default_rng(2)
     m, velocity, turn, centre, acceleration, angular = 15.0, *rng.normal(size=(5, 3))
     inertia = np.diag(rng.uniform(1.0, 2.0, 3))
@@ -369,14 +365,12 @@ TABLE_2 = np.array([
 """RMSE of surge, heave, pitch rate and position for 200, 300 and 400 members."""
 
 
-def test_three_centimetres_of_twenty_metres_are_a_hundred_times_the_printed_share() -> None:
+def test_three_centimetres_are_a_hundred_times_the_printed_share() -> None:
     share = round(TABLE_2[3].mean(), 2) / 20.0  # 3 cm: the mean over the three ensembles
     assert share == pytest.approx(0.0015)  # printed: 0.0015 per cent
 
 
-def test_the_errors_in_the_text_are_means_over_three_ensembles_and_not_those_of_400_members() -> (
-    None
-):
+def test_printed_errors_are_means_over_three_ensembles() -> None:
     means = TABLE_2.mean(1)
     assert [round(means[0], 2), round(means[1], 2), round(means[2], 3), round(means[3], 2)] == [
         0.02,
@@ -391,9 +385,7 @@ def test_the_errors_in_the_text_are_means_over_three_ensembles_and_not_those_of_
     ]
 
 
-def test_between_spheroid_and_cylinder_the_itsunusa_displaces_six_to_nine_times_its_printed_mass() -> (
-    None
-):
+def test_itsunusa_displaces_six_to_nine_times_its_printed_mass() -> None:
     body = load("itsunusa")
     cylinder = np.pi / 4.0 * 0.30**2 * 2.0 * body.water_density
     np.testing.assert_allclose(
@@ -431,7 +423,7 @@ def test_the_printed_algorithm_is_the_kalman_filter() -> None:
         np.testing.assert_allclose(belief.cov, P, rtol=1e-9, atol=1e-9)
 
 
-def test_the_derivative_of_the_trace_is_minus_two_p_c_transposed_and_so_on() -> None:
+def test_the_printed_derivative_of_the_trace_is_wrong() -> None:
     (_, C, P, R), K = random_system(5), np.random.default_rng(6).normal(size=(3, 2))
 
     def cost(K: np.ndarray) -> float:
@@ -448,7 +440,7 @@ def test_the_derivative_of_the_trace_is_minus_two_p_c_transposed_and_so_on() -> 
     assert (C @ P).shape != K.shape  # printed: -2 C P
 
 
-def test_a_measurement_s_noise_times_its_transpose_is_singular_and_only_its_mean_is_r() -> None:
+def test_noise_times_its_transpose_is_singular_its_mean_is_r() -> None:
     R = random_system(8)[3]
     v = np.random.default_rng(9).multivariate_normal(np.zeros(2), R, 20_000)
     assert np.linalg.matrix_rank(np.outer(v[0], v[0])) == 1
@@ -477,7 +469,7 @@ def test_eqs_12_to_14_use_one_p_for_prediction_and_update() -> None:
         assert np.abs(K @ C @ P).max() > 0.01
 
 
-def test_the_a_of_a_step_is_not_the_a_of_the_differential_equation() -> None:
+def test_a_of_a_step_is_not_a_of_the_differential_equation() -> None:
     A, B = np.array([[0.0, 1.0], [-2.0, -0.5]]), np.array([[0.0], [1.0]])
     step, push = zero_order_hold(A, B, 1e-4)
     np.testing.assert_allclose(step, np.eye(2) + 1e-4 * A, rtol=0, atol=1e-7)
@@ -491,7 +483,7 @@ TURN, BEARING = 100.0, np.pi / 6
 """Case (a); the heading counts from the y axis."""
 
 
-def test_with_g_sin_alpha_a_body_without_lift_drag_and_thrust_does_not_keep_its_energy() -> None:
+def test_g_sin_alpha_does_not_keep_the_energy() -> None:
     stone = replace(load("puna"), lift=(0.0, 0.0), drag=(0.0, 0.0, 0.0))
     g, gamma, v, alpha = stone.gravity, 0.3, 20.0, 0.05
     rates = planar_derivative(
@@ -501,7 +493,7 @@ def test_with_g_sin_alpha_a_body_without_lift_drag_and_thrust_does_not_keep_its_
     assert v * (-g * np.sin(alpha)) + g * rates[3] == pytest.approx(48.2, abs=0.05)  # W/kg, printed
 
 
-def test_a_lift_proportional_to_c_l_alpha_would_carry_a_fiftieth_of_the_aircraft() -> None:
+def test_lift_proportional_to_c_l_alpha_carries_a_fiftieth() -> None:
     body = load("puna")
     cruise = trim(20.0, body)
     lift = 0.5 * body.density[2] * 20.0**2 * body.area * np.polyval(body.lift, cruise.alpha)
@@ -546,7 +538,7 @@ def test_eq_15_adds_an_angle_to_a_length() -> None:
     )  # in other units
 
 
-def test_eq_16_is_negative_in_its_first_line_and_has_a_sine_for_a_cosine_in_its_second() -> None:
+def test_eq_16_has_a_negative_line_and_a_sine_for_a_cosine() -> None:
     x0, r, chi = START[0], TURN, BEARING
     first = (x0 + r * np.sin(chi) + r) + (np.pi / 2 - chi) * r + np.pi / (2 * r)
     second = -x0 - r * np.sin(chi) - r + (np.pi - chi) * r
@@ -573,7 +565,7 @@ def test_eq_25_leaves_the_aircraft_where_it_is() -> None:
     assert moved[2] == pytest.approx(0.2)  # 20 m/s for 0.01 s; printed: nothing but noise
 
 
-def test_members_that_all_start_from_the_mean_forget_the_covariance() -> None:
+def test_members_that_start_from_the_mean_forget_the_covariance() -> None:
     rng, members = np.random.default_rng(11), 20_000
     A, P, Q = np.array([[1.0, 0.5], [0.0, 1.0]]), np.diag([2.0, 1.0]), 0.1 * np.eye(2)
     noise = rng.normal(size=(members, 2)) * np.sqrt(0.1)
@@ -585,32 +577,23 @@ def test_members_that_all_start_from_the_mean_forget_the_covariance() -> None:
 
 # --- the page -------------------------------------------------------------------------------------
 
-CHECKS = list(
-    csv.DictReader((ROOT / "tests" / "errata.csv").read_text(encoding="utf-8").splitlines())
-)
-"""The tests of each misprint that is recomputed."""
-RECOMPUTED = {check["number"] for check in CHECKS}
-ROWS = [
-    [cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]]
-    for line in PAGE.splitlines()
-    if re.match(r"\| [CSIRP]\d+ \|", line)
-]
+ROWS = list(csv.DictReader((ROOT / "docs/errata.csv").read_text(encoding="utf-8").splitlines()))
+PAGE = (ROOT / "docs/errata.md").read_text(encoding="utf-8")
 
 
-def test_every_misprint_has_a_number_and_one_that_is_recomputed_its_evidence() -> None:
-    numbers = {row[0] for row in ROWS}
-    assert len(numbers) == len(ROWS)
-    for letter in "CSIRP":
-        mine = sorted(int(number[1:]) for number in numbers if number[0] == letter)
-        assert mine == list(range(1, len(mine) + 1))
-        assert mine
+def test_misprints_are_numbered_and_complete() -> None:
+    numbers = [row["number"] for row in ROWS]
+    counts = Counter(number[0] for number in numbers)
+    assert numbers == [f"{paper}{i}" for paper in "CSIRP" for i in range(1, counts[paper] + 1)]
     for row in ROWS:
-        assert len(row) == (5 if row[0] in RECOMPUTED else 4), row[0]
-        assert all(row), row[0]
+        assert row["where"], row
+        assert row["printed"], row
+        assert row["should be"], row
+        assert bool(row["evidence"]) == bool(row["tests"]), row
 
 
-def test_the_tests_of_misprints_exist_and_each_has_its_number() -> None:
-    named = {check["test"] for check in CHECKS}
+def test_misprints_name_their_tests() -> None:
+    named = {test.strip("`") for row in ROWS for test in row["tests"].split()}
     for file, name in (test.split("::") for test in named):
         source = (ROOT / file).read_text(encoding="utf-8")
         assert re.search(rf"^def {name}\(", source, re.M), name
@@ -620,5 +603,12 @@ def test_the_tests_of_misprints_exist_and_each_has_its_number() -> None:
     assert {f"tests/test_errata.py::{name}" for name in own} <= named
 
 
-def test_the_page_counts_its_misprints() -> None:
-    assert f"{len(ROWS)} misprints; {len(RECOMPUTED)} of them are recomputed" in PAGE
+def test_the_page_counts_misprints_by_paper() -> None:
+    recomputed = [row["number"] for row in ROWS if row["tests"]]
+    assert f"Of {len(ROWS)} misprints, {len(recomputed)} are recomputed" in PAGE
+    counts = re.findall(r"^\| \*\*([CSIRP])\*\*.*?\| (\d+) \| (\d+) \|", PAGE, re.M)
+    printed, tested = (
+        Counter(number[0] for number in numbers)
+        for numbers in ([row["number"] for row in ROWS], recomputed)
+    )
+    assert counts == [(paper, str(printed[paper]), str(tested[paper])) for paper in "CSIRP"]

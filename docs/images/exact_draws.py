@@ -1,4 +1,4 @@
-"""Draw the figure of docs/estimators/few-members.md, and print its numbers: ``python docs/images/exact_draws.py``.
+"""Draw the figure of docs/estimators/ensembles.md, and print its numbers: ``python docs/images/exact_draws.py``.
 
 A slow state that no measurement shows, beside five states that are measured at every step and
 independent of it: a Kalman filter leaves its variance as it is. The figure has the share of this

@@ -1,21 +1,13 @@
-"""Writes docs/estimators/laws.md, the table of filters and the laws that they obey."""
+"""Writes docs/estimators/laws.csv, the laws and the filters that obey them."""
 
+import csv
 import inspect
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
 
-PAGE = Path(__file__).parents[2] / "docs" / "estimators" / "laws.md"
-INTRODUCTION = """# Laws and filters
-
-This page lists the laws (tested properties) of each filter, for readers who ask how filters are
-tested. The tests (`tests/estimators`) write the page: they try every law with several sets of
-options and random systems. Each list holds for the filters above it. A filter missing from a
-list differs by design, or has other or shorter tests. `huber-kf` and `robust-kf` obey the third
-list, and the last law of the second, only with `gamma=np.inf` and `radius=0`. `enkf-sr` is another
-name of `etkf`.
-"""
+TABLE = Path(__file__).parents[2] / "docs" / "estimators" / "laws.csv"
 
 _passed: dict[tuple[str, str], bool] = {}
 
@@ -37,7 +29,7 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Write the page after a run in which every law was tried on every case that it applies to."""
+    """Write the table after a run in which every law was tried on every case that it applies to."""
     if hasattr(session.config, "workerinput") or not _passed:
         return
     from tests.estimators import test_laws
@@ -53,24 +45,24 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     }
     if not expected <= _passed.keys():
         return
-    PAGE.parent.mkdir(parents=True, exist_ok=True)
-    PAGE.write_text(_page(laws, CASES), encoding="utf-8")
+    with TABLE.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(_rows(laws, CASES))
 
 
-def _page(laws: dict[str, tuple[str, ...]], cases: tuple) -> str:
+def _rows(laws: dict[str, tuple[str, ...]], cases: tuple) -> Iterator[tuple[str, str]]:
+    """Each law and the filters that were tried on it, the most first."""
     names = tuple(dict.fromkeys(case.name for case in cases))
     groups: dict[tuple[str, ...], list[str]] = {}
     for law, tags in sorted(laws.items()):
         tried = [case for case in cases if case.laws.issuperset(tags)]
         failed = dict.fromkeys(case.name for case in tried if not _passed[law, case.id])
-        line = f"- {law.removeprefix('test_').replace('_', ' ')}"
+        line = law.removeprefix("test_").replace("_", " ")
         group = tuple(name for name in names if name in {case.name for case in tried})
         groups.setdefault(group, []).append(line + (f": **not** {_listed(failed)}" * bool(failed)))
-    parts = [INTRODUCTION]
+    yield "property", "filters"
     for group in sorted(groups, key=len, reverse=True):
-        parts += [("Every filter" if group == names else _listed(group)) + ":", ""]
-        parts += [*groups[group], ""]
-    return "\n".join(parts)
+        filters = "every filter" if group == names else _listed(group)
+        yield from ((line, filters) for line in groups[group])
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -50,8 +50,6 @@ def test_a_command_writes_the_headings_and_labels_of_its_page(
         filters, "analysis_rmse", lambda row, *_: row.published * np.array([0.9, 1.1])
     )
     made = BLOCKS[name][2]()
-    if name == "grades":
-        assert made == stored(name)
     found, page = (
         cells(made),
         cells(stored(name).replace("reached the end, of 100", "reached the end, of 2")),

@@ -1,6 +1,6 @@
 """Coefficients from dimensions: known limits, closed forms, scaling, energy, and two vehicles with published figures.
 
-``python tests/vessel_gym/test_hydrodynamics.py`` writes the tables of ``docs/hydrodynamics.md``.
+``python tests/vessel_gym/test_hydrodynamics.py`` writes the table of ``docs/hydrodynamics.md``.
 """
 
 import re
@@ -543,19 +543,13 @@ def remus_rows() -> list[Row]:
     ]
 
 
-def lauv_rows() -> list[Row]:
-    """Published coefficients of LAUV beside ours."""
-    c, fin, x = LAUV.coefficients(), LAUV.fin_lift(), LAUV.fins.position
-    return [
-        ("X_udot (h)", -1.0, c.X_udot),
-        ("Y_vdot, Z_wdot", -16.0, c.Y_vdot),
-        ("M_qdot, N_rdot", -1.3, c.M_qdot),
-        ("X_uu (b)", -2.4, c.X_uu),
-        ("Y_vv, Z_ww (i)", -80.0, c.Y_vv),
-        ("M_qq, N_rr (i)", -9.1, c.M_qq),
-        ("Y_uudr (g)", 9.6, fin),
-        ("M_uuds, N_uudr (g)", -3.84, fin * x),
-    ]
+def lauv_ratios() -> dict[str, float]:
+    """Coefficients of LAUV over the published ones."""
+    c = LAUV.coefficients()
+    published = {"X_udot": -1.0, "Y_vdot": -16.0, "M_qdot": -1.3, "X_uu": -2.4}
+    published |= {"Y_vv": -80.0, "M_qq": -9.1}
+    ratios = {name: getattr(c, name) / value for name, value in published.items()}
+    return ratios | {"Y_uudr": LAUV.fin_lift() / 9.6}
 
 
 def table(rows: list[Row]) -> str:
@@ -564,19 +558,21 @@ def table(rows: list[Row]) -> str:
     return "\n".join(lines)
 
 
-def with_tables(page: str) -> str:
-    """The page, with what stands between its markers computed anew."""
-    for name, rows in (("remus", remus_rows()), ("lauv", lauv_rows())):
-        start, end = f"<!-- {name} -->\n", f"\n<!-- /{name} -->"
-        before, rest = page.split(start)
-        page = before + start + table(rows) + end + rest.split(end)[1]
-    return page
+def with_table(page: str) -> str:
+    """The page, with the table between its markers computed anew."""
+    before, rest = page.split("<!-- remus -->\n")
+    after = rest[rest.index("\n<!-- /remus -->") :]
+    return f"{before}<!-- remus -->\n{table(remus_rows())}{after}"
 
 
 def test_the_page_says_what_the_code_computes():
     page = PAGE.read_text(encoding="utf-8")
-    assert page == with_tables(page), "run python tests/vessel_gym/test_hydrodynamics.py"
+    assert page == with_table(page), "run python tests/vessel_gym/test_hydrodynamics.py"
+    lauv = page.partition("## LAUV")[2]
+    for name, ratio in lauv_ratios().items():
+        assert f"`{name}`" in lauv
+        assert f"{ratio:.2f}" in lauv, name
 
 
 if __name__ == "__main__":
-    PAGE.write_text(with_tables(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    PAGE.write_text(with_table(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
