@@ -62,7 +62,7 @@ def part_shares(env_id: str, rows: int) -> Callable[[], np.ndarray]:
     """A block that returns the share of each part, and of the rest, of a step stage by stage."""
     flight, spent = Flight(env_id, rows), dict.fromkeys(PARTS, 0.0)
     core = flight.env.unwrapped.core
-    core._together = ()  # one program has no parts
+    core._together = False  # one program has no parts
     config = core.config
     config.world, config.mission = copy(config.world), copy(config.mission)  # which others share
 

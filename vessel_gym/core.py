@@ -62,10 +62,14 @@ class Core:
         self.num_envs = int(num_envs)
         self.config = Configuration(system, Options(*arguments, **named))
         self.action_shape = self.num_envs, self.config.action_size
-        self._together = self.config.whole_steps if num_envs <= _FEW else ()
+        self._together = bool(self.config.whole_steps) and num_envs <= _FEW
         self.seeds: list[int] = []
         zeros = np.zeros(num_envs, int)
         self._last: State | Moment = State(episode=zeros, over=zeros.astype(bool), end=zeros)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The attributes, with the record in place of a program's results."""
+        return vars(self) | {"_last": self.now}
 
     # --- step -------------------------------------------------------------------------------------
 
@@ -108,7 +112,7 @@ class Core:
         action, moment = checked_action(action, shape, ended), None
         given = self._given(measurements, self.num_envs)
         if given is None and self._together:
-            moment = self._together[info](self._last, action)
+            moment = self.config.whole_steps[info](self._last, action)
         self._last = self._stages(action, given, ended) if moment is None else moment
         return moment
 

@@ -124,10 +124,12 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
             self._renderer = None
 
     def _info(self) -> dict[str, Any]:
-        core, end = self.core, self.core.end_of(0)
-        info: dict[str, Any] = {name: values[0] for name, values in core.own_arrays().items()}
-        info |= {"healthy": core.now.belief.healthy.item(0), "score": core.score_of(0)}
-        return info | {"end": end, "is_success": end == core.config.success}
+        core, config, now = self.core, self.core.config, self.core.now
+        info: dict[str, Any] = {name: values[0].copy() for name, values in core.happened().items()}
+        number, total, steps = now.end.item(0), now.total.item(0), now.steps.item(0)
+        info["healthy"], info["score"] = now.belief.healthy.item(0), config.score_of(total, steps)
+        info["end"], info["is_success"] = number, number == config.success
+        return info
 
     def _record(self, begin: bool = False) -> None:
         if self._renderer is None:
