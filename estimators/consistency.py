@@ -162,7 +162,10 @@ def whiteness_test(
     Raises:
         ValueError: if the innovations have no spread in some direction.
     """
-    arrived = ~np.isnan(innovation) & (True if available is None else available)
+    innovation, innovation_cov = np.asarray(innovation, float), np.asarray(innovation_cov, float)
+    arrived = ~np.isnan(innovation)
+    if available is not None:
+        arrived &= np.asarray(available, bool)
     mask, innovation = 1.0 * arrived, np.where(arrived, innovation, 0.0)
     white = _standardised(_solve_root(masked(innovation_cov, arrived), innovation), mask)
     products, counts = (
@@ -188,7 +191,7 @@ def _standardised(white: np.ndarray, mask: np.ndarray) -> np.ndarray:
     correlation = np.nan_to_num(product / np.sqrt(squares * squares.T))
     counts = mask.sum((0, 1))
     seen = counts > 0
-    if np.linalg.eigvalsh(correlation[seen][:, seen])[0] < 1e-12:
+    if not seen.any() or np.linalg.eigvalsh(correlation[seen][:, seen])[0] < 1e-12:
         raise ValueError(
             "the innovations have no spread in some direction: too few measurements for a test"
         )
@@ -258,7 +261,7 @@ def assess(
     series = run(filter, prior, data.y, data.u, available=data.available, rng=rng)
     beliefs, angles = series.updated, filter.model.state_angles
     errors = nees(series.mean, series.cov, data.x, angles)
-    states = chi_square_test(errors, filter.model.n)
+    states = chi_square_test(errors, (~np.isnan(data.x)).sum(-1))
     innovations = whiteness = None
     if not isinstance(beliefs, FeedthroughBelief):
         innovations = chi_square_test(*_surprise(beliefs))

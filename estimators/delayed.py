@@ -2,7 +2,8 @@
 
 A `Delayed` filter keeps its predictions of the last steps. A measurement of some steps ago is put
 into its step, and all steps since then are repeated with the same inputs, measurements and random
-numbers. The belief is then the same, to the last bit, as if all measurements had come in time.
+numbers. The belief is then the same, to the last bit, as if all measurements had come in time;
+``healthy`` tells of trouble in the repeated steps, too.
 Nothing is approximated, so this works for every filter. A step without an update is repeated with
 an update that has no measurements.
 

@@ -103,7 +103,8 @@ class FaultMonitor(ABC):
         """The state after the innovation of an update.
 
         A measurement with a singular innovation covariance, for which a filter uses a
-        pseudo-inverse, does not count.
+        pseudo-inverse, does not count. Of a `Delayed` filter the measurements of the present step
+        are tested, not those that come late.
 
         Args:
             state: The state before.
@@ -118,7 +119,8 @@ class FaultMonitor(ABC):
                 " of faults: watch a filter that assumes the input as noise"
             )
         e, S = belief.innovation, belief.innovation_cov
-        arrived = belief.available & ~lacks_rank(masked(S, belief.available))[..., None]
+        counts = np.isfinite(S).all((-2, -1)) & ~lacks_rank(masked(S, belief.available))
+        arrived = belief.available & counts[..., None]
         with np.errstate(all="ignore"):
             precision = solve(masked(S, arrived), identity(e.shape[-1]))
             most = _ABSURD * np.sqrt(S.diagonal(0, -2, -1))

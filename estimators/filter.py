@@ -320,7 +320,7 @@ class Filter(ABC, Generic[Record]):
         """
         S, mean, u = updated.innovation_cov, predicted.mean, updated.u
         size = np.abs(mean).max(-1, keepdims=True)
-        if (S.diagonal(0, -2, -1) <= np.square(1e-8 * size)).any():
+        if (np.sqrt(S.diagonal(0, -2, -1)) <= 1e-8 * size).any():
             # Size of the states in each channel, of which rounding is a share.
             C = self.model.linearise_measurement(mean, u, predicted.cov)[1]
             size = np.abs(mean)

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from estimators.angles import difference
+from estimators.checks import as_array
 from estimators.linalg import masked, semidefinite_form
 
 
@@ -56,10 +57,10 @@ def nis(
             innovation's rounding error. The magnitude of the state, ``abs(mean).max(-1,
             keepdims=True)``, serves, too. 0: no rounding error.
     """
-    error, cov = np.asarray(innovation, float), np.asarray(innovation_cov, float)
+    error, cov = as_array("innovation", innovation), np.asarray(innovation_cov, float)
     arrived = ~np.isnan(error)
-    cov = masked(cov, arrived)
-    return semidefinite_form(np.where(arrived, error, 0.0), cov, size)[0][()]
+    form = semidefinite_form(np.where(arrived, error, 0.0), masked(cov, arrived), size)[0]
+    return np.where(np.isinf(error).any(-1), np.inf, form)[()]
 
 
 def chi_square_band(runs: int, degrees: int, confidence: float = 0.95) -> tuple[float, float]:

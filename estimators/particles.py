@@ -23,6 +23,7 @@ from estimators.linalg import (
     shared_root,
     symmetrise,
 )
+from estimators.metrics import nis
 from estimators.models import at_points
 from estimators.randomness import RandomKeys
 
@@ -35,7 +36,7 @@ _FARTHEST = 1e300
 _UNDERFLOW = np.log(5e-324)
 """Log density at which the density itself is 0 in double precision."""
 _FAR = 6.0
-"""Standard deviations of an innovation beyond which more particles would not explain it."""
+"""Length of a whitened innovation, beyond that of p - 1 channels, that no particles explain."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -83,8 +84,10 @@ class ParticleFilter(Filter[ParticleBelief]):
 
     Weights are logarithms, so a measurement far from every particle has its tiny density, and the
     nearest particle gets all weight. ``healthy`` is False where the particles do not explain what
-    is measured: the density underflows to 0 in double precision, and an innovation exceeds 6 of its
-    standard deviations, so more particles would not help.
+    is measured: relative to its peak the density underflows to 0 in double precision, and the
+    innovation of p channels is longer than ``6 + sqrt(p - 1)`` standard deviations, so more
+    particles would not help. It is also False where a measurement has to be left out, because no
+    particle expects a finite one or its variance is 0.
 
     State angles are averaged on the circle.
 
@@ -179,11 +182,19 @@ class ParticleFilter(Filter[ParticleBelief]):
 
     def _run(self, step: str, belief: Any, data: Data) -> Any:
         """The belief after a step, not healthy where the particles do not explain a measurement."""
-        after = super()._run(step, belief, data)
-        S = after.innovation_cov
-        far = np.abs(after.innovation) > _FAR * np.sqrt(S.diagonal(0, -2, -1))
-        unexplained = far.any(-1) & (after.log_likelihood < _UNDERFLOW)
-        return after.replaced({"healthy": after.healthy & ~unexplained}).read_only()
+        after, (u, y, available, R, _) = super()._run(step, belief, data), data
+        if step == "predict":
+            return after
+        R, used = self._noise(belief, u, R), after.available
+        arrived = available & np.isfinite(y) & np.isfinite(R.diagonal(0, -2, -1))
+        number, sizes = used.sum(-1), np.linalg.slogdet(masked(R, used))[1]
+        peak = -0.5 * (sizes + number * np.log(2.0 * np.pi))
+        with np.errstate(all="ignore"):
+            length = np.sqrt(nis(after.innovation, after.innovation_cov))
+        far = length > _FAR + np.sqrt(np.maximum(number - 1.0, 0.0))
+        unexplained = far & (after.log_likelihood - peak < _UNDERFLOW)
+        healthy = after.healthy & ~unexplained & ~(arrived & ~used).any(-1)
+        return after.replaced({"healthy": healthy}).read_only()
 
     # --- pieces -----------------------------------------------------------------------------------
 

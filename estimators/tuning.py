@@ -13,7 +13,7 @@ that makes the measurements most likely.
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Any
 
@@ -43,8 +43,6 @@ _AWAY = np.arange(4.0, 68.0, 4.0)
 """Distances along a direction without information at which a better point is sought."""
 _SCALES = sorted(np.arange(-64.0, 65.0, 8.0), key=abs)
 """Logarithms of common factors of all positive parameters with which a search may begin."""
-_STRIDES = 8.0, 4.0
-"""Changes of one parameter's logarithm in the coarse search before the fine one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,7 +144,8 @@ def fit(
     first = origin / units
     first[positive] = np.log(first[positive])
     filter, prior = search.built(first)
-    if not np.isfinite(evaluate(filter, prior)):
+    scaled = (search.cost(first + far * positive) for far in _SCALES)
+    if not (np.isfinite(evaluate(filter, prior)) or any(map(np.isfinite, scaled))):
         raise ValueError(
             "the measurements have no likelihood at the start: begin where the filter can follow"
             " them"
@@ -169,6 +168,7 @@ class _Search:
     rough = False  # the cost is not smooth
     best = np.empty(0)  # (k,) where the last search ended
     least = np.inf  # the cost there
+    _costs: dict[bytes, float] = field(default_factory=dict)  # by the parameters' bytes
 
     def values(self, theta: np.ndarray) -> dict[str, float]:
         """The parameters themselves, by name."""
@@ -182,14 +182,14 @@ class _Search:
 
     def cost(self, theta: np.ndarray) -> float:
         """The negative log-likelihood; infinite where there is none."""
-        try:
-            value = self.evaluate(*self.built(theta))
-        except (
-            ValueError,
-            ArithmeticError,
-        ):  # of numbers that are far from the start, which no filter takes
-            return np.inf
-        return np.inf if np.isnan(value) else value
+        key = theta.tobytes()
+        if key not in self._costs:
+            try:
+                value = self.evaluate(*self.built(theta))
+            except (ValueError, ArithmeticError):
+                value = np.inf  # the numbers are far from the start, and no filter takes them
+            self._costs[key] = np.inf if np.isnan(value) else value
+        return self._costs[key]
 
     def fit(self, first: np.ndarray, rough: bool) -> Fit:
         """The fit of a search from here, by gradients or, if the cost is rough, by a simplex."""

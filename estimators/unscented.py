@@ -68,7 +68,8 @@ class SigmaPoints(Filter[Any]):
         if isinstance(self.model, LinearModel):
             return super().expect(belief, u, R)
         mean, C, excess = self._linearised("measurement", belief, u)
-        return mean, C, self._noise(belief, u, R) + excess
+        # A variance that is not finite marks a missing measurement; here points left h's domain.
+        return mean, C, self._noise(belief, u, R) + np.where(np.isfinite(excess), excess, 0.0)
 
     def _slopes(self, belief: Any, u: np.ndarray | None) -> np.ndarray:
         if isinstance(self.model, LinearModel):

@@ -175,6 +175,26 @@ def test_an_absurd_measurement_has_its_tiny_density(y: float):
     assert filter.predict(after, rng=numbers.at(1)).healthy
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e6])
+def test_channels_that_contradict_each_other_are_not_explained(unit: float):
+    """Each innovation is two standard deviations long, both together a hundred."""
+    C, R = np.ones((2, 1)), 0.01 * unit**2 * np.eye(2)
+    filter, numbers = make("pf", LinearModel([[1.0]], C, [[1e-4 * unit**2]], R)), _numbers(0)[0]
+    before = filter.init(Gaussian([0.0], [[100.0 * unit**2]]), rng=numbers)
+    for y, explained in (([9.9 * unit, 10.1 * unit], True), ([0.0, 20.0 * unit], False)):
+        assert filter.update(before, y, rng=numbers).healthy == explained
+
+
+@pytest.mark.filterwarnings("ignore:invalid value")
+@pytest.mark.parametrize("name", ["pf", "ukf", "ekf", "enkf", "huber-kf"])
+def test_a_measurement_without_expectation_is_not_healthy(name: str):
+    """Where h has no value, what came is left out, and nobody is told that all is well."""
+    model = NonlinearModel(lambda x, u: x, lambda x, u: np.sqrt(x), [[0.01]], [[0.01]])
+    series = run(make(name, model), Gaussian([-5.0], [[0.1]]), [[1.0]], rng=0)
+    assert not series.updated.available.any()
+    assert not series.updated.healthy.any()
+
+
 def test_an_absurd_measurement_of_one_row_leaves_the_others():
     system, numbers = kalman_system(0), _numbers(0, 1, 2)
     record, filter = simulate(system, 0, 3, 3), make("pf", system.model, particles=200)
@@ -242,7 +262,10 @@ def test_a_measurement_without_noise_is_left_out_and_a_model_of_one_refused():
     filter, numbers = make("pf", model, particles=50), _numbers(0)[0]
     belief = filter.init(Gaussian(np.zeros(2), np.eye(2)), rng=numbers)
     updated = filter.update(belief, [1.0, 1.0], numbers, R=R)
-    assert_same(updated, filter.update(belief, [1.0, 1.0], numbers, available=[True, False]))
+    masked = filter.update(belief, [1.0, 1.0], numbers, available=[True, False])
+    assert_same(updated, masked, ignore=["healthy"])
+    assert masked.healthy
+    assert not updated.healthy
 
 
 @pytest.mark.filterwarnings("ignore:invalid value", "ignore:divide by zero")
@@ -260,6 +283,7 @@ def test_particles_that_leave_the_domain_of_the_model_are_left_behind():
     np.testing.assert_array_equal(predicted.mean[1], belief.mean[1])
     assert updated.healthy[0]
     np.testing.assert_array_equal(updated.available, [[True], [False]])
+    assert not updated.healthy[1]
     for name, array in arrays(updated).items():
         assert np.isfinite(array).all(), name
 
