@@ -162,6 +162,20 @@ class Stage:
         self._read = attrgetter(*map(list(held).__getitem__, self._program.arguments))
 
 
+class Stages:
+    """Stages one after the other, of which a user's NumPy lets only some be compiled."""
+
+    compiled = False
+
+    def __init__(self, *stages: Stage) -> None:
+        self.stages = stages
+
+    def __call__(self, now: State) -> None:
+        """Fill in the arrays of all."""
+        for stage in self.stages:
+            stage(now)
+
+
 def _arrays_of(belief: Any) -> dict[str, np.ndarray]:
     """Mean of the state and of the unknown input."""
     if belief is None:

@@ -9,7 +9,7 @@ from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.foreign import CheckedMethods
 from vessel_gym.processes import advance, product
 from vessel_gym.sensors import Sensors
-from vessel_gym.state import Changes, Stage, State
+from vessel_gym.state import Changes, Stage, Stages, State
 
 
 class World:
@@ -44,26 +44,41 @@ class World:
         self.start_roots = [process.start_root for process in processes]
         self.transition = block_diag(disturbance.process.transition, sensors.bias.transition)
         self.root = block_diag(disturbance.white, disturbance.process.root, sensors.bias.root)
-        compiled = sensors.verified and not self.user_defined
-        self.step, self.begin = Stage(self._step, compiled), Stage(self._begin, compiled)
+        moves, senses = not self.user_defined, sensors.verified
+        if moves and senses:
+            self.step: Any = Stage(self._step, True)
+            self.begin: Any = Stage(self._begin, True)
+        else:
+            sense = Stage(self._sense, senses)
+            self.step = Stages(Stage(self._move, moves), sense)
+            self.begin = Stages(Stage(self._place, moves), sense)
 
     def _step(self, now: State) -> Changes:
         """The truth a step later, and what sensors measure of it."""
+        moved = self._move(now)
+        return moved | self._sense(now.but(**moved))
+
+    def _begin(self, now: State) -> Changes:
+        """The truth at an episode's start, and what sensors measure of it."""
+        placed = self._place(now)
+        return placed | self._sense(now.but(**placed))
+
+    def _move(self, now: State) -> Changes:
+        """The truth a step later."""
         after = self.vehicle.actuate(now.actuators, now.action)
         u = self.vehicle.known_input(now.actuators, after, now.commanded)
         state = self._moved(now, after)
         slow, noise, linear = self._advanced(now, self.transition)
         slow = self._met(slow, now.state, state)
         exogenous = self._acting(now, slow, linear, state, after)
-        increments = now.exogenous[..., : self.increments]  # of the step that ends
         return {
             "actuators": after, "u": u, "state": state, "slow": slow, "noise": noise,
-            "exogenous": exogenous, **self._sampled(now, state, increments, exogenous, slow),
+            "exogenous": exogenous,
         }  # fmt: skip
 
-    def _begin(self, now: State) -> Changes:
+    def _place(self, now: State) -> Changes:
         """The truth at an episode's start, from random numbers and the prior."""
-        root, zeros = block_diag(*self.start_roots), np.zeros((*now.steps.shape, self.increments))
+        root = block_diag(*self.start_roots)
         slow = product(root, now.slow_normals, np.zeros((*now.steps.shape, len(root))))
         x = now.prior_mean + (now.prior_root * now.prior_normals[..., None, :]).sum(-1)
         if self.forces.carried is not None:
@@ -80,7 +95,6 @@ class World:
         return {
             "actuators": actuators, "u": u, "state": state, "slow": slow, "noise": noise,
             "exogenous": exogenous, "episode_constants": constants,
-            **self._sampled(now, state, zeros, exogenous, slow),
         }  # fmt: skip
 
     def _moved(self, now: State, after: np.ndarray) -> np.ndarray:
@@ -125,23 +139,16 @@ class World:
         within = exogenous[..., :outside] + now.imposed
         return np.concatenate([within, exogenous[..., outside:]], -1)
 
-    def _sampled(
-        self, now: State, state: np.ndarray, increments: np.ndarray, coming: np.ndarray,
-        slow: np.ndarray,
-    ) -> Changes:  # fmt: skip
+    def _sense(self, now: State) -> Changes:
         """Measurements and their mask, which contain nothing in the future.
 
-        Args:
-            now: The record, for its random numbers.
-            state: Present state ``(..., n)`` of the vehicle.
-            increments: Those of the step that has ended, which the state includes.
-            coming: Exogenous input ``(..., f)`` of the coming step; sensors read its flows, and
-                zeros for means over the step.
-            slow: States of disturbance and biases ``(..., s)``.
+        Sensors read the increments of the step that has ended, which the state includes, and the
+        flows of the coming step; zeros stand for means over that step.
         """
-        flows = coming[..., self.increments : self.forces.outside]
+        flows = now.exogenous[..., self.increments : self.forces.outside]
         if not self.readable.all():
             flows = flows * self.readable
-        read, biases = np.concatenate([increments, flows], -1), slow[..., self.size :]
-        y, available = self.sensors.read(state, read, biases, now.steps, now.sensing)
+        read = np.concatenate([now.exogenous_before[..., : self.increments], flows], -1)
+        biases = now.slow[..., self.size :]
+        y, available = self.sensors.read(now.state, read, biases, now.steps, now.sensing)
         return {"y": y, "available": available}

@@ -134,12 +134,12 @@ def test_late_measurements_are_fused_to_the_last_bit_as_if_those_that_are_still_
     nothing = np.zeros((ROWS, other.config.sensors.size))
     for step, now in enumerate(records, 1):
         there = step + late <= steps
-        measurements = (
-            tuple(values[:, late] for values in come[step + late])
+        y, available = (
+            (values[:, late] for values in come[step + late])
             if there
             else (nothing, nothing != 0.0)
         )
-        other.now = other.now.but(u=now.u, steps=now.steps, arrived=measurements)
+        other.now = other.now.but(u=now.u, steps=now.steps, y=y, available=available)
         other.config.estimators[0].step(other.now)
     np.testing.assert_array_equal(one.now.belief.mean, other.now.belief.mean)
     np.testing.assert_array_equal(one.now.belief.cov, other.now.belief.cov)
