@@ -320,10 +320,6 @@ class Core:
         perfect, each = self.config.perfect
         return np.clip(self.now.total / np.maximum(perfect, each * self.now.steps), 0.0, 1.0)
 
-    def score_of(self, row: int) -> float:
-        """Score of one environment, ten times as fast as `score`."""
-        return self.config.score_of(self.now.total.item(row), self.now.steps.item(row))
-
     @property
     def truth(self) -> np.ndarray:
         """True states ``(B, n)`` of vehicle, disturbance (if filters assume one) and biases.
