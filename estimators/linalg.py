@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from estimators.engine import linear, matrices
-from estimators.engine.matrices import is_traced
+from estimators.engine.matrices import MatrixTracer, is_traced
 
 
 @cache
@@ -23,11 +23,13 @@ def identity(n: int) -> np.ndarray:
 
 def symmetrise(a: np.ndarray) -> np.ndarray:
     """The symmetric part of ``(..., n, n)``, so that rounding never accumulates."""
-    return 0.5 * (a + a.mT)
+    return linear.symmetrise(a) if isinstance(a, MatrixTracer) else 0.5 * (a + a.mT)
 
 
 def congruence(a: np.ndarray, p: np.ndarray) -> np.ndarray:
     """``A P A'``: the covariance of a linear map."""
+    if isinstance(a, MatrixTracer) or isinstance(p, MatrixTracer):
+        return linear.congruence(a, p)
     return a @ p @ a.mT
 
 

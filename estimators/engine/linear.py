@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine.matrices import FUNCTIONS, MatrixTracer, matrix, shapes
+from estimators.engine import unrolled
+from estimators.engine.matrices import FUNCTIONS, MatrixTracer, by_scalars, is_small, matrix, shapes
 from estimators.engine.program import Program
 from estimators.engine.tracer import program_of
 
@@ -32,9 +33,22 @@ def _matmul(a: Any, b: Any) -> Any:
     rows, columns = a.shape[0], b.shape[1]
     if a.shape[1] == 0:
         return _for_every_row(program, np.zeros((rows, columns)))
+    if is_small(a, b):
+        return by_scalars(unrolled.product, a, b)
     symmetric = a.view == b.mT.view
     value = program.add("matmul", (a.view, b.view), "f", rows * columns, (symmetric,))
     return MatrixTracer(program, value, (rows, columns))
+
+
+def congruence(a: Any, p: Any) -> Any:
+    """``A P A'`` of a symmetric P."""
+    _, whole, p = _matrices(a, p)
+    return by_scalars(unrolled.congruence, whole, p) if is_small(whole, p) else a @ p @ a.mT
+
+
+def symmetrise(a: Any) -> Any:
+    """The symmetric part of A."""
+    return by_scalars(unrolled.symmetrise, a) if is_small(a) else 0.5 * (a + a.mT)
 
 
 def _matvec(a: Any, x: Any) -> Any:
@@ -46,6 +60,8 @@ def solve_lower(t: Any, b: Any) -> Any:
     program, t, b = _matrices(t, b)
     if b.ndim != 2 or t.shape != (b.shape[0],) * 2:
         raise _misfit("solution (of a vector b: b[..., None])", t, b)
+    if is_small(t, b):
+        return by_scalars(unrolled.solve_lower, t, b)
     return MatrixTracer(program, program.add("solve_lower", (t.view, b.view), "f", b.size), b.shape)
 
 
@@ -66,10 +82,14 @@ def _of_square(opcode: str, a: Any) -> MatrixTracer:
     return MatrixTracer(a.program, a.program.add(opcode, (a.view,), "f", a.size), a.shape)
 
 
+def cholesky(s: Any) -> Any:
+    """Lower triangular L with ``L L' = S``; NaN of an S that is not positive definite."""
+    small = is_small(s) and s.shape == s.shape[::-1]
+    return by_scalars(unrolled.cholesky, s) if small else _of_square("cholesky", s)
+
+
 semidefinite_cholesky: Any = partial(_of_square, "semidefinite_cholesky")
 """Lower triangular L with ``L L' = S`` of a positive semidefinite S."""
-cholesky: Any = partial(_of_square, "cholesky")
-"""Lower triangular L with ``L L' = S``; NaN of an S that is not positive definite."""
 
 
 def rotated(a: Any) -> tuple[Any, Any]:

@@ -14,10 +14,11 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from estimators.engine.arrays import SCALAR_FUNCTIONS, TracedArray, entries
+from estimators.engine.arrays import SCALAR_FUNCTIONS, TracedArray, each_entry, entries
 from estimators.engine.program import NotTraceable, Program, View
 from estimators.engine.tracer import OPERATORS, UNARY, Tracer, cast, constant, program_of
 
+_FEW = 10  # rows or columns of a matrix up to which its operations are unrolled
 _INDICES = {slice, int, np.int64, type(None)}
 _Operators: Any = object  # which are set below, and unknown to a checker of types
 
@@ -93,8 +94,7 @@ class MatrixTracer(_Operators):
         """Entries at some places; at one, a number."""
         if getattr(places, "ndim", 0):
             return MatrixTracer(self.program, self.value, places, self.kind)
-        place = View(self.value, (1, 1), int(places), (0, 0))
-        return Tracer(self.program, self.program.add("element", (place,), self.kind))
+        return Tracer(self.program, self.program.entry(self.value, int(places), self.kind))
 
     def scalars(self) -> TracedArray:
         """Its entries, one by one."""
@@ -153,11 +153,21 @@ def matrix(program: Program, value: Any) -> Any:
         return MatrixTracer(program, program.table(array), array.shape, kind)
     scalars = entries(value, program)
     kind = "b" if {*map(_kind, scalars)} == {"b"} else "f"
-    packed = program.add("pack", (*map(_value, scalars),), "f", value.size)
-    return MatrixTracer(program, packed, value.shape, kind)
+    return MatrixTracer(program, program.pack((*map(_value, scalars),)), value.shape, kind)
 
 
 _kind, _value = attrgetter("kind"), attrgetter("value")
+
+
+def is_small(*operands: Any) -> bool:
+    """Are operations of these unrolled? They are of matrices with few rows and columns."""
+    return all(max(operand.shape, default=1) <= _FEW for operand in operands)
+
+
+def by_scalars(function: Callable[..., Any], *operands: Any) -> Any:
+    """The matrix that a function of arrays of scalars returns for matrices."""
+    scalars = (TracedArray.of(getattr(each, "scalars", lambda x=each: x)()) for each in operands)
+    return matrix(program_of(operands), TracedArray.of(function(*scalars)))
 
 
 def matrix_input(program: Program, argument: int, shape: tuple[int, ...], kind: str) -> Any:
@@ -257,6 +267,8 @@ def entrywise(function: Any, *values: Any) -> Any:
     kind, shape = _result_kind(name, kinds), np.broadcast(*places).shape
     if axes - {len(shape)}:  # NumPy would take the rows of a batch for those of a matrix
         raise ValueError(f"{shapes(operands)} differ in axes: add some by a[..., None]")
+    if is_small(*operands):
+        return by_scalars(partial(each_entry, SCALAR_FUNCTIONS[name]), *operands)
     rows, columns = (1,) * (2 - len(shape)) + shape
     value = program.add("each", tuple(views), "f", rows * columns, (name, kinds, rows, columns))
     return MatrixTracer(program, value, shape, kind)
@@ -273,6 +285,8 @@ def joined(parts: Sequence[Any], axis: int) -> Any:
     if axis >= 0:
         raise NotTraceable("a traced formula's arrays are joined along their last axes, -1 or -2")
     shape = np.concatenate([part.places for part in parts], axis).shape
+    if is_small(*parts):
+        return by_scalars(lambda *scalars: np.concatenate(scalars, axis), *parts)
     step = shape[-1] if axis == -2 else 1
     sizes = np.cumsum([0, *(part.shape[axis] for part in parts[:-1])])
     places = tuple((sizes * step).tolist())

@@ -11,6 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+KINDS = {
+    "f": np.dtype(float),
+    "i": np.dtype(np.int64),
+    "u": np.dtype(np.uint64),
+    "b": np.dtype(bool),
+}
 _LONGEST = 100_000  # values of a program; LLVM needs a second for 20,000
 
 
@@ -90,6 +96,7 @@ class Program:
         self.sizes: dict[int, int] = {}
         self.constants: dict[int, Any] = {}
         self.tables: dict[int, np.ndarray] = {}
+        self._packs: dict[int, tuple[int, ...]] = {}
         self._blocks: list[dict[Any, Instruction]] = [{}]  # in order
         self._constants: dict[tuple[str, Any], int] = {}
 
@@ -116,6 +123,20 @@ class Program:
             self._constants[key] = self.new("f", flat.size)
             self.tables[self._constants[key]] = flat
         return self._constants[key]
+
+    def pack(self, scalars: tuple[int, ...]) -> int:
+        """A matrix of scalars."""
+        value = self.add("pack", scalars, "f", len(scalars))
+        self._packs[value] = scalars
+        return value
+
+    def entry(self, value: int, place: int, kind: str) -> int:
+        """An entry of a matrix; of one that was packed, the scalar itself."""
+        if value in self.tables:
+            return self.constant(KINDS[kind].type(self.tables[value][place]), kind)
+        if value in self._packs and self.kinds[packed := self._packs[value][place]] == kind:
+            return packed
+        return self.add("element", (View(value, (1, 1), place, (0, 0)),), kind)
 
     def add(
         self, opcode: str, operands: tuple[int | View, ...], kind: str, size: int | None = None,

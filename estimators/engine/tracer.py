@@ -7,14 +7,7 @@ from typing import Any, ClassVar, NoReturn
 
 import numpy as np
 
-from estimators.engine.program import NotTraceable, Program
-
-KINDS = {
-    "f": np.dtype(float),
-    "i": np.dtype(np.int64),
-    "u": np.dtype(np.uint64),
-    "b": np.dtype(bool),
-}
+from estimators.engine.program import KINDS, NotTraceable, Program
 
 
 _Operators: Any = object  # which are set below, and unknown to a checker of types
