@@ -19,7 +19,7 @@ from vessel_gym.start import DRAWN, draw, filter_prior, seeds_of
 from vessel_gym.state import State
 from vessel_gym.system import System
 from vessel_gym.tasks.task import Estimate
-from vessel_gym.truth import INFO, info_arrays
+from vessel_gym.truth import info_arrays
 from vessel_gym.whole_step import Moment
 
 _FEW = 64
@@ -95,7 +95,10 @@ class Core:
         """
         moment = self.advance(action, self.action_shape, measurements, ended, info)
         if moment is not None and info:
-            self.now.info = dict(zip(INFO, moment.found[moment.program.first_info :], strict=True))
+            one = self.num_envs == 1
+            self.now.info = {
+                name: array[None] if one else array for name, array in moment.info().items()
+            }
         return self.now
 
     def advance(
@@ -112,7 +115,8 @@ class Core:
         action, moment = checked_action(action, shape, ended), None
         given = self._given(measurements, self.num_envs)
         if given is None and self._together:
-            moment = self.config.whole_steps[info](self._last, action)
+            given_rows = action[0] if self.num_envs == 1 else action
+            moment = self.config.whole_steps[info](self._last, given_rows)
         self._last = self._stages(action, given, ended) if moment is None else moment
         return moment
 

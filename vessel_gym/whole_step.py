@@ -1,5 +1,6 @@
 """A whole step as one program: world, filter and mission, where all of them are compiled."""
 
+from collections.abc import Sequence
 from functools import partial
 from operator import attrgetter, itemgetter
 from types import SimpleNamespace
@@ -20,11 +21,14 @@ from vessel_gym.world import World
 
 _GIVEN = "action", "noise_before", "exogenous_before"
 """Arrays of the record that are not results of the program."""
+_ROW, _FIRST_OF = itemgetter(0), itemgetter(None)
 _SEEN = "observation", "reward", "end", "total", "steps"
 
 
 class Moment(NamedTuple):
     """A record as a program made it, in which fields are looked up only when they are asked for.
+
+    The arrays of one environment have no axis of the batch.
 
     Attributes:
         program: The program.
@@ -40,7 +44,15 @@ class Moment(NamedTuple):
 
     def record(self) -> State:
         """The record, with all its fields."""
-        return self.program.record(*self[1:])
+        one = self.values[0].ndim == 1
+        values, found = (
+            [*map(_FIRST_OF, each)] if one else each for each in (self.values, self.found)
+        )
+        return self.program.record(self.base, values, found)
+
+    def info(self) -> dict[str, np.ndarray]:
+        """The arrays of ``info`` that the program made."""
+        return dict(zip(INFO, self.found[self.program.first_info :], strict=True))
 
 
 class WholeStep:
@@ -76,13 +88,19 @@ class WholeStep:
         return plain and estimation.filter.joins_steps()
 
     def __call__(self, last: State | Moment, action: np.ndarray) -> Moment | None:
-        """The record a step later; None if the filter loses a row, which the stages recover."""
+        """The record a step later; None if the filter loses a row, which the stages recover.
+
+        Args:
+            last: The record before the step.
+            action: ``(B, a)``, or ``(a,)`` of one environment.
+        """
         if self._read is None:
-            self._trace(last.record() if isinstance(last, Moment) else last, action)
+            self._trace(last.record() if isinstance(last, Moment) else last)
         if isinstance(last, Moment):
             base, values = last.base, (action, *last.values[1 : self._end_of_rest], *last.found)
         else:
-            base, values = last, (action, *self._values(last))
+            rest = self._values(last)
+            base, values = last, (action, *(map(_ROW, rest) if action.ndim == 1 else rest))
         arrays = self._read(values)
         if (found := self._program.call(*arrays)) is None:
             found = self._program.compute(*arrays)
@@ -90,7 +108,7 @@ class WholeStep:
             return None
         return Moment(self, base, values, found)
 
-    def record(self, base: State, values: tuple[Any, ...], found: tuple[Any, ...]) -> State:
+    def record(self, base: State, values: Sequence[Any], found: Sequence[Any]) -> State:
         """The record of a `Moment`."""
         first = len(self._changed)
         fields = dict(zip(self._names[first:], found[first:], strict=False))
@@ -101,13 +119,12 @@ class WholeStep:
             belief=base.belief.replaced(changed), info=None,
         )  # fmt: skip
 
-    def _trace(self, last: State, action: np.ndarray) -> None:
-        """Trace the stages for rows of the record and the action."""
+    def _trace(self, last: State) -> None:
+        """Trace the stages for rows of the record."""
         record = self._filter.record
         self._filter.model.compare(last.belief.mean, last.u, "step")
         names = record.names()
         held = {name: each for name, each in vars(last).items() if isinstance(each, np.ndarray)}
-        held |= {"action": action}
         arrays = held | {f"belief.{name}": getattr(last.belief, name) for name in names}
         rows = [Argument(each.shape[1:], each.dtype.kind) for each in arrays.values()]
 

@@ -1,6 +1,5 @@
 """Single environments: a `gymnasium.Env` on a batch of one."""
 
-from operator import itemgetter
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -12,10 +11,7 @@ from vessel_gym.checks import checked_action, is_integer
 from vessel_gym.core import Core
 from vessel_gym.envs.shared import action_space, check_arguments, first_seed, observation_space
 from vessel_gym.system import System
-from vessel_gym.truth import INFO
 from vessel_gym.whole_step import Moment
-
-_row = itemgetter(0)
 
 
 class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -105,10 +101,10 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         program, config = moment.program, self.core.config
         observation, reward, end, total, steps = program.seen(moment.found)
         number = end.item()
-        info = dict(zip(INFO, map(_row, moment.found[program.first_info :]), strict=True))
+        info: dict[str, Any] = moment.info()
         info["healthy"], info["score"] = True, config.score_of(total.item(), steps.item())
         info["end"], info["is_success"] = number, number == config.success
-        return observation[0].astype(np.float32), reward.item(), number > 0, False, info
+        return observation.astype(np.float32), reward.item(), number > 0, False, info
 
     def render(self) -> np.ndarray | None:
         """Image ``(height, width, 3)`` of the episode; in mode ``"human"``, update the window."""
