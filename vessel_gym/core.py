@@ -47,6 +47,7 @@ class Core:
 
     Attributes:
         config: World, estimators, mission and options, which no step changes.
+        last: ``now``, or what a program has made of it.
         seeds: One seed for each environment; empty before the first reset.
 
     Raises:
@@ -65,17 +66,18 @@ class Core:
         self._together = bool(self.config.whole_steps) and num_envs <= _FEW
         self.seeds: list[int] = []
         zeros = np.zeros(num_envs, int)
-        self._last: State | Moment = State(episode=zeros, over=zeros.astype(bool), end=zeros)
+        self._record: State | None = None
+        self.last: State | Moment = State(episode=zeros, over=zeros.astype(bool), end=zeros)
 
     def __getstate__(self) -> dict[str, Any]:
         """The attributes, with the record in place of a program's results."""
-        return vars(self) | {"_last": self.now}
+        return vars(self) | {"last": self.now, "_record": None}
 
     # --- step -------------------------------------------------------------------------------------
 
     def step(
         self, action: np.ndarray, measurements: Measurements | None = None,
-        ended: np.ndarray | None = None, info: bool = False,
+        ended: np.ndarray | None = None,
     ) -> State:  # fmt: skip
         """Advance every environment by one step, and return the new record, which is ``now``.
 
@@ -85,7 +87,6 @@ class Core:
                 random numbers stay the same.
             ended: Mask ``(B,)`` of environments whose episode has ended and that are reset next:
                 their actions are not checked.
-            info: Is `info` asked for next? The program of a step then makes its arrays, too.
 
         Raises:
             ValueError: if the action or the measurements have the wrong shape, or the action is not
@@ -93,12 +94,7 @@ class Core:
             TypeError: if the measurements are no pair of arrays.
             gymnasium.error.ResetNeeded: before the first reset.
         """
-        moment = self.advance(action, self.action_shape, measurements, ended, info)
-        if moment is not None and info:
-            one = self.num_envs == 1
-            self.now.info = {
-                name: array[None] if one else array for name, array in moment.info().items()
-            }
+        self.advance(action, self.action_shape, measurements, ended, info=False)
         return self.now
 
     def advance(
@@ -107,24 +103,23 @@ class Core:
     ) -> Moment | None:  # fmt: skip
         """Advance as `step` does, for an action of another shape, without making the record.
 
-        It returns the results of the program, from which ``now`` is made when it is asked for; None
-        if the stages were run one by one.
+        It returns the results of the program, with the arrays of `info` if asked for, from which
+        ``now`` is made when it is asked for; None if the stages were run one by one.
         """
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
         action, moment = checked_action(action, shape, ended), None
         given = self._given(measurements, self.num_envs)
         if given is None and self._together:
-            given_rows = action[0] if self.num_envs == 1 else action
-            moment = self.config.whole_steps[info](self._last, given_rows)
-        self._last = self._stages(action, given, ended) if moment is None else moment
+            own = action[0] if self.num_envs == 1 else action
+            moment = self.config.whole_steps[info](self.last, own)
+        self.last = self._stages(action, given, ended) if moment is None else moment
+        self._record = None
         return moment
 
     def end_of(self, row: int) -> int:
         """Number of the end reason of one environment."""
-        last = self._last
-        end = last.program.seen(last.found)[2] if isinstance(last, Moment) else last.end
-        return int(end.item(row))
+        return int(self.last.end.item(row))
 
     @property
     def now(self) -> State:
@@ -133,13 +128,15 @@ class Core:
         Steps replace it and leave its arrays as they are, so that a record which is put back is
         stepped again with equal results.
         """
-        if isinstance(self._last, Moment):
-            self._last = self._last.record()
-        return self._last
+        if isinstance(self.last, State):
+            return self.last
+        if self._record is None:
+            self._record = self.last.record()
+        return self._record
 
     @now.setter
     def now(self, now: State) -> None:
-        self._last = now
+        self.last = now
 
     def _stages(
         self, action: np.ndarray, given: Measurements | None, ended: np.ndarray | None
@@ -231,7 +228,7 @@ class Core:
             estimator.begin(now, filter_prior(prior, estimator.composition))
         config.mission.begin(now)
         now = now.without_start()
-        self.now = now if len(rows) == self.num_envs else self.now.but(info=None).merged(rows, now)
+        self.now = now if len(rows) == self.num_envs else self.now.merged(rows, now)
         config.refuse_at(self.now.steps, None)
 
     def _drawn(self, rows: np.ndarray, options: dict[str, Any]) -> tuple[State, Gaussian]:
@@ -277,9 +274,9 @@ class Core:
 
     def observe(self) -> np.ndarray:
         """Observations ``(B, k)``: float32, clipped to the task's bound."""
-        now, task = self.now, self.config.system.task
-        observation = now.observation
+        observation = self.last.observation
         if observation is None:
+            now, task = self.now, self.config.system.task
             with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
                 parts = np.concatenate(self._observed(), -1)
                 observation = np.clip(parts, -task.BOUND, task.BOUND)
@@ -321,8 +318,9 @@ class Core:
     @property
     def score(self) -> np.ndarray:
         """Scores ``(B,)`` in [0, 1]: sums of rewards over that of a perfect episode."""
-        perfect, each = self.config.perfect
-        return np.clip(self.now.total / np.maximum(perfect, each * self.now.steps), 0.0, 1.0)
+        (perfect, each), last = self.config.perfect, self.last
+        shares = last.total / np.maximum(perfect, each * last.steps)
+        return np.minimum(np.maximum(shares, 0.0), 1.0)
 
     @property
     def truth(self) -> np.ndarray:
@@ -335,15 +333,27 @@ class Core:
             raise ResetNeeded("call reset() before asking for the truth")
         return self.config.true_state.values(self.now)
 
-    def info(self, rows: np.ndarray | None = None) -> dict[str, np.ndarray]:
-        """Copies of the last step's record, one row for each environment.
+    def info(
+        self, rows: np.ndarray | None = None, moment: Moment | None = None
+    ) -> dict[str, np.ndarray]:
+        """The last step's record in arrays of the caller's, one row for each environment.
 
         Args:
             rows: Mask ``(B,)`` of the rows to copy; other rows hold 0. None for all.
+            moment: What `advance` has just returned, whose arrays nobody else has.
         """
-        info = self.own_arrays() | {
-            "healthy": self.now.belief.healthy.copy(), "score": self.score,
-            "end": self.now.end.copy(), "is_success": self.now.end == self.config.success,
+        last = self.last
+        if moment is None:
+            info = {name: values.copy() for name, values in self.happened().items()}
+            info["healthy"] = self.now.belief.healthy.copy()
+        else:
+            info = moment.info()
+            if self.num_envs == 1:
+                info = {name: values[None] for name, values in info.items()}
+            info["healthy"] = np.ones(self.num_envs, bool)
+        info |= {
+            "score": self.score, "end": last.end.copy(),
+            "is_success": last.end == self.config.success,
         }  # fmt: skip
         if rows is None:
             return info
@@ -356,13 +366,6 @@ class Core:
         if now.faults is not None:
             happened["sensor_faults"] = config.delivery.active(now)
         return happened
-
-    def own_arrays(self) -> dict[str, np.ndarray]:
-        """Record of the last step, in arrays that belong to the caller."""
-        own, self.now.info = self.now.info, None
-        if own is not None:
-            return own
-        return {name: values.copy() for name, values in self.happened().items()}
 
 
 def _only(rows: np.ndarray, values: np.ndarray) -> np.ndarray:

@@ -73,7 +73,6 @@ class State:
     total: Any = None  # (B,) sum of rewards
     end: Any = None  # (B,) number of the end reason
     observation: Any = None  # (B, k)
-    info: Any = None  # arrays of ``info`` that belong to the caller, until it takes them
 
     def but(self, **changes: Any) -> "State":
         """A record with other values in some fields."""
@@ -86,7 +85,7 @@ class State:
         now = object.__new__(State)
         now.__dict__ = vars(self) | {
             "action": action, "steps": self.steps + _ONE, "noise_before": self.noise,
-            "exogenous_before": self.exogenous, "info": None,
+            "exogenous_before": self.exogenous,
         }  # fmt: skip
         return now
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import partial
-from operator import attrgetter, itemgetter
+from operator import itemgetter
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -11,30 +11,33 @@ import numpy as np
 from estimators import RandomKeys
 from estimators.engine import trace
 from estimators.engine.arrays import TracedArray
+from estimators.engine.compiled import SideBySide
 from estimators.engine.function import Argument
-from estimators.engine.matrices import matrix
+from estimators.engine.matrices import MatrixTracer, matrix
 from vessel_gym.estimation import Estimation
+from vessel_gym.layout import Layout
 from vessel_gym.mission import Mission
 from vessel_gym.state import Changes, State
 from vessel_gym.truth import INFO, TrueState, UnknownInput, info_arrays
 from vessel_gym.world import World
 
+_FIXED = "parameters", "scenario", "episode_constants"
+"""Floats of the record that no step changes."""
 _GIVEN = "action", "noise_before", "exogenous_before"
-"""Arrays of the record that are not results of the program."""
-_ROW, _FIRST_OF = itemgetter(0), itemgetter(None)
-_SEEN = "observation", "reward", "end", "total", "steps"
+"""Floats of the record that are arguments of a step, or follow from those before it."""
+_ROW = itemgetter(0)
 
 
 class Moment(NamedTuple):
     """A record as a program made it, in which fields are looked up only when they are asked for.
 
-    The arrays of one environment have no axis of the batch.
+    The arrays of one environment have no axis of the batch; what the properties return has one.
 
     Attributes:
         program: The program.
         base: An earlier record of the episode, whose other fields no step changes.
         values: Arguments of the step: the action, arrays that no step changes, arrays before it.
-        found: Results of the step, with the arrays of ``info`` last.
+        found: Results of the step: numbers side by side, other arrays, the arrays of ``info``.
     """
 
     program: "WholeStep"
@@ -44,15 +47,59 @@ class Moment(NamedTuple):
 
     def record(self) -> State:
         """The record, with all its fields."""
-        one = self.values[0].ndim == 1
-        values, found = (
-            [*map(_FIRST_OF, each)] if one else each for each in (self.values, self.found)
-        )
-        return self.program.record(self.base, values, found)
+        return self.program.record(self.base, _batched(self.values), _batched(self.found))
+
+    def seen(self) -> tuple[np.ndarray, float, float, int, int]:
+        """Observation, reward, sum of rewards, end and number of steps of one environment."""
+        places, (numbers, *others) = self.program.places, self.found
+        return (
+            numbers[places.observation], numbers.item(places.reward), numbers.item(places.total),
+            others[places.end].item(), others[places.steps].item(),
+        )  # fmt: skip
+
+    @property
+    def observation(self) -> np.ndarray:
+        """Observations ``(B, k)``."""
+        return np.atleast_2d(self.found[0][..., self.program.places.observation])
+
+    @property
+    def reward(self) -> np.ndarray:
+        """Rewards ``(B,)``."""
+        return np.atleast_1d(self.found[0][..., self.program.places.reward])
+
+    @property
+    def total(self) -> np.ndarray:
+        """Sums of rewards ``(B,)``."""
+        return np.atleast_1d(self.found[0][..., self.program.places.total])
+
+    @property
+    def end(self) -> np.ndarray:
+        """Numbers of the end reasons ``(B,)``."""
+        return np.atleast_1d(self.found[1 + self.program.places.end])
+
+    @property
+    def steps(self) -> np.ndarray:
+        """Numbers of steps ``(B,)``."""
+        return np.atleast_1d(self.found[1 + self.program.places.steps])
+
+    @property
+    def over(self) -> np.ndarray:
+        """Mask ``(B,)`` of episodes that have ended and are not yet reset."""
+        return self.base.over
 
     def info(self) -> dict[str, np.ndarray]:
         """The arrays of ``info`` that the program made."""
         return dict(zip(INFO, self.found[self.program.first_info :], strict=True))
+
+
+class _Places(NamedTuple):
+    """Places among the numbers, and of ends and steps among the other results."""
+
+    observation: slice
+    reward: int
+    total: int
+    end: int
+    steps: int
 
 
 class WholeStep:
@@ -65,9 +112,10 @@ class WholeStep:
         info: Does the program also make the arrays of ``info``? They belong to the caller.
 
     Attributes:
-        seen: Function of a `Moment`'s results that returns observation, reward, end, sum of rewards
-            and number of steps; the observation is that of `vessel_gym.mission.Mission`.
+        layout: Places of the record's numbers in the program's first result.
+        others: Names of its other results, but for the arrays of ``info``.
         first_info: Number of results before the arrays of ``info``.
+        places: Places of what is asked for after each step.
     """
 
     def __init__(self, world: World, estimation: Estimation, mission: Mission, info: bool) -> None:
@@ -76,8 +124,8 @@ class WholeStep:
         self._unknown_input = UnknownInput.of(world, estimation.inputs)
         self._info = INFO if info else ()
         self._read: Any = None
-        self.seen: Any = None
-        self.first_info = 0
+        self.layout, self.others, self.first_info = Layout({}), list[str](), 0
+        self.places: Any = None
 
     @staticmethod
     def serves(world: World, estimation: Estimation, mission: Mission) -> bool:
@@ -97,7 +145,7 @@ class WholeStep:
         if self._read is None:
             self._trace(last.record() if isinstance(last, Moment) else last)
         if isinstance(last, Moment):
-            base, values = last.base, (action, *last.values[1 : self._end_of_rest], *last.found)
+            base, values = last.base, (action, *last.values[1 : self._end_of_fixed], *last.found)
         else:
             rest = self._values(last)
             base, values = last, (action, *(map(_ROW, rest) if action.ndim == 1 else rest))
@@ -110,78 +158,105 @@ class WholeStep:
 
     def record(self, base: State, values: Sequence[Any], found: Sequence[Any]) -> State:
         """The record of a `Moment`."""
-        first = len(self._changed)
-        fields = dict(zip(self._names[first:], found[first:], strict=False))
-        noise, exogenous = self._before(values)
-        changed = dict(zip(self._changed, found, strict=False)) | {"u": fields["u"]}
+        before = self.layout.parts(values[self._end_of_fixed])
+        after = self.layout.parts(found[0]) | dict(zip(self.others, found[1:], strict=False))
+        fields, belief = _apart(after)
         return base.but(
-            **fields, action=values[0], noise_before=noise, exogenous_before=exogenous,
-            belief=base.belief.replaced(changed), info=None,
+            **fields, action=values[0], noise_before=before["noise"],
+            exogenous_before=before["exogenous"],
+            belief=base.belief.replaced(belief | {"u": fields["u"]}),
         )  # fmt: skip
+
+    def _values(self, last: State) -> list[np.ndarray]:
+        """Arguments of a step from a record, but for the action."""
+        arrays = _arrays_of(last)
+        numbers = self.layout.joined([arrays[name] for name in self.layout.first])
+        fixed, others = ([arrays[name] for name in each] for each in (self._fixed, self.others))
+        return [*fixed, numbers, *others]
 
     def _trace(self, last: State) -> None:
         """Trace the stages for rows of the record."""
-        record = self._filter.record
         self._filter.model.compare(last.belief.mean, last.u, "step")
-        names = record.names()
-        held = {name: each for name, each in vars(last).items() if isinstance(each, np.ndarray)}
-        arrays = held | {f"belief.{name}": getattr(last.belief, name) for name in names}
-        rows = [Argument(each.shape[1:], each.dtype.kind) for each in arrays.values()]
+        rows = {name: Argument(a.shape[1:], a.dtype.kind) for name, a in _arrays_of(last).items()}
+        numbers = [n for n, row in rows.items() if row.kind == "f" and n not in _GIVEN + _FIXED]
+        (self._observed,) = rows["observation"].shape
+        layout = self.layout = Layout({name: rows.pop(name).shape for name in numbers})
 
-        def function(*tracers: Any) -> list[Any]:
-            row = State(**dict(zip(held, tracers, strict=False)))
-            row = row.but(
-                steps=row.steps + 1, noise_before=row.noise, exogenous_before=row.exogenous
-            )
-            belief = record.of(dict(zip(names, tracers[len(held) :], strict=True)))
-            changed, fields = self._changes(row, belief)
-            self._changed, self._names = (*changed,), (*changed, *fields)
-            info = self._info_results(row.but(**fields), belief.replaced(changed))
-            return [*changed.values(), *fields.values(), *info]
+        def function(block: Any, *tracers: Any) -> list[Any]:
+            given = layout.traced(block) | dict(zip(rows, tracers, strict=True))
+            changed, info = self._changes(given)
+            after = given | changed
+            self.others = [name for name in changed if name not in layout.first]
+            others = map(after.__getitem__, self.others)
+            return [SideBySide(map(after.__getitem__, numbers)), *others, *info]
 
-        whole = [name not in held for name in arrays]
+        arguments = [Argument((layout.size,)), *rows.values()]
+        whole = [True, *("." in name for name in rows)]
         own = len(self._info)
-        self._program = trace(function, rows, whole, sealed=True, own=own)
-        self._lay_out([*arrays])
+        self._program = trace(function, arguments, whole, sealed=True, own=own)
+        self._lay_out([*rows])
 
-    def _lay_out(self, arguments: list[str]) -> None:
-        """Find the program's arguments among the values of a step, and what is read of results."""
-        fields = self._names[len(self._changed) :]
-        results = [*(f"belief.{name}" for name in self._changed), *fields]
-        rest = [name for name in arguments if name not in {*results, *_GIVEN}]
-        values = ["action", *rest, *results]
-        self._end_of_rest, self._values = 1 + len(rest), attrgetter(*values[1:])
-        read = (arguments[i] for i in self._program.arguments)
-        self._read = itemgetter(*map(values.index, read))
-        self._before = itemgetter(values.index("noise"), values.index("exogenous"))
-        self.first_info = len(self._names)
-        self._healthy = self._names.index("healthy")
-        self.seen = itemgetter(*map(self._names.index, _SEEN))
+    def _lay_out(self, apart: list[str]) -> None:
+        """Find the program's arguments among the values of a step."""
+        self._fixed = [name for name in apart if name not in {*self.others, *_GIVEN}]
+        self._end_of_fixed, self.first_info = 1 + len(self._fixed), 1 + len(self.others)
+        self._healthy = 1 + self.others.index("belief.healthy")
+        first, at = self.layout.first, self.others.index
+        observation = slice(first["observation"], first["observation"] + self._observed)
+        self.places = _Places(observation, first["reward"], first["total"], at("end"), at("steps"))
+        values, names = ["action", *self._fixed, "", *self.others], ["", *apart]
+        self._read = itemgetter(*(values.index(names[i]) for i in self._program.arguments))
 
-    def _changes(self, row: State, belief: Any) -> tuple[Changes, Changes]:
-        """Arrays of the belief and of the record that a step changes."""
-        world = self._world.step.function(row)
+    def _changes(self, given: dict[str, Any]) -> tuple[Changes, list[Any]]:
+        """Arrays that a step changes, and the arrays of ``info``."""
+        fields, arrays = _apart(given)
+        row: Any = State(**{name: _entries(array) for name, array in fields.items()})
+        row = row.but(steps=row.steps + 1, noise_before=row.noise, exogenous_before=row.exogenous)
+        world, filter = self._world.step.function(row), self._filter
         row = row.but(**world)
-        whole, filter = partial(_whole, belief.mean.program), self._filter
+        whole = partial(_whole, row.steps.program)
         rng = RandomKeys(row.filtering, row.steps) if filter.random else None
         data = whole(row.u), whole(row.y), whole(row.available), None, rng
-        before = belief.replaced({"u": data[0]})
-        changed = filter._changed("step", before, data)
-        row = row.but(belief=_entrywise(before.replaced(changed)))
-        return changed, {"steps": row.steps} | world | self._mission.step.function(row)
+        belief = filter.record.of(arrays | {"u": data[0]})
+        changed = filter._changed("step", belief, data)
+        row = row.but(belief=_entrywise(belief.replaced(changed)))
+        scored = self._mission.step.function(row)
+        row = row.but(**scored)
+        info = info_arrays(self._true_state, self._unknown_input, row) if self._info else {}
+        named = {f"belief.{name}": array for name, array in changed.items()}
+        every = {"steps": row.steps} | world | scored | named
+        return every, [*info.values()]
 
-    def _info_results(self, row: State, belief: Any) -> list[Any]:
-        """Arrays of ``info``, if they are asked for."""
-        if not self._info:
-            return []
-        row = row.but(belief=_entrywise(belief))
-        return [*info_arrays(self._true_state, self._unknown_input, row).values()]
+
+def _arrays_of(now: State) -> dict[str, np.ndarray]:
+    """Arrays of a record and, as "belief.mean" and others, of its belief."""
+    belief: Any = now.belief
+    arrays = {name: each for name, each in vars(now).items() if isinstance(each, np.ndarray)}
+    return arrays | {f"belief.{name}": getattr(belief, name) for name in belief.names()}
+
+
+def _apart(arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Arrays of a record, and of its belief."""
+    belief = {name: each for name, each in arrays.items() if name.startswith("belief.")}
+    fields = {name: each for name, each in arrays.items() if name not in belief}
+    return fields, {name.partition(".")[2]: each for name, each in belief.items()}
+
+
+def _batched(arrays: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
+    """Arrays with a row for each environment, of which the first is ``(a,)`` for one."""
+    return arrays if arrays[0].ndim > 1 else [each[None] for each in arrays]
+
+
+def _entries(value: Any) -> Any:
+    """A traced vector or matrix, entry by entry."""
+    return value.scalars() if isinstance(value, MatrixTracer) else value
 
 
 def _entrywise(belief: Any) -> Any:
     """The arrays of a traced belief that missions and ``info`` read, entry by entry."""
-    d = None if belief.input_mean is None else belief.input_mean.scalars()
-    return SimpleNamespace(mean=belief.mean.scalars(), cov=belief.cov, input_mean=d)
+    return SimpleNamespace(
+        mean=_entries(belief.mean), cov=belief.cov, input_mean=_entries(belief.input_mean)
+    )
 
 
 def _whole(program: Any, value: Any) -> Any:

@@ -6,9 +6,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators.engine.program import NotTraceable, Program
+from estimators.engine.program import KINDS, NotTraceable, Program
 from estimators.engine.tracer import (
-    KINDS,
     OPCODES,
     Tracer,
     cast,

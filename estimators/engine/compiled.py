@@ -60,8 +60,16 @@ def scalar_inputs(program: Program, argument: int, shape: tuple[int, ...], kind:
     return scalars.reshape(shape).view(TracedArray)
 
 
+class SideBySide(list[Any]):
+    """Arrays of floats whose entries are one result, a vector a row."""
+
+
 def _output(program: Program, result: Any) -> tuple[list[Any], Argument]:
-    """The scalars or the matrix of a result, and its row."""
+    """The scalars and matrices of a result, and its row."""
+    if isinstance(result, SideBySide):
+        parts = [_output(program, each) for each in result]
+        size = sum(argument.size for _, argument in parts)
+        return [each for part, _ in parts for each in part], Argument((size,))
     if isinstance(result, MatrixTracer):
         return [result.view], Argument(result.shape, result.kind)
     if not isinstance(result, Tracer):

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from estimators.engine.elementary import EXPANSIONS
-from estimators.engine.program import Instruction, Loop, Program
-from estimators.engine.tracer import KINDS, Tracer, cast, constant, within
+from estimators.engine.program import KINDS, Instruction, Loop, Program
+from estimators.engine.tracer import Tracer, cast, constant, within
 
 _OPERATIONS = {
     "add": ("fadd", "add", "add"), "subtract": ("fsub", "sub", "sub"),

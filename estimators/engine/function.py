@@ -16,8 +16,8 @@ from estimators.engine.emit import LITERAL, Module, type_of
 from estimators.engine.linear_emit import LinearEmitter
 from estimators.engine.matching import in_memory, invoker
 from estimators.engine.matrix_emit import Index
-from estimators.engine.program import Instruction, Program, View, value_of
-from estimators.engine.tracer import KINDS, Tracer, cast, operation, where
+from estimators.engine.program import KINDS, Instruction, Program, View, value_of
+from estimators.engine.tracer import Tracer, cast, operation, where
 
 LANES = 8
 """Rows computed side by side in a batch; a single row has its own program."""
@@ -223,12 +223,14 @@ class Driver(LinearEmitter):
                 self._bases[i] = places(f"%a{i}", stride, each.kind)
             self.block(instructions)
             for i, (parts, each) in enumerate(zip(outputs, results, strict=True)):
-                bases = places(f"%o{i}", each.size, each.kind)
-                for column, part in enumerate(parts):
+                bases, column = places(f"%o{i}", each.size, each.kind), 0
+                for part in parts:
                     if isinstance(part, View):
-                        self._output(part, each.kind, bases)
+                        self._output(part, each.kind, bases, column)
+                        column += math.prod(part.shape)
                     else:
                         self._stored(self.scalar(part), each.kind, bases, column)
+                        column += 1
 
         self.loop(0, end, body, step=self.width)
         arrays = [f"%a{i}" for i in arguments] + [f"%o{i}" for i in range(len(results))]
@@ -296,13 +298,13 @@ class Driver(LinearEmitter):
             size //= 2
         return [self.own.value(name) for name in names]
 
-    def _output(self, view: View, kind: str, bases: Sequence[str]) -> None:
-        """Store a matrix."""
+    def _output(self, view: View, kind: str, bases: Sequence[str], first: int) -> None:
+        """Store a matrix from a column on."""
         if view.steps == (view.shape[1], 1):  # it lies in one piece
             view = View(view.value, (1, math.prod(view.shape)), view.start, (0, 1))
 
         def some(i: Index, j: Index, count: int) -> None:
-            at = i * view.shape[1] + j
+            at = i * view.shape[1] + j + first
             entries = [self.load(view, i, j + m) for m in range(count)]
             if kind == "f" and count == self.width > 1:
                 for entry, base in zip(self._transposed(entries), bases, strict=True):

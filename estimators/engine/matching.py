@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from estimators.engine import machine
-from estimators.engine.program import NotTraceable
-from estimators.engine.tracer import KINDS
+from estimators.engine.program import KINDS, NotTraceable
 
 _HEAD = object.__basicsize__
 """Bytes of the head of all objects, which ends with the type; fields of its kind follow."""

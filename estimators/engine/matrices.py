@@ -96,6 +96,10 @@ class MatrixTracer(_Operators):
             return MatrixTracer(self.program, self.value, places, self.kind)
         return Tracer(self.program, self.program.entry(self.value, int(places), self.kind))
 
+    def part(self, start: int, shape: tuple[int, ...]) -> Any:
+        """Neighbouring entries of a vector, in another shape."""
+        return self._part(self.places[start : start + math.prod(shape)].reshape(shape))
+
     def scalars(self) -> TracedArray:
         """Its entries, one by one."""
         return np.frompyfunc(self._part, 1, 1)(self.places).view(TracedArray)

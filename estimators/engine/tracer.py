@@ -9,7 +9,6 @@ import numpy as np
 
 from estimators.engine.program import KINDS, NotTraceable, Program
 
-
 _Operators: Any = object  # which are set below, and unknown to a checker of types
 
 

@@ -98,13 +98,11 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def _seen(self, moment: Moment) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Results of a step from those of its program."""
-        program, config = moment.program, self.core.config
-        observation, reward, end, total, steps = program.seen(moment.found)
-        number = end.item()
+        (observation, reward, total, end, steps), config = moment.seen(), self.core.config
         info: dict[str, Any] = moment.info()
-        info["healthy"], info["score"] = True, config.score_of(total.item(), steps.item())
-        info["end"], info["is_success"] = number, number == config.success
-        return observation.astype(np.float32), reward.item(), number > 0, False, info
+        info["healthy"], info["score"] = True, config.score_of(total, steps)
+        info["end"], info["is_success"] = end, end == config.success
+        return observation.astype(np.float32), reward, end > 0, False, info
 
     def render(self) -> np.ndarray | None:
         """Image ``(height, width, 3)`` of the episode; in mode ``"human"``, update the window."""

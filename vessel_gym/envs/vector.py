@@ -123,23 +123,24 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             gymnasium.error.ResetNeeded: before the first reset; in mode ``"Disabled"`` also where
                 an episode has ended.
         """
-        core, restarted = self.core, self.core.now.over
+        core, restarted, moment = self.core, self.core.last.over, None
         if restarted.any():
             reward, terminated = self._step_and_restart(actions, restarted)
         else:
-            now = core.step(actions, info=True)
-            reward, terminated = now.reward.copy(), now.end.astype(bool)
-        truncated = core.now.steps >= (
-            np.inf if self.max_episode_steps is None else self.max_episode_steps
-        )
+            moment = core.advance(actions, core.action_shape)
+            reward, terminated = core.last.reward.copy(), core.last.end > 0
+        truncated = core.last.steps >= (self.max_episode_steps or np.inf)
         done, final = terminated | truncated, {}
-        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
-            core.now.over = done
-        elif done.any():
-            final, restarted = self._final(done), done
-            core.start(rows=np.flatnonzero(done))
+        if done.any() or restarted.any():
+            moment = None
+            if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+                core.now = core.now.but(over=done)
+            else:
+                final, restarted = self._final(done), done
+                core.start(rows=np.flatnonzero(done))
         self._record(restarted, ~restarted)
-        return core.observe(), reward, terminated, truncated, self._masked(core.info()) | final
+        info = self._masked(core.info(moment=moment))
+        return core.observe(), reward, terminated, truncated, info | final
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Image ``(height, width, 3)`` of each environment's episode so far."""
@@ -218,8 +219,10 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self, info: dict[str, np.ndarray], rows: np.ndarray | None = None
     ) -> dict[str, Any]:
         """Info in Gymnasium's form: every array with a ``_key`` mask of the rows that have it."""
-        mask = np.ones(self.num_envs, bool) if rows is None else rows
-        return info | {f"_{key}": mask.copy() for key in info}
+        masks = np.ones((len(info), self.num_envs), bool)
+        if rows is not None:
+            masks &= rows
+        return info | {f"_{key}": mask for key, mask in zip(info, masks, strict=True)}
 
 
 def _autoreset_mode(mode: Any) -> AutoresetMode:
