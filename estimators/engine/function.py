@@ -200,6 +200,12 @@ class Driver(LinearEmitter):
         super().__init__(function.program, module, width, function.layout)
         self._function = function
         self._bases: dict[int, list[str]] = {}
+        self._squares: dict[tuple[int, int], list[Tracer]] = {}
+        self._columns = defaultdict[int, set[int]](set)
+        for each in function.instructions:
+            if each.opcode == "input":
+                argument, column = each.attributes
+                self._columns[argument].add(column)
 
     def function(
         self, name: str, instructions: Sequence[Instruction], outputs: Sequence[Any]
@@ -223,14 +229,7 @@ class Driver(LinearEmitter):
                 self._bases[i] = places(f"%a{i}", stride, each.kind)
             self.block(instructions)
             for i, (parts, each) in enumerate(zip(outputs, results, strict=True)):
-                bases, column = places(f"%o{i}", each.size, each.kind), 0
-                for part in parts:
-                    if isinstance(part, View):
-                        self._output(part, each.kind, bases, column)
-                        column += math.prod(part.shape)
-                    else:
-                        self._stored(self.scalar(part), each.kind, bases, column)
-                        column += 1
+                self._result(parts, each.kind, places(f"%o{i}", each.size, each.kind))
 
         self.loop(0, end, body, step=self.width)
         arrays = [f"%a{i}" for i in arguments] + [f"%o{i}" for i in range(len(results))]
@@ -261,7 +260,18 @@ class Driver(LinearEmitter):
         return self.own.value(value, kind)
 
     def _emit_input(self, instruction: Instruction) -> None:
-        self.scalars[instruction.result] = self._loaded(*instruction.attributes).value
+        """An entry of an argument; many neighbouring ones are read together."""
+        argument, column = instruction.attributes
+        each, width = self._function.arguments[argument], self.width
+        start = min(column - column % width, each.size - width)
+        near = self._columns[argument].intersection(range(start, start + width))
+        if each.kind != "f" or start < 0 or 2 * len(near) <= width:
+            self.scalars[instruction.result] = self._loaded(argument, column).value
+            return
+        if (argument, start) not in self._squares:
+            rows = [self.read(self.at(base, start), width) for base in self._bases[argument]]
+            self._squares[argument, start] = self._transposed(rows)
+        self.scalars[instruction.result] = self._squares[argument, start][column - start].value
 
     def _emit_input_matrix(self, instruction: Instruction) -> None:
         (argument,) = instruction.attributes
@@ -298,6 +308,33 @@ class Driver(LinearEmitter):
             size //= 2
         return [self.own.value(name) for name in names]
 
+    def _result(self, parts: Sequence[Any], kind: str, bases: Sequence[str]) -> None:
+        """Store the scalars and matrices of a result."""
+        column = 0
+        for whole, group in itertools.groupby(parts, lambda part: isinstance(part, View)):
+            if whole:
+                for view in group:
+                    self._output(view, kind, bases, column)
+                    column += math.prod(view.shape)
+                continue
+            entries = [*map(self.scalar, group)]
+            for at in range(0, len(entries), self.width):
+                self._stored_together(entries[at : at + self.width], kind, bases, column + at)
+            column += len(entries)
+
+    def _stored_together(
+        self, entries: Sequence[Tracer], kind: str, bases: Sequence[str], column: Any
+    ) -> None:
+        """Store neighbouring entries, as many at once as there are lanes."""
+        if kind != "f" or not len(entries) == self.width > 1:
+            for m, entry in enumerate(entries):
+                self._stored(entry, kind, bases, column + m)
+            return
+        T = type_of("f", self.width)
+        for row, base in zip(self._transposed(entries), bases, strict=True):
+            place = self.at(base, column)
+            self.lines.append(f"  store {T} {self.own.name(row)}, ptr {place}, align 8")
+
     def _output(self, view: View, kind: str, bases: Sequence[str], first: int) -> None:
         """Store a matrix from a column on."""
         if view.steps == (view.shape[1], 1):  # it lies in one piece
@@ -306,13 +343,7 @@ class Driver(LinearEmitter):
         def some(i: Index, j: Index, count: int) -> None:
             at = i * view.shape[1] + j + first
             entries = [self.load(view, i, j + m) for m in range(count)]
-            if kind == "f" and count == self.width > 1:
-                for entry, base in zip(self._transposed(entries), bases, strict=True):
-                    T, place = type_of("f", count), self.at(base, at)
-                    self.lines.append(f"  store {T} {self.own.name(entry)}, ptr {place}, align 8")
-            else:
-                for m, entry in enumerate(entries):
-                    self._stored(entry, kind, bases, at + m)
+            self._stored_together(entries, kind, bases, at)
 
         self.over(*view.shape, some, LANES)
 

@@ -214,9 +214,21 @@ def where(mask: Any, chosen: Any, other: Any) -> Any:
     return Tracer(program, program.add("where", (mask.value, one.value, two.value), one.kind))
 
 
-def _larger(x: Tracer, y: Tracer, order: Tracer) -> Any:
-    """The operand that a comparison selects, or the one that is NaN."""
-    return where(order | operation("isnan", x) if x.kind == "f" else order, x, y)
+def _larger(x: Tracer, y: Tracer, order: Tracer, reverse: Tracer) -> Any:
+    """The operand that a comparison selects, or the one that is NaN.
+
+    Args:
+        x: The first operand.
+        y: The other one.
+        order: Is x selected? False if one of them is NaN.
+        reverse: Is y selected, or are they equal? False if one of them is NaN.
+    """
+    if x.kind != "f":
+        return where(order, x, y)
+    number = known(y)
+    if number is not None and number == number:
+        return where(operation("invert", reverse), x, y)
+    return where(order | operation("isnan", x), x, y)
 
 
 def _remainder(x: Tracer, y: Tracer) -> Any:
@@ -229,8 +241,8 @@ def _remainder(x: Tracer, y: Tracer) -> Any:
 _COMPOSED: dict[str, Callable[..., Any]] = {
     "less": lambda x, y: operation("greater", y, x),
     "less_equal": lambda x, y: operation("greater_equal", y, x),
-    "maximum": lambda x, y: _larger(x, y, x > y),
-    "minimum": lambda x, y: _larger(x, y, x < y),
+    "maximum": lambda x, y: _larger(x, y, x > y, y >= x),
+    "minimum": lambda x, y: _larger(x, y, x < y, x >= y),
     "isnan": lambda x: x != x,
     "isfinite": lambda x: cast(x, "f") - cast(x, "f") == 0.0,
     "tan": lambda x: operation("sin", x) / operation("cos", x),
