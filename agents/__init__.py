@@ -5,48 +5,6 @@ stable-baselines3 are imported only when an agent is trained, saved or loaded. T
 import `vessel_gym` and `estimators`; `scripts` and `studies` import it.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from estimators.lazy import public_names
 
-if TYPE_CHECKING:
-    from agents.agent import Agent, RandomAgent, load_agent
-    from agents.controllers import register_controller
-    from agents.episodes import Episode, episode
-    from agents.metrics import Metric, register_metrics
-    from agents.policies.checkpoint import save_agent
-    from agents.rollouts import Rollout, rollout
-
-__all__ = [
-    "Agent",
-    "Episode",
-    "Metric",
-    "RandomAgent",
-    "Rollout",
-    "episode",
-    "load_agent",
-    "register_controller",
-    "register_metrics",
-    "rollout",
-    "save_agent",
-]
-
-_MODULES = (
-    "controllers",
-    "rollouts",
-    "agent",
-    "metrics",
-    "policies.checkpoint",
-    "episodes",
-)
-"""Modules of these names, in which they are looked for."""
-
-
-def __getattr__(name: str) -> Any:
-    for module in _MODULES if name in __all__ else ():
-        if hasattr(found := import_module(f"agents.{module}"), name):
-            return getattr(found, name)
-    raise AttributeError(f"module 'agents' has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return __all__
+__getattr__, __dir__, __all__ = public_names(__name__)

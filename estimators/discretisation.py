@@ -6,7 +6,6 @@ from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag, expm
 
 from estimators.checks import AT_LEAST_0, as_array, finite_array, number
 from estimators.linalg import congruence, joined, symmetrise
@@ -20,7 +19,7 @@ def zero_order_hold(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray
         ValueError: if ``dt`` is negative, or A or B is no array.
     """
     A, B, dt = as_array("A", A), as_array("B", B), number("dt", dt, AT_LEAST_0, what="at least 0")
-    n, phi = A.shape[-1], expm(_held(A, B) * dt)
+    n, phi = A.shape[-1], _exponential(_held(A, B) * dt)
     return phi[..., :n, :n], phi[..., :n, n:]
 
 
@@ -46,13 +45,33 @@ def van_loan(
     # of the step, which is then doubled.
     halves = math.ceil(np.log2(np.maximum(1.0, np.linalg.norm(A, 1) * dt / 4.0)))
     block = np.block([[-A, congruence(G, Q)], [np.zeros((n, n)), A.T]])
-    phi = expm(block * (dt / 2**halves))
+    phi = _exponential(block * (dt / 2**halves))
     transition = phi[n:, n:].T
     noise = transition @ phi[:n, n:]
     for _ in range(halves):
         noise = congruence(transition, noise) + noise
         transition = transition @ transition
     return transition, symmetrise(noise)
+
+
+def _exponential(matrix: np.ndarray) -> np.ndarray:
+    """Exponential of matrices ``(..., n, n)`` by scaling, a [13/13] Padé approximant and squaring.
+
+    SciPy has it too, but takes longer to import than this package.
+    Source: Higham (2005), The scaling and squaring method for the matrix exponential revisited.
+    """
+    largest = np.abs(matrix).sum(-2).max(initial=0.0)
+    squarings = max(0, math.frexp(largest / 5.37)[1])
+    A, identity = matrix / 2.0**squarings, np.eye(matrix.shape[-1])
+    square, even, odd = A @ A, np.zeros_like(A), np.zeros_like(A)
+    for k in range(12, -1, -2):
+        even = even @ square + math.comb(13, k) / math.perm(26, k) * identity
+        odd = odd @ square + math.comb(13, k + 1) / math.perm(26, k + 1) * identity
+    odd = A @ odd
+    exponential = np.linalg.solve(even - odd, even + odd)
+    for _ in range(squarings):
+        exponential = exponential @ exponential
+    return exponential
 
 
 def sampled(
@@ -81,7 +100,7 @@ def sampled(
     model = LinearModel(**rates)
     n, held = model.n, rates.get("B", np.zeros((model.n, 0)))
     m = held.shape[1]
-    steps = _Sampled(n, _held(rates["A"], held), block_diag(rates["Q"], np.zeros((m, m))))
+    steps = _Sampled(n, _held(rates["A"], held), np.pad(rates["Q"], (0, m)))
     matrices: Any = {name: partial(steps.matrix, name) for name in "ABQ" if name in rates}
     return replace(model, **matrices)
 

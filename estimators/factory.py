@@ -3,39 +3,30 @@
 import inspect
 from collections.abc import Iterable
 from difflib import get_close_matches
+from importlib import import_module
 from typing import Any
 
 from estimators.checks import short_repr
-from estimators.ensemble import EnsembleKalmanFilter, EnsembleTransformFilter
 from estimators.filter import Filter, Model
-from estimators.iterated import IteratedExtendedKalmanFilter
-from estimators.kalman import ExtendedKalmanFilter, KalmanFilter
-from estimators.particles import ParticleFilter
-from estimators.robust import HuberKalmanFilter, RobustKalmanFilter
-from estimators.ulise import ULISE
-from estimators.unknown_input import DelayedUMVFilter, EndedUMVFilter, ExtendedUMVFilter, UMVFilter
-from estimators.unscented import UnscentedKalmanFilter, UnscentedUMVFilter
 
-_FILTERS: dict[str, type[Filter]] = {
-    cls.name: cls
-    for cls in (
-        KalmanFilter,
-        ExtendedKalmanFilter,
-        IteratedExtendedKalmanFilter,
-        UMVFilter,
-        DelayedUMVFilter,
-        ExtendedUMVFilter,
-        ULISE,
-        UnscentedKalmanFilter,
-        UnscentedUMVFilter,
-        EnsembleKalmanFilter,
-        EnsembleTransformFilter,
-        ParticleFilter,
-        HuberKalmanFilter,
-        RobustKalmanFilter,
-    )
+_FILTERS = {
+    "kf": "KalmanFilter",
+    "ekf": "ExtendedKalmanFilter",
+    "iekf": "IteratedExtendedKalmanFilter",
+    "kf-umv-ui": "UMVFilter",
+    "kf-umv-ui-wdf": "DelayedUMVFilter",
+    "ekf-ui-wdf": "ExtendedUMVFilter",
+    "ulise": "ULISE",
+    "ukf": "UnscentedKalmanFilter",
+    "ukf-umv": "UnscentedUMVFilter",
+    "enkf": "EnsembleKalmanFilter",
+    "etkf": "EnsembleTransformFilter",
+    "pf": "ParticleFilter",
+    "huber-kf": "HuberKalmanFilter",
+    "robust-kf": "RobustKalmanFilter",
+    "enkf-sr": "EnsembleTransformFilter",
 }
-_FILTERS["enkf-sr"] = EnsembleTransformFilter
+"""Classes of filters by name; `make` imports only the one that it builds."""
 
 
 def names() -> tuple[str, ...]:
@@ -58,11 +49,10 @@ def make(name: str, model: Model, **options: Any) -> Filter:
     """
     if not isinstance(name, str) or name not in _FILTERS:
         raise ValueError(unknown("filter", name, _FILTERS))
-    cls = _FILTERS[name]
-    if cls is UMVFilter and getattr(model, "delayed_feedthrough", False):
-        cls = EndedUMVFilter
+    ended = name == "kf-umv-ui" and getattr(model, "delayed_feedthrough", False)
+    cls = getattr(import_module("estimators"), "EndedUMVFilter" if ended else _FILTERS[name])
     check_options(name, cls, options)
-    made = cls(model, **options)
+    made: Filter = cls(model, **options)
     made.name = name
     return made
 

@@ -3,7 +3,6 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag, eigvals, solve_discrete_are
 
 from estimators.checks import finite_array
 from estimators.kalman import input_covariance
@@ -64,6 +63,8 @@ def input_conditions(
         ValueError: naming the argument that has a wrong shape or is not a covariance.
         LinAlgError: if ``R`` or ``prior`` is singular.
     """
+    from scipy.linalg import solve_discrete_are  # late, as filters of known inputs do without
+
     given = zip("ACGHQR", (A, C, G, H, Q, R), strict=True)
     matrices: dict[str, Any] = {name: finite_array(name, each, "n", "m") for name, each in given}
     q = LinearModel(**matrices).q
@@ -135,6 +136,8 @@ def _added_zeros(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> 
             np.linalg.matrix_rank(part, rtol=1e-9) for part in (pencil, pencil[:, :n])
         )
         return bool(rank - undriven < q)
+
+    from scipy.linalg import block_diag, eigvals  # late, as above
 
     rng = np.random.default_rng(0)
     if adds(complex(*rng.normal(size=2))):

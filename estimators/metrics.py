@@ -1,7 +1,6 @@
 """Errors of a filter, and their size relative to its covariance."""
 
 import numpy as np
-from scipy.special import gammaincinv
 
 from estimators.angles import difference
 from estimators.checks import as_array
@@ -68,6 +67,8 @@ def chi_square_band(runs: int, degrees: int, confidence: float = 0.95) -> tuple[
 
     Average over runs at one time, not over time: errors at successive times are correlated.
     """
+    from scipy.special import gammaincinv  # late, as all of SciPy: few need it, and it loads slowly
+
     tail = (1.0 - confidence) / 2.0
     low, high = 2.0 * gammaincinv(0.5 * runs * degrees, [tail, 1.0 - tail]) / runs
     return float(low), float(high)

@@ -16,7 +16,7 @@ from agents.seeds import evaluation_seeds
 from agents.studies.worlds import system_of
 from studies.markdown import NONE, ROOT, mean_and_half, number, table
 from vessel_gym.disturbances import Fault
-from vessel_gym.envs.ship import SIGMA_CORVETTE
+from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.sensors import SensorSuite
 
 CORVETTE, EPISODES = "SigmaCorvette-v0", 100
@@ -169,7 +169,7 @@ def comparison(name: str, environment: str = "", **more: Any) -> str:
 
 def turns(sea: str, other: str) -> str:
     """Scores and errors of filters that assume the corvette's sea rightly, wrongly or not."""
-    believed: Any = SIGMA_CORVETTE.disturbances[sea].believed
+    believed: Any = SigmaCorvetteEnv.system.disturbances[sea].believed
     rows = [of.format(other=other) for of in SETTINGS["turns"]["rows"]]
     still = {"assuming no current": assuming(replace(believed, current=0.0))}
     return comparison("turns", rows=rows, variants=VARIANTS | still, disturbance=sea)

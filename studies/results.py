@@ -27,8 +27,7 @@ from agents.studies.study import read_study as study_file
 from agents.studies.worlds import system_of
 from studies.comparisons import SETTINGS, VARIANTS, arm_metrics, assuming
 from studies.markdown import NONE, ROOT, interval, mean_and_half, number, table
-from vessel_gym.envs import VesselVectorEnv
-from vessel_gym.envs.ship import SIGMA_CORVETTE
+from vessel_gym.envs import SigmaCorvetteEnv, VesselVectorEnv
 from vessel_gym.tasks.circle_track import CircleTrack
 
 HELD, PLAIN, INFORMED = "measurement", "ekf", "ekf-waves"
@@ -277,7 +276,7 @@ def variation(
     """
     constants = {name: of * getattr(CircleTrack, name) for name, of in (scaled or {}).items()}
     task: Any = type("Scored", (CircleTrack,), constants, verified=True)
-    corvette: Any = SIGMA_CORVETTE
+    corvette: Any = SigmaCorvetteEnv.system
     system = replace(corvette, task=task(corvette.vehicle.ship))
     env: Any = type("Env", (VesselVectorEnv,), {"system": system})
     env_id = f"Scored{len(gym.registry)}-v0"

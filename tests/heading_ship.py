@@ -11,7 +11,7 @@ import numpy as np
 
 from vessel_gym.disturbances import Sea
 from vessel_gym.envs.own import register_environment
-from vessel_gym.envs.ship import input_tuning
+from vessel_gym.envs.shared import tuning
 from vessel_gym.system import System
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import COMPASS, MOTION_UNIT, linear_matrices
@@ -74,6 +74,6 @@ HEADING_SHIP = System(
     filter_models=dict.fromkeys(
         ("ekf", "iekf", "ukf", "enkf", "enkf-sr", "etkf", "pf"), "nonlinear"
     ),
-    tuning=input_tuning,
+    tuning=tuning,
 )
 register_environment(HEADING_SHIP)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import estimators
 from estimators import factory
 from estimators.engine import Compiled
 from vessel_gym.core import Core
@@ -164,7 +165,7 @@ FILTERED = dict.fromkeys(("kf", "kf-umv-ui", "ulise"), "ThesisCorvette-v0")
 @pytest.mark.parametrize("name", factory.names())
 def test_a_filter_runs_as_ours_in_a_file_of_ones_own(name: str) -> None:
     """Of the classes that are handed over, neither of which is tuned for the environment."""
-    kind = factory._FILTERS[name]
+    kind = getattr(estimators, factory._FILTERS[name])
     linear = {"model": "steady dives"} if name == "kf-umv-ui-wdf" else {}
     env = "a fault" if name.endswith(("wdf", "ukf-umv")) else FILTERED.get(name, "SigmaCorvette-v0")
     (core, ours), (other, theirs) = (

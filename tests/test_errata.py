@@ -17,7 +17,7 @@ from scipy.linalg import solve_discrete_are
 from estimators import Gaussian, LinearModel, make, zero_order_hold
 from studies.papers.puna.model import PlanarPuna, planar_derivative
 from vessel_gym.core import Core
-from vessel_gym.envs.thesis_corvette import THESIS_CORVETTE
+from vessel_gym.envs import ThesisCorvetteEnv
 from vessel_gym.guidance.dubins import lengths
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.puna import trim
@@ -176,7 +176,7 @@ def test_i_xy_and_i_yz_vanish_for_a_hull_mirrored_in_xz() -> None:
 def test_the_printed_covariance_prediction_lacks_sign_gain_and_s() -> None:
     noise = 1e-3 * np.eye(3)  # eq. 4.6
     printed = Core(
-        THESIS_CORVETTE, estimator_options={"model": "as-printed"}
+        ThesisCorvetteEnv.system, estimator_options={"model": "as-printed"}
     ).config.composition.model
     model = replace(printed, Q=noise, R=1e-3 * np.eye(2))
     A, C, G, H, Q, R = (

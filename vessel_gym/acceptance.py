@@ -5,19 +5,11 @@ filter fails in an ordinary step.
 """
 
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators import (
-    Filter,
-    Gaussian,
-    InputConditions,
-    LinearModel,
-    NonlinearModel,
-    input_conditions,
-)
-from estimators.check import check_steps
+from estimators import Filter, Gaussian, LinearModel, NonlinearModel
 from estimators.unknown_input import UnknownInputFilter
 from estimators.varying import resolve
 from vessel_gym.disturbances import Disturbance
@@ -29,6 +21,9 @@ from vessel_gym.sensors import Sensors
 from vessel_gym.system import Vehicle
 from vessel_gym.tasks.task import Task
 from vessel_gym.verified import is_verified
+
+if TYPE_CHECKING:
+    from estimators import InputConditions
 
 VAGUEST = 3.0
 """Largest standard deviation of an unknown input after one step, in units of its assumed size."""
@@ -166,6 +161,8 @@ def check_input(filter: Filter, composition: Composition) -> None:
     _check_timing(filter, model)
     if not isinstance(filter, UnknownInputFilter):
         return
+    from estimators import input_conditions  # late, as only filters of an unknown input need it
+
     base, u = nominal_flight(composition.vehicle, composition.names[: composition.base])
     x = np.zeros((len(base), model.n))
     x[:, : composition.base] = base
@@ -191,7 +188,7 @@ def check_input(filter: Filter, composition: Composition) -> None:
             )
 
 
-def _undetermined(found: InputConditions, inputs: tuple[str, ...]) -> str:
+def _undetermined(found: "InputConditions", inputs: tuple[str, ...]) -> str:
     """Reason why measurements do not determine an unknown input; empty if they do."""
     q = len(inputs)
     if found.rank < q:
@@ -235,6 +232,8 @@ def check_own(filter: Filter, composition: Composition) -> None:
     """
     if type(filter).__module__.startswith(("estimators.", "vessel_gym.")):
         return
+    from estimators.check import check_steps  # late, as the package's own filters need none
+
     base, u = nominal_flight(composition.vehicle, composition.names[: composition.base])
     mean = np.zeros(composition.model.n)
     mean[: composition.base] = base[-1]

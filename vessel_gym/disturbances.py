@@ -10,12 +10,19 @@ from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from estimators.checks import integer, number
+from estimators.discretisation import van_loan
 from estimators.engine import along, sincos
 from vessel_gym.checks import check_names, check_numbers, instance
-from vessel_gym.processes import Process, integrated, interpolated, linear
+from vessel_gym.processes import (
+    Process,
+    block_diagonal,
+    integrated,
+    interpolated,
+    linear,
+    root_of,
+)
 from vessel_gym.verified import Verified
 from vessel_gym.waves import GRAVITY, WaveBands, WaveField
 
@@ -133,14 +140,17 @@ class Sea(Disturbance, verified=True):
     def process(self) -> Process:  # type: ignore[override]
         """Waves, gust and current."""
         wave = np.array([[0.0, 1.0], [-(self.peak**2), -2.0 * self.damping * self.peak]])
-        A = block_diag(
+        A = block_diagonal(
             wave, -1.0 / self.gust_time, -1.0 / self.current_time, -1.0 / self.current_time
         )
         waves = 4.0 * self.damping * self.peak * self.wave**2
         gust = 2.0 * self.gust**2 / self.gust_time
         drift = self.current**2 / self.current_time  # each component carries half the power
         W = np.diag([0.0, waves, gust, drift, drift])
-        return Process.stationary(A, W, self.dt)
+        transition, noise = van_loan(A, np.eye(len(A)), W, self.dt)
+        current = self.current / np.sqrt(2.0)
+        sd = self.wave / self.peak, self.wave, self.gust, current, current
+        return Process(transition, root_of(noise), np.diag(np.square(sd)))
 
     @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
@@ -354,7 +364,7 @@ class Air(Disturbance, verified=True):
         # of the variance
         vertical = np.array([[0.0, 1.0], [-1.0, -2.0]]) / vertical_time
         level = 2.0 * self.gust**2 / time
-        A = block_diag(-1.0 / time, -1.0 / time, vertical)
+        A = block_diagonal(-1.0 / time, -1.0 / time, vertical)
         gusts = Process.stationary(
             A, np.diag([level, level, 0.0, self.vertical_gust**2 / vertical_time]), self.dt
         )
@@ -452,7 +462,7 @@ class Fault(Disturbance, verified=True):
         """Process of the other disturbance, then of the fault."""
         parts = self.beside.process, *(process for process, _, _ in self._own)
         process = Process.joined(*parts)
-        vars(process)["start_root"] = block_diag(
+        vars(process)["start_root"] = block_diagonal(
             *(part.start_root for part in parts)
         )  # each part begins as it does alone
         return process

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators import Delayed, Filter, Model, factory
+from estimators import Filter, Model, factory
 from estimators.checks import number, short_repr
 from estimators.robust import RobustKalmanFilter
 from vessel_gym import checks
@@ -147,7 +147,11 @@ class Estimation:
     @cached_property
     def delayed(self) -> Any:
         """The filter, wrapped in `Delayed` if it fuses late measurements."""
-        return Delayed(self.filter, self.horizon) if self.fuses else self.filter
+        if not self.fuses:
+            return self.filter
+        from estimators import Delayed  # late, as most measurements arrive in time
+
+        return Delayed(self.filter, self.horizon)
 
 
 @shared

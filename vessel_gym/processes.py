@@ -6,10 +6,9 @@ from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
-from scipy.linalg import block_diag, solve_continuous_lyapunov
 
-from estimators import van_loan
 from estimators.checks import finite_array, frozen, short_repr
+from estimators.discretisation import van_loan
 from estimators.engine import as_word, lookup
 from estimators.model_checks import as_covariance
 from estimators.threefry import normals
@@ -107,6 +106,8 @@ class Process:
                 "A must be stable (eigenvalues with negative real parts): otherwise the process"
                 " grows"
             )
+        from scipy.linalg import solve_continuous_lyapunov  # late, as SciPy loads slowly
+
         transition, noise = van_loan(A, np.eye(len(A)), W, dt)
         return cls(transition, root_of(noise), solve_continuous_lyapunov(A, -W))
 
@@ -146,7 +147,7 @@ class Process:
             return cls(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0)))
         return cls(
             *(
-                block_diag(*(getattr(p, name) for p in processes))
+                block_diagonal(*(getattr(p, name) for p in processes))
                 for name in ("transition", "root", "start_cov")
             )
         )
@@ -159,7 +160,7 @@ def integrated(process: Process, which: Sequence[int], dt: float) -> Process:
     added[range(m), which] = dt
     transition = np.block([[process.transition, np.zeros((k, m))], [added, np.eye(m)]])
     root = np.vstack([process.root, np.zeros((m, process.normals))])
-    whole = Process(transition, root, block_diag(process.start_cov, np.zeros((m, m))))
+    whole = Process(transition, root, block_diagonal(process.start_cov, np.zeros((m, m))))
     vars(whole)["start_root"] = np.vstack(
         [process.start_root, np.zeros((m, k))]
     )  # the process begins as without the integrals
@@ -180,6 +181,16 @@ def root_of(cov: np.ndarray) -> np.ndarray:
     """Square root of a covariance that may be singular."""
     values, vectors = np.linalg.eigh(cov)
     return vectors * np.sqrt(np.maximum(values, 0.0))
+
+
+def block_diagonal(*blocks: np.ndarray | float) -> np.ndarray:
+    """Matrix with blocks ``(rows, columns)`` on its diagonal, and zeros elsewhere."""
+    matrices = [*map(np.atleast_2d, blocks)]
+    rows, columns = np.cumsum([(0, 0), *map(np.shape, matrices)], 0).T
+    whole = np.zeros((rows[-1], columns[-1]))
+    for i, j, each in zip(rows, columns, matrices, strict=False):
+        whole[i : i + each.shape[0], j : j + each.shape[1]] = each
+    return whole
 
 
 def product(matrix: np.ndarray, x: np.ndarray, onto: np.ndarray) -> np.ndarray:

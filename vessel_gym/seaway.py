@@ -6,13 +6,13 @@ from functools import cached_property
 from math import factorial
 
 import numpy as np
-from scipy.optimize import root
 
 from estimators.engine import along, compiled, lookup, sincos
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.disturbances import Disturbance, Sea
 from vessel_gym.processes import Process, integrated
 from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, corvette_rates
+from vessel_gym.vehicles.equilibrium import root
 from vessel_gym.vehicles.seakeeping import SHORT_CREST, WaveMotion, wave_loads, wave_response
 from vessel_gym.waves import BANDS, GRAVITY, WaveBands, WaveField, encounter_frequency
 
@@ -104,11 +104,11 @@ class Seaway(Disturbance, verified=True):
     def believed(self) -> Sea:  # type: ignore[override]
         """Default assumption of filters, a `Sea` whose current includes the leeway.
 
-        The variance of its yaw rate is the mean over all directions of the waves.
+        The variance of its yaw rate is the mean over all directions of the waves, from either side.
         """
-        beta = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
+        beta = np.linspace(0.0, np.pi, 37)
         yaw = self.yaw_rate(beta, 0.8 * self.ship.speed, self.dt)
-        wave = max(np.sqrt((yaw**2).mean()), _LEAST / self.dt)
+        wave = max(np.sqrt(np.trapezoid(yaw**2, beta) / np.pi), _LEAST / self.dt)
         return Sea(
             wave=float(wave), peak=2.0 * np.pi / self.period, gust=0.0,
             current=float(np.hypot(self.current, self.leeway)), current_time=100.0, dt=self.dt,
@@ -130,17 +130,18 @@ class Seaway(Disturbance, verified=True):
 
         Rudder and surge speed are those of the equilibrium.
         """
-        state, c = np.zeros(len(STATE)), self.ship.vector()
-        state[STATE.index("psi")] = self.direction + 0.5 * np.pi
-        moving = [STATE.index("u"), STATE.index("v")]
+        heading, moving = STATE.index("psi"), [STATE.index("u"), STATE.index("v")]
 
-        def accelerations(balance: np.ndarray) -> np.ndarray:
+        def accelerations(balance: np.ndarray, _: None) -> np.ndarray:
             """Surge, sway and yaw; ``balance``: rudder [rad], relative surge and sway."""
-            state[moving] = balance[1:] * self.ship.speed
-            around = self.effect(np.zeros(len(self.names)), state)[1:]
-            return corvette_rates(state, balance[:1], around, c)[3:6] * [1.0, 1.0, self.ship.length]
+            state = np.zeros((*balance.shape[:-1], len(STATE)))
+            state[..., heading] = self.direction + 0.5 * np.pi
+            state[..., moving] = balance[..., 1:] * self.ship.speed
+            around = self.effect(np.zeros_like(state), state)[..., 1:]  # in water at rest
+            rates = corvette_rates(state, balance[..., :1], around, self.ship.vector())
+            return rates[..., 3:6] * [1.0, 1.0, self.ship.length]
 
-        return float(abs(root(accelerations, [0.0, 1.0, 0.0]).x[2]) * self.ship.speed)
+        return float(abs(root(accelerations, np.array([0.0, 1.0, 0.0]))[2]) * self.ship.speed)
 
     def draw(self, uniforms: np.ndarray) -> np.ndarray:
         """Constants of an episode's waves: frequencies, phases, and velocities.

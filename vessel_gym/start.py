@@ -5,7 +5,6 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from estimators import Gaussian
 from estimators.checks import short_repr
@@ -15,6 +14,7 @@ from estimators.threefry import normals, threefry, two_uniforms
 from vessel_gym.checks import is_integer
 from vessel_gym.filter_models.build import Composition
 from vessel_gym.filter_models.exogenous import Forces
+from vessel_gym.processes import block_diagonal
 from vessel_gym.sensors import Sensors
 from vessel_gym.world import World
 
@@ -123,7 +123,7 @@ def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray
     The flow carries a vehicle with velocities over ground from the first moment.
     """
     process = forces.disturbance.process
-    whole = block_diag(cov, process.start_cov, sensors.bias.start_cov)
+    whole = block_diagonal(cov, process.start_cov, sensors.bias.start_cov)
     if forces.carried is None:
         return whole
     root = np.eye(len(whole))
@@ -148,11 +148,11 @@ def _start(cov: bytes, composition: Composition) -> Gaussian:
     kept = np.concatenate([np.arange(composition.base), n + composition.estimated, bias])
     known = whole[np.ix_(kept, kept)]
     if composition.late:
-        known = block_diag(known, composition.forces.input_cov)
+        known = block_diagonal(known, composition.forces.input_cov)
     if (
         composition.ended
     ):  # nothing acted before the start: a negligible variance that is not singular
-        known = block_diag(
+        known = block_diagonal(
             known, 1e-6 * composition.forces.cov[np.ix_(composition.ended, composition.ended)]
         )
     return Gaussian(np.zeros(len(known)), known)

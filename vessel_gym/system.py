@@ -13,7 +13,6 @@ from vessel_gym.disturbances import Disturbance
 from vessel_gym.filter_models.build import Composition
 from vessel_gym.sensor_faults import SensorFault, lost_fix
 from vessel_gym.sensors import SUITE_NAMES, SUITES, Sensor, Sensors
-from vessel_gym.sensors.grades import read_grades
 from vessel_gym.tasks.task import Estimate, Task
 from vessel_gym.vehicles.vehicle import Trims, Vehicle
 from vessel_gym.verified import is_verified
@@ -191,6 +190,8 @@ class System:
             if name == "denied" and isinstance(faults, list | tuple):
                 faults = (*faults, *self._outage)
             if name == "budget":
+                from vessel_gym.sensors.grades import read_grades  # late, as it reads files
+
                 choice = read_grades(self).suite(name)
             else:
                 choice = SUITES.get(name, SUITES["nominal"]).of(self.nominal_sensors)

@@ -6,7 +6,6 @@ from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
 
 from estimators.checks import finite_array
 from estimators.engine import along, sincos
@@ -100,7 +99,8 @@ class WaveField:
     def _quantiles(self) -> np.ndarray:
         """Frequencies [rad/s] of the energy quantiles 0, 1/2048, 2/2048 ... 1 ``(2049,)``."""
         w, spectrum = self.spectrum
-        energy = cumulative_trapezoid(spectrum, w, initial=0.0)
+        energy = np.cumsum(np.diff(w) * (spectrum[1:] + spectrum[:-1]) / 2.0)
+        energy = np.append(0.0, energy)
         return np.interp(np.linspace(0.0, energy[-1], 2049), energy, w)
 
     def draw(self, uniforms: np.ndarray) -> np.ndarray:

@@ -3,11 +3,10 @@
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.foreign import CheckedMethods
-from vessel_gym.processes import advance, product
+from vessel_gym.processes import advance, block_diagonal, product
 from vessel_gym.sensors import Sensors
 from vessel_gym.state import Changes, Stage, Stages, State
 
@@ -42,8 +41,8 @@ class World:
         self.parts = np.array([process.normals for process in processes])
         self.parts[0] += disturbance.white.shape[-1]
         self.start_roots = [process.start_root for process in processes]
-        self.transition = block_diag(disturbance.process.transition, sensors.bias.transition)
-        self.root = block_diag(disturbance.white, disturbance.process.root, sensors.bias.root)
+        self.transition = block_diagonal(disturbance.process.transition, sensors.bias.transition)
+        self.root = block_diagonal(disturbance.white, disturbance.process.root, sensors.bias.root)
         moves, senses = not self.user_defined, sensors.verified
         if moves and senses:
             self.step: Any = Stage(self._step, True)
@@ -78,7 +77,7 @@ class World:
 
     def _place(self, now: State) -> Changes:
         """The truth at an episode's start, from random numbers and the prior."""
-        root = block_diag(*self.start_roots)
+        root = block_diagonal(*self.start_roots)
         slow = product(root, now.slow_normals, np.zeros((*now.steps.shape, len(root))))
         x = now.prior_mean + (now.prior_root * now.prior_normals[..., None, :]).sum(-1)
         if self.forces.carried is not None:

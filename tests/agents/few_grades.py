@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 
 import gymnasium as gym
 
-from vessel_gym.envs.ship import SIGMA_CORVETTE
+from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.vehicles.ship import Ship
 
@@ -22,9 +22,9 @@ class FewGradesVectorEnv(VesselVectorEnv):
     """Its batch, whose episodes are short."""
 
     system = replace(
-        SIGMA_CORVETTE,
+        SigmaCorvetteEnv.system,
         name="FewGrades-v0",
-        vehicle=FewGrades(SIGMA_CORVETTE.vehicle.ship, SIGMA_CORVETTE.vehicle.dt),
+        vehicle=FewGrades(SigmaCorvetteEnv.system.vehicle.ship, SigmaCorvetteEnv.system.vehicle.dt),
     )
 
 

@@ -9,10 +9,10 @@ import pytest
 from agents import rollout
 from agents.metrics import scores
 from agents.seeds import evaluation_seeds
-from vessel_gym.envs.ship import SEAS
+from vessel_gym.envs import SigmaCorvetteEnv
 
 pytestmark = pytest.mark.slow
-SEEDS = evaluation_seeds(40)
+SEEDS, SEAS = evaluation_seeds(40), SigmaCorvetteEnv.system.disturbances
 
 
 @cache

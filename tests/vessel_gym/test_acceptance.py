@@ -11,12 +11,11 @@ from estimators import make
 from tests.vessel_gym.contract import make_core
 from vessel_gym.acceptance import VAGUEST, nominal_flight
 from vessel_gym.disturbances import Air, Fault
-from vessel_gym.envs.auv import PLANE_WATERS, SEGOROGENI_AUV, WATERS
-from vessel_gym.envs.fixed_wing import PUNA_UAV
-from vessel_gym.envs.ship import SIGMA_CORVETTE
+from vessel_gym.envs import PunaUAVEnv, SegorogeniAUVEnv, SigmaCorvetteEnv
+from vessel_gym.envs.auv import PLANE_WATERS, WATERS
 
 AUV, PLANE, AIRCRAFT, SHIP = "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0", "SigmaCorvette-v0"
-AIR = PUNA_UAV.disturbances["moderate"]
+AIR = PunaUAVEnv.system.disturbances["moderate"]
 
 
 @dataclass(frozen=True)
@@ -29,7 +28,7 @@ class Front(Air):
 
 def only(*names: str) -> list[Any]:
     """Some of the aircraft's sensors."""
-    return [sensor for sensor in PUNA_UAV.vehicle.sensors if sensor.name in names]
+    return [sensor for sensor in PunaUAVEnv.system.vehicle.sensors if sensor.name in names]
 
 
 REFUSED: dict[str, tuple[str, str, dict[str, Any], str]] = {
@@ -92,11 +91,11 @@ def test_a_step_tells_what_is_unknown_relative_to_its_size(size: float):
 
 
 SAILED = {
-    SHIP: (("kf-umv-ui", "ulise"), SIGMA_CORVETTE.disturbances, lambda sea: sea),
+    SHIP: (("kf-umv-ui", "ulise"), SigmaCorvetteEnv.system.disturbances, lambda sea: sea),
     AUV: (("ekf-ui-wdf", "ukf-umv"), WATERS, lambda sea: Fault("rudder", beside=Fault("stern plane", beside=sea))),
     PLANE: (("kf-umv-ui-wdf", "ulise", "ekf-ui-wdf", "ukf-umv"), PLANE_WATERS,
             lambda sea: Fault("stern plane", beside=sea)),
-    AIRCRAFT: (("ekf-ui-wdf", "ukf-umv"), PUNA_UAV.disturbances, lambda air: Fault("bank", beside=air)),
+    AIRCRAFT: (("ekf-ui-wdf", "ukf-umv"), PunaUAVEnv.system.disturbances, lambda air: Fault("bank", beside=air)),
 }  # fmt: skip
 """Filters of an unknown input, the weather of an environment, and the unknown input in it."""
 
@@ -116,7 +115,7 @@ def test_what_measurements_show_well_is_accepted(case: str, weather: str):
 
 
 def test_the_nominal_flight_is_the_vehicles_own_and_goes_its_usual_way():
-    vehicle = SEGOROGENI_AUV.vehicle
+    vehicle = SegorogeniAUVEnv.system.vehicle
     x, u = nominal_flight(vehicle, vehicle.state_names)
     cruising = vehicle.cruise
     assert x.shape == (3, 12)

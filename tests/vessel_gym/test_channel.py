@@ -10,7 +10,7 @@ from test_routes import DOGLEG, every_route
 
 from agents.controllers import make_controller
 from vessel_gym.core import Core
-from vessel_gym.envs.ship import SIGMA_CHANNEL, SIGMA_CORVETTE
+from vessel_gym.envs import SigmaChannelEnv, SigmaCorvetteEnv
 from vessel_gym.guidance.path_following import pose_along
 from vessel_gym.guidance.routes import WAYPOINTS, route
 from vessel_gym.seaway import Seaway
@@ -19,7 +19,7 @@ from vessel_gym.tasks.track import BELIEVED, HEADING, OFF, RATE_AHEAD, RATE_NOW,
 from vessel_gym.vehicles.seakeeping import wave_response
 from vessel_gym.waves import encounter_frequency
 
-TASK: Any = SIGMA_CHANNEL.task
+TASK: Any = SigmaChannelEnv.system.task
 SHIP = TASK.ship
 RADIUS = TASK.turn * SHIP.length
 STILL = Seaway(SHIP, height=1e-6, period=8.8, wind=0.0, current=0.0, dt=TASK.dt)
@@ -123,7 +123,7 @@ def test_a_turn_is_commanded_before_it_begins_and_ends() -> None:
 @pytest.mark.parametrize("angle", [0.4, 2.0, -1.3])
 def test_a_turned_route_gives_the_same_flight(angle: float) -> None:
     """In still water, where north is no direction of its own, from a start without scatter."""
-    system = replace(SIGMA_CHANNEL, task=Exact(SHIP), disturbances={"moderate": STILL})
+    system = replace(SigmaChannelEnv.system, task=Exact(SHIP), disturbances={"moderate": STILL})
     flights = []
     for waypoints in (DOGLEG, turned(DOGLEG, angle)):
         core, controller = Core(system, 2, estimator="truth"), make_controller("autopilot", system)
@@ -144,7 +144,7 @@ def test_a_turned_route_gives_the_same_flight(angle: float) -> None:
 
 def flown(policy: Any, rows: int, disturbance: str) -> tuple[np.ndarray, np.ndarray]:
     """Scores and ends ``(rows,)``."""
-    core = Core(SIGMA_CHANNEL, rows, estimator="truth", disturbance=disturbance)
+    core = Core(SigmaChannelEnv.system, rows, estimator="truth", disturbance=disturbance)
     core.start(list(range(10_000, 10_000 + rows)))
     total, ends = np.zeros(rows), np.zeros(rows, int)
     for k in range(TASK.horizon):
@@ -157,7 +157,7 @@ def flown(policy: Any, rows: int, disturbance: str) -> tuple[np.ndarray, np.ndar
 @pytest.mark.slow
 def test_in_a_calm_the_autopilot_stays_within_a_metre_of_the_axis() -> None:
     """On the truth, a minute after a start on the axis: its integral has found the current and the wind by then."""
-    system = replace(SIGMA_CHANNEL, task=Exact(SHIP, offset=0.0, error=0.0))
+    system = replace(SigmaChannelEnv.system, task=Exact(SHIP, offset=0.0, error=0.0))
     core, controller = (
         Core(system, 32, estimator="truth", disturbance="calm"),
         make_controller("autopilot", system),
@@ -190,7 +190,7 @@ def test_nothing_but_keeping_to_the_channel_pays(policy: str, disturbance: str) 
     [("calm", 0.85), ("moderate", 0.75), ("rough", 0.55), ("moderate quartering", 0.45)],
 )
 def test_the_autopilot_arrives(disturbance: str, least: float) -> None:
-    controller = make_controller("autopilot", SIGMA_CHANNEL)
+    controller = make_controller("autopilot", SigmaChannelEnv.system)
     controller.reset(16)
     score, end = flown(lambda k, core: controller.act(core.observe()), 16, disturbance)
     assert (np.array(TASK.end_reasons)[end] == "arrived").all()
@@ -200,8 +200,8 @@ def test_the_autopilot_arrives(disturbance: str, least: float) -> None:
 @pytest.mark.parametrize(
     ("system", "most"),
     [
-        (SIGMA_CHANNEL, 3.0 * TASK.dt * SHIP.speed / (TASK.leg * SHIP.length)),
-        (SIGMA_CORVETTE, 200 * 0.06),
+        (SigmaChannelEnv.system, 3.0 * TASK.dt * SHIP.speed / (TASK.leg * SHIP.length)),
+        (SigmaCorvetteEnv.system, 200 * 0.06),
     ],
     ids=lambda value: getattr(value, "name", None),
 )
@@ -257,10 +257,10 @@ def test_a_perfect_step_is_worth_its_share_and_every_error_costs() -> None:
 def test_bow_seas_raise_the_frequency_of_encounter_and_quartering_seas_lower_it(sea: str) -> None:
     """Against ``w - k U cos(beta)``, and in the yaw that waves give a ship that is held on the axis."""
     for name in (sea, f"{sea} quartering"):
-        seaway: Any = SIGMA_CHANNEL.disturbances[name]
+        seaway: Any = SigmaChannelEnv.system.disturbances[name]
         core, controller = (
-            Core(SIGMA_CHANNEL, 16, estimator="truth", disturbance=name),
-            make_controller("autopilot", SIGMA_CHANNEL),
+            Core(SigmaChannelEnv.system, 16, estimator="truth", disturbance=name),
+            make_controller("autopilot", SigmaChannelEnv.system),
         )
         core.start(0)
         controller.reset(16)

@@ -9,12 +9,12 @@ from scipy.optimize import minimize_scalar
 
 from agents.controllers import make_controller
 from vessel_gym.core import Core
-from vessel_gym.envs.ship import SIGMA_CORVETTE
+from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.tasks.circle_track import CURVATURE, SPEED
 from vessel_gym.tasks.track import BELIEVED, OFF, RATE_NOW, TRACK, WANTED
 from vessel_gym.vehicles.corvette import steady_turns
 
-TASK = SIGMA_CORVETTE.task
+TASK = SigmaCorvetteEnv.system.task
 SHIP = TASK.ship
 
 
@@ -97,7 +97,7 @@ def test_who_keeps_to_the_track_is_on_it_and_turns_at_the_commanded_rate():
 
 
 def flown(policy, rows: int, disturbance: str) -> np.ndarray:
-    core = Core(SIGMA_CORVETTE, rows, estimator="truth", disturbance=disturbance)
+    core = Core(SigmaCorvetteEnv.system, rows, estimator="truth", disturbance=disturbance)
     core.start(list(range(10_000, 10_000 + rows)))
     total, alive = np.zeros(rows), np.ones(rows, bool)
     for k in range(TASK.horizon):
@@ -125,8 +125,8 @@ def test_nothing_but_holding_the_track_pays(policy, disturbance):
 def test_the_autopilot_holds_the_track(estimator):
     rows = 16
     core, controller = (
-        Core(SIGMA_CORVETTE, rows, estimator=estimator),
-        make_controller("autopilot", SIGMA_CORVETTE),
+        Core(SigmaCorvetteEnv.system, rows, estimator=estimator),
+        make_controller("autopilot", SigmaCorvetteEnv.system),
     )
     core.start(list(range(10_000, 10_000 + rows)))
     controller.reset(rows)

@@ -14,7 +14,8 @@ from stepping import corvette_step
 from estimators import LinearModel, wrap, zero_order_hold
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.envs.thesis_corvette import THESIS_CORVETTE, UnknownStep
+from vessel_gym.envs import ThesisCorvetteEnv
+from vessel_gym.envs.thesis_corvette import UnknownStep
 from vessel_gym.filter_models.build import compose
 from vessel_gym.vehicles.corvette import (
     linear_matrices,
@@ -714,7 +715,7 @@ def seen_by_filters(state: np.ndarray) -> np.ndarray:
 def test_the_thesis_filters_estimate_sway_yaw_rate_and_heading(kind):
     composed = compose(VEHICLE, kind, UnknownStep(), sensors_of(VEHICLE))
     assert composed.names == VEHICLE.estimated(kind) == ("v", "r", "psi")
-    core = Core(THESIS_CORVETTE, 3, "kf", {"model": kind}, sensors="clean")
+    core = Core(ThesisCorvetteEnv.system, 3, "kf", {"model": kind}, sensors="clean")
     core.start(seed=1)
     core.step(np.ones((3, 1)))
     np.testing.assert_array_equal(

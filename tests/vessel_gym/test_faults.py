@@ -11,8 +11,8 @@ from agents.metrics import scores
 from tests.vessel_gym.contract import make_core
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance, Fault
+from vessel_gym.envs import PunaUAVEnv
 from vessel_gym.envs.auv import PLANE_WATERS, WATERS
-from vessel_gym.envs.fixed_wing import PUNA_UAV
 
 AUV, PLANE, AIRCRAFT = "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"
 ACTUATORS = {
@@ -23,7 +23,7 @@ ACTUATORS = {
 BESIDE: dict[str, Disturbance] = {
     AUV: WATERS["rough"],
     PLANE: PLANE_WATERS["rough"],
-    AIRCRAFT: PUNA_UAV.disturbances["rough"],
+    AIRCRAFT: PunaUAVEnv.system.disturbances["rough"],
 }
 SEEN = {AUV: ("rudder", "stern plane"), PLANE: ("stern plane",), AIRCRAFT: ("bank",)}
 DEG = np.pi / 180.0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from contract import make_core
 
-from vessel_gym.envs.fixed_wing import PUNA_UAV
+from vessel_gym.envs import PunaUAVEnv
 from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.guidance.dubins import approach, candidates, plan, shortest, word_path
 from vessel_gym.guidance.path_following import ANYWHERE, LEAD, locate
@@ -15,9 +15,9 @@ from vessel_gym.system import Estimate
 from vessel_gym.tasks.flight import END_REASONS, OBSTACLES, SEGMENTS, Flight
 from vessel_gym.vehicles.puna import STATE, airspeed
 
-TASK = PUNA_UAV.task
+TASK = PunaUAVEnv.system.task
 assert isinstance(TASK, Flight)
-AIR = PUNA_UAV.disturbances["moderate"]
+AIR = PunaUAVEnv.system.disturbances["moderate"]
 STILL = np.zeros((1, 7))
 """An exogenous input without increments and wind."""
 
@@ -223,7 +223,7 @@ def test_the_prior_flies_along_the_path_through_an_unknown_wind():
     scenario = scenarios(4)
     prior = TASK.prior(scenario)
     sensors = make_core("PunaUAV-v0", 1).config.sensors
-    cov = joint_prior(prior.cov, Forces(PUNA_UAV.vehicle, AIR), sensors)
+    cov = joint_prior(prior.cov, Forces(PunaUAVEnv.system.vehicle, AIR), sensors)
     assert cov.shape == (16, 16)
     assert np.linalg.eigvalsh(cov).min() > 0.0
     x = np.random.default_rng(0).standard_normal((20_000, 16)) @ np.linalg.cholesky(cov).T

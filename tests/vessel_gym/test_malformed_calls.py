@@ -10,8 +10,8 @@ import pytest
 
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Air, Fault, Sea, SurfaceWater, Water
+from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.envs.own import register_environment
-from vessel_gym.envs.ship import SIGMA_CORVETTE
 from vessel_gym.guidance import dubins
 from vessel_gym.processes import Process
 from vessel_gym.seaway import Seaway
@@ -52,7 +52,7 @@ DIVE = {
     "ahead": 2.5,
     "horizon": 500,
 }
-SYSTEM = {name: getattr(SIGMA_CORVETTE, name) for name in System.__dataclass_fields__}
+SYSTEM = {name: getattr(SigmaCorvetteEnv.system, name) for name in System.__dataclass_fields__}
 CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
     (Sea, {"wave": 0.01, "peak": 0.8, "gust": 0.01, "current": 0.1},
      {"wave": NEGATIVE, "peak": NOT_POSITIVE, "gust_time": NOT_POSITIVE, "dt": NOT_POSITIVE}),
@@ -89,7 +89,7 @@ CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, list[Any]]]] = [
     (System, SYSTEM, {"name": [None, 3], "vehicle": [None, "ship", 3], "task": [None, "dive"],
                       "disturbances": [None, {}, [1], {"calm": 3}], "filter_model": [None, "linea"],
                       "estimator": [None, 3], "tuning": [None, "x"], "sensors": ["nominal", 3, [3]]}),
-    (register_environment, {"system": replace(SIGMA_CORVETTE, name="Malformed-v0")},
+    (register_environment, {"system": replace(SigmaCorvetteEnv.system, name="Malformed-v0")},
      {"system": [None, "x", 3, System], "max_episode_steps": [0, -1, 2.5, "x"]}),
     (Surroundings, {}, {"hull": [None, "boat"], "size": NOT_POSITIVE, "path": NO_VECTOR, "goal": [(1.0, 2.0), "x"]}),
     (dubins.shortest, {"start": POSE, "goal": GOAL, "radius": 30.0},
@@ -136,12 +136,12 @@ def test_right_calls_pass():
 
 
 def test_a_seaway_of_another_ship_than_the_one_that_sails_is_refused():
-    other = Seaway(MARINER, 2.0, 8.0, 5.0, 0.3, SIGMA_CORVETTE.vehicle.dt)
+    other = Seaway(MARINER, 2.0, 8.0, 5.0, 0.3, SigmaCorvetteEnv.system.vehicle.dt)
     with pytest.raises(
         ValueError,
         match=r"^Seaway was made for another ship than the vehicle's: give it ship=vehicle",
     ):
-        Core(SIGMA_CORVETTE, disturbance=other)
+        Core(SigmaCorvetteEnv.system, disturbance=other)
 
 
 @pytest.mark.parametrize(

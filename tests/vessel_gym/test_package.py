@@ -99,6 +99,35 @@ def test_importing_the_environments_compiles_nothing():
     assert done.stdout.split() == []
 
 
+FAMILIES = {
+    "ship": ("SigmaCorvette-v0", "SigmaChannel-v0"),
+    "thesis_corvette": ("ThesisCorvette-v0",),
+    "auv": ("SegorogeniAUV-v0", "ItsunusaAUV-v0"),
+    "fixed_wing": ("PunaUAV-v0",),
+}
+MOST = {"vessel_gym": 66, "estimators": 37}
+"""Modules that a first use may import; a channel's route takes five of them."""
+
+
+@pytest.mark.parametrize(
+    ("family", "env_id"), [(name, each) for name in FAMILIES for each in FAMILIES[name]]
+)
+def test_a_first_make_imports_its_own_family_alone(family: str, env_id: str):
+    program = f"""import sys, gymnasium, vessel_gym
+gymnasium.make({env_id!r}, estimator="ekf")
+print(*sys.modules)"""
+    run = [sys.executable, "-W", "error", "-c", program]
+    done = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    loaded = done.stdout.split()
+    assert {f"vessel_gym.envs.{each}" for each in FAMILIES} & set(loaded) == {
+        f"vessel_gym.envs.{family}"
+    }
+    for package, most in MOST.items():
+        assert sum(name.partition(".")[0] == package for name in loaded) <= most, package
+    assert "scipy.optimize" not in loaded
+
+
 def test_the_version_is_said_once():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     assert vessel_gym.__version__ == project["version"]

@@ -8,10 +8,10 @@ import pytest
 
 from agents.controllers import make_controller
 from vessel_gym.core import Core
-from vessel_gym.envs.ship import SIGMA_CORVETTE
+from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.tasks.helm import smoothness
 
-TASK = SIGMA_CORVETTE.task
+TASK = SigmaCorvetteEnv.system.task
 ROWS = 12
 
 
@@ -28,8 +28,8 @@ def flown(
         helm: Action by step and the autopilot's action.
     """
     core, autopilot = (
-        Core(SIGMA_CORVETTE, ROWS, estimator),
-        make_controller("autopilot", SIGMA_CORVETTE),
+        Core(SigmaCorvetteEnv.system, ROWS, estimator),
+        make_controller("autopilot", SigmaCorvetteEnv.system),
     )
     core.start(list(range(20_000, 20_000 + ROWS)))
     autopilot.reset(ROWS)

@@ -7,10 +7,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from vessel_gym.envs.ship import SIGMA_CHANNEL
+from vessel_gym.envs import SigmaChannelEnv
 from vessel_gym.guidance.routes import LONGEST, WAYPOINTS, route
 
-TASK: Any = SIGMA_CHANNEL.task
+TASK: Any = SigmaChannelEnv.system.task
 RADIUS = TASK.turn * TASK.ship.length
 DOGLEG = np.array([[0.0, 0.0], [1200.0, 0.0], [2000.0, 1100.0], [3400.0, 900.0]])
 ROUTES = {

@@ -13,7 +13,8 @@ from scipy.stats import chi2
 from stepping import corvette_step
 
 from vessel_gym.core import Core
-from vessel_gym.envs.ship import SEAS, SIGMA_CORVETTE, ship_system
+from vessel_gym.envs import SigmaCorvetteEnv
+from vessel_gym.envs.ship import ship_system
 from vessel_gym.seaway import Seaway
 from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import (
@@ -29,7 +30,8 @@ from vessel_gym.waves import GRAVITY, WaveField, encounter_frequency, jonswap
 SHIP = load("corvette", CorvetteParameters)
 MARINER = load("mariner", CorvetteParameters)
 C = dict(zip(COEFFICIENTS, SHIP.vector(), strict=True))
-MODERATE, ROUGH = SEAS["moderate"], SEAS["rough"]
+CORVETTE = SigmaCorvetteEnv.system
+MODERATE, ROUGH = CORVETTE.disturbances["moderate"], CORVETTE.disturbances["rough"]
 COMPONENTS = WaveField.components
 DEG, KNOT = np.pi / 180.0, 1852.0 / 3600.0
 AROUND_BETAS = np.linspace(0.0, 2.0 * np.pi, 25)
@@ -158,7 +160,7 @@ def test_the_field_is_one_of_place_and_time_whatever_ship_and_filter_do():
         {"estimator": "ekf"},
         {"estimator": "truth", "sensors": "budget", "disturbance": "rough", "mismatch": 0.1},
     )
-    cores = [Core(SIGMA_CORVETTE, 3, **{"disturbance": "rough"} | each) for each in chosen]
+    cores = [Core(CORVETTE, 3, **{"disturbance": "rough"} | each) for each in chosen]
     for core, helm in zip(cores, (0.0, 0.7), strict=True):
         core.start(11)
         for _ in range(40):
@@ -183,7 +185,7 @@ def test_waves_wind_and_current_are_of_one_frame():
             [],
         )
         for where, current in ((still, 0.0 * drift), (sea, drift)):
-            state, vehicle = np.zeros((8, len(STATE))), SIGMA_CORVETTE.vehicle
+            state, vehicle = np.zeros((8, len(STATE))), CORVETTE.vehicle
             state[:, 2], state[:, 3] = np.linspace(0.0, 6.0, 8), 12.0
             for step in range(120):
                 time = np.full(8, sea.dt * step)
@@ -198,7 +200,7 @@ def test_waves_wind_and_current_are_of_one_frame():
 
 
 def test_a_current_carries_the_water():
-    core = Core(SIGMA_CORVETTE, 3, disturbance="rough")
+    core = Core(CORVETTE, 3, disturbance="rough")
     core.start(0)
     way = np.zeros((3, 2))
     for _ in range(20):
@@ -510,7 +512,7 @@ def test_constant_thrust_is_the_limit_of_propellers_without_slope():
 
 
 def test_filters_are_told_of_a_sea_of_no_direction_and_hold_its_current():
-    core = Core(SIGMA_CORVETTE, 2)
+    core = Core(CORVETTE, 2)
     composition = core.config.composition
     assert composition.inputs == ("yaw increment",)
     assert composition.names == ("x", "y", "psi", "u", "v", "r", "current north", "current east")

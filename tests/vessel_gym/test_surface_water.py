@@ -5,10 +5,10 @@ import pytest
 
 from vessel_gym.core import Core
 from vessel_gym.disturbances import SurfaceWater
-from vessel_gym.envs.auv import ITSUNUSA_AUV, SEGOROGENI_AUV
+from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv
 from vessel_gym.waves import GRAVITY, jonswap
 
-SYSTEMS = {"segorogeni": SEGOROGENI_AUV, "itsunusa": ITSUNUSA_AUV}
+SYSTEMS = {"segorogeni": SegorogeniAUVEnv.system, "itsunusa": ItsunusaAUVEnv.system}
 
 
 def above(name: str) -> SurfaceWater:
@@ -24,7 +24,7 @@ def test_the_velocity_dies_away_with_the_depth_as_in_airy_s_theory(depth):
     """Against the whole spectrum, of the field and of filters' bands. 40,000 draws: 5 deviations are 2 %."""
     water = above("segorogeni")
     rng = np.random.default_rng(0)
-    state = np.zeros((40_000, len(SEGOROGENI_AUV.vehicle.state_names)))
+    state = np.zeros((40_000, len(SegorogeniAUVEnv.system.vehicle.state_names)))
     state[:, water.down], state[:, water.north] = (
         depth - water.depth,
         rng.uniform(-100.0, 100.0, len(state)),

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from sensing import UnevenWater, sensors_of
 from stepping import step
 
-from vessel_gym.envs.auv import ITSUNUSA_AUV, SEGOROGENI_AUV
+from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv
 from vessel_gym.filter_models.build import Composition, compose
 from vessel_gym.system import System
 from vessel_gym.vehicles.files import load
@@ -184,12 +184,12 @@ class AUV:
 
 AUVS = {
     "segorogeni": AUV(
-        CASES["segorogeni"], SEGOROGENI_AUV, "uvwpqr", energies.inertia, energies.energy,
+        CASES["segorogeni"], SegorogeniAUVEnv.system, "uvwpqr", energies.inertia, energies.energy,
         (0.02, 0.01, 0.015, 0.03, 0.025, 0.035), (0.10, 0.15),
         (0.01, 0.01, 0.01, 0.02, 0.01, 0.01, 0.03, 0.005, 0.005, 0.005, 0.5, 0.5),
     ),
     "itsunusa": AUV(
-        CASES["itsunusa"], ITSUNUSA_AUV, "uwq", energies.inertia_in_the_plane, energies.energy_in_the_plane,
+        CASES["itsunusa"], ItsunusaAUVEnv.system, "uwq", energies.inertia_in_the_plane, energies.energy_in_the_plane,
         (0.02, 0.015, 0.025), (0.12,), (0.01, 0.01, 0.02, 0.01, 0.005, 0.5),
     ),
 }  # fmt: skip

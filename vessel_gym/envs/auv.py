@@ -1,14 +1,12 @@
 """AUV-v0, SegorogeniAUV-v0, ItsunusaAUV-v0: torpedo-shaped vehicles that dive along a curve."""
 
 import math
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from vessel_gym.disturbances import Disturbance, SurfaceWater, Water
-from vessel_gym.envs.shared import documented
-from vessel_gym.envs.single import VesselEnv
-from vessel_gym.envs.vector import VesselVectorEnv
-from vessel_gym.filter_models.build import BESIDE_BIASES, OF_UNKNOWN_INPUTS, Composition
+from vessel_gym.envs.shared import tuning
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import SpatialDive, VerticalDive
 from vessel_gym.vehicles.auv import AUVParameters
@@ -17,7 +15,6 @@ from vessel_gym.vehicles.itsunusa import STATE as PLANE
 from vessel_gym.vehicles.itsunusa import Itsunusa, ItsunusaParameters
 from vessel_gym.vehicles.segorogeni import STATE as SPACE
 from vessel_gym.vehicles.segorogeni import Segorogeni
-from vessel_gym.verified import verified
 
 
 def _waters(spin: float, state: tuple[str, ...], **of_vehicle: Any) -> dict[str, Disturbance]:
@@ -38,17 +35,7 @@ WATERS = _waters(1.0, SPACE)
 PLANE_WATERS = _waters(0.5, PLANE, velocities=("u", "w"), rates=("q",), names=("current",))
 
 
-@verified
-def tuning(name: str, composition: Composition) -> dict[str, Any]:
-    """Options of filters: the variance of the unknown input, and the radius of `robust-kf`."""
-    if name == "robust-kf":
-        return {"radius": BESIDE_BIASES}
-    if name in OF_UNKNOWN_INPUTS and composition.inputs:
-        return {"input_prior": composition.forces.input_cov}
-    return {}
-
-
-def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
+def auv_system(vessel: str | Path = "remus-100", name: str = "vessel_gym/AUV-v0") -> System:
     """Environment in which a torpedo-shaped vehicle dives, in space or in the vertical plane.
 
     The vehicle file selects space or plane. The dive is that of Segorogeni or, in the plane, that
@@ -78,65 +65,13 @@ def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
     return System(name, Segorogeni(body), space, WATERS, "enkf", "nonlinear", tuning)
 
 
-class AUVEnv(VesselEnv):
-    """Dive along a curve with an underwater vehicle of your own, with an estimator in the loop.
-
-    Spaces, rewards and arguments are those of docs/environments/segorogeni-auv.md; for a vehicle in
-    the vertical plane, those of docs/environments/itsunusa-auv.md. The length of the path is in
-    proportion to the vehicle's cruise speed. Truncation is after 500 steps; for a vehicle in the
-    plane, ``gym.make(..., max_episode_steps=600)`` allows the time of `ItsunusaAUVEnv`.
-
-    Args:
-        vessel: Vehicle file (docs/vehicles.md), or the name of a vehicle of the package.
-        options: Arguments of `VesselEnv`.
-
-    Raises:
-        ValueError: for an error in the file; the message names its line. Otherwise as
-            `VesselEnv`.
-    """
-
-    system = auv_system("remus-100")
-
-    def __init__(self, vessel: str | Path = "remus-100", **options: Any) -> None:
-        self.system = auv_system(vessel)  # type: ignore[misc]
-        super().__init__(**options)
+@cache
+def segorogeni_auv() -> System:
+    """Environment in which the SEGOROGENI dives in three dimensions."""
+    return auv_system("segorogeni", "SegorogeniAUV-v0")
 
 
-class AUVVectorEnv(VesselVectorEnv):
-    """Vector environment of `AUVEnv`, which documents the arguments."""
-
-    system = AUVEnv.system
-
-    def __init__(self, num_envs: int = 1, vessel: str | Path = "remus-100", **options: Any) -> None:
-        self.system = auv_system(vessel)  # type: ignore[misc]
-        super().__init__(num_envs, **options)
-
-
-SEGOROGENI_AUV = auv_system("segorogeni", "SegorogeniAUV-v0")
-ITSUNUSA_AUV = auv_system("itsunusa", "ItsunusaAUV-v0")
-
-
-@documented
-class SegorogeniAUVEnv(VesselEnv):
-    """Dive along a curve in three dimensions with an estimator in the loop."""
-
-    system = SEGOROGENI_AUV
-
-
-class SegorogeniAUVVectorEnv(VesselVectorEnv):
-    """Vector environment of `SegorogeniAUVEnv`; manual: docs/environments/segorogeni-auv.md."""
-
-    system = SEGOROGENI_AUV
-
-
-@documented
-class ItsunusaAUVEnv(VesselEnv):
-    """Dive in the vertical plane with an estimator in the loop."""
-
-    system = ITSUNUSA_AUV
-
-
-class ItsunusaAUVVectorEnv(VesselVectorEnv):
-    """Vector environment of `ItsunusaAUVEnv`; manual: docs/environments/itsunusa-auv.md."""
-
-    system = ITSUNUSA_AUV
+@cache
+def itsunusa_auv() -> System:
+    """Environment in which the ITSUNUSA dives in the vertical plane."""
+    return auv_system("itsunusa", "ItsunusaAUV-v0")

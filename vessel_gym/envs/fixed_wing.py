@@ -1,13 +1,10 @@
 """FixedWing-v0 and PunaUAV-v0: a small aircraft flies a Dubins path round obstacles."""
 
+from functools import cache
 from pathlib import Path
-from typing import Any
 
 from vessel_gym.disturbances import Air
-from vessel_gym.envs.auv import tuning
-from vessel_gym.envs.shared import documented
-from vessel_gym.envs.single import VesselEnv
-from vessel_gym.envs.vector import VesselVectorEnv
+from vessel_gym.envs.shared import tuning
 from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.files import load
@@ -23,7 +20,7 @@ def airs(dt: float, airspeed: float) -> dict[str, Air]:
     }
 
 
-def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0") -> System:
+def fixed_wing_system(vessel: str | Path = "puna", name: str = "vessel_gym/FixedWing-v0") -> System:
     """Environment in which a small aircraft flies a Dubins path.
 
     The task is that of the PUNA, with lengths in proportion to the square of the cruise speed.
@@ -50,52 +47,7 @@ def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0")
     )
 
 
-class FixedWingEnv(VesselEnv):
-    """Fly a path round obstacles with an aircraft of your own, with an estimator in the loop.
-
-    Spaces, rewards and arguments are those of docs/environments/puna-uav.md. The lengths of paths
-    are in proportion to the square of the cruise speed. Truncation is after 900 steps. A much
-    faster aircraft needs more: make the environment again with ``gym.make(...,
-    max_episode_steps=horizon)``, with ``horizon = env.unwrapped.system.task.horizon``.
-
-    Args:
-        vessel: Vehicle file of an aircraft (docs/vehicles.md), or the name of an aircraft of the
-            package.
-        options: Arguments of `VesselEnv`.
-
-    Raises:
-        ValueError: for an error in the file; the message names its line. Otherwise as
-            `VesselEnv`.
-    """
-
-    system = fixed_wing_system("puna")
-
-    def __init__(self, vessel: str | Path = "puna", **options: Any) -> None:
-        self.system = fixed_wing_system(vessel)  # type: ignore[misc]
-        super().__init__(**options)
-
-
-class FixedWingVectorEnv(VesselVectorEnv):
-    """Vector environment of `FixedWingEnv`, which documents the arguments."""
-
-    system = FixedWingEnv.system
-
-    def __init__(self, num_envs: int = 1, vessel: str | Path = "puna", **options: Any) -> None:
-        self.system = fixed_wing_system(vessel)  # type: ignore[misc]
-        super().__init__(num_envs, **options)
-
-
-PUNA_UAV = fixed_wing_system("puna", "PunaUAV-v0")
-
-
-@documented
-class PunaUAVEnv(VesselEnv):
-    """Fly a path round obstacles to a goal with an estimator in the loop."""
-
-    system = PUNA_UAV
-
-
-class PunaUAVVectorEnv(VesselVectorEnv):
-    """Vector environment of `PunaUAVEnv`; manual: docs/environments/puna-uav.md."""
-
-    system = PUNA_UAV
+@cache
+def puna_uav() -> System:
+    """Environment in which the PUNA flies round obstacles to a goal."""
+    return fixed_wing_system("puna", "PunaUAV-v0")

@@ -1,13 +1,9 @@
-"""Common parts of single and vector environments: manuals, spaces and checks of arguments."""
+"""Common parts of single and vector environments: spaces and checks of arguments."""
 
-import re
 from collections.abc import Mapping
 from dataclasses import fields
-from inspect import cleandoc, signature
-from pathlib import Path
-from string import Template
-from textwrap import fill
-from typing import Any, TypeVar
+from inspect import signature
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -17,66 +13,8 @@ from estimators.factory import unknown
 from vessel_gym.checks import one_of
 from vessel_gym.configuration import Options
 from vessel_gym.core import Core
-from vessel_gym.system import System
-
-E = TypeVar("E", bound=type)
-_MANUALS = Path(__file__).with_name("manuals")
-_SECTION = re.compile(r"^## ([^\n]+)\n\n(.*?)(?=\n+## |\n*\Z)", re.M | re.S)
-_ITEM = re.compile(r"^- ``(\w+)``: (.*?)(?=\n- |\n\n|\Z)", re.M | re.S)
-_ARGUMENT = re.compile(r"^    (\w+): (.*?)(?=\n    \w|\n\n)", re.M | re.S)
-_WRAPPING: Any = {
-    "width": 118,
-    "subsequent_indent": "  ",
-    "break_on_hyphens": False,
-    "break_long_words": False,
-}
-
-
-def documented(environment: E) -> E:
-    """Append the manual to an environment's docstring.
-
-    The template manuals/common.md is filled in from the file named after the system. A section of
-    that file fills the placeholder of its heading, and an item of ``Information`` the placeholder
-    of its key. `Options` documents arguments, and an item of ``Arguments`` adds details of the
-    environment. The files in manuals/shared are passages of several manuals.
-    """
-    system: System = environment.system  # type: ignore[attr-defined]
-    passages = {
-        path.stem: path.read_text(encoding="utf-8").rstrip()
-        for path in (_MANUALS / "shared").glob("*.md")
-    }
-    name = re.sub("(?<=[a-z])(?=[A-Z])", "_", system.name.partition("-")[0]).lower()
-    own = dict(_SECTION.findall(_filled(f"{name}.md", passages)))
-    here, general = (
-        dict(_ITEM.findall(own.pop("Arguments"))),
-        cleandoc(Options.__doc__ or "").partition("Raises:")[0],
-    )
-    texts = dict(_ARGUMENT.findall(general))
-    texts |= dict.fromkeys({"termination"} & here.keys(), "")  # it has no effect there
-    items = [f"- ``{name}``: {text} {here.get(name, '')}" for name, text in texts.items()]
-    values = {
-        "id": system.name,
-        "estimator": system.estimator,
-        "arguments": "\n".join(items),
-        "version_history": "- v0: first version.",
-    }
-    values |= dict(_ITEM.findall(own.pop("Information")))
-    values |= {title.lower().replace(" ", "_"): text for title, text in own.items()}
-    manual = _ITEM.sub(
-        lambda item: _wrapped(" ".join(item[0].split())), _filled("common.md", values)
-    )
-    environment.__doc__ = f"{cleandoc(environment.__doc__ or '')}\n\n{manual}"
-    return environment
-
-
-def _wrapped(item: str) -> str:
-    """An item in lines, of which none begins with %, as a comment of Markdown does."""
-    return fill(item.replace(" %", "\0%"), **_WRAPPING).replace("\0", " ")
-
-
-def _filled(file: str, values: Mapping[str, str]) -> str:
-    """Text of a manual's file with ``$placeholders`` filled in."""
-    return Template((_MANUALS / file).read_text(encoding="utf-8")).substitute(values)
+from vessel_gym.filter_models.build import BESIDE_BIASES, OF_UNKNOWN_INPUTS, Composition
+from vessel_gym.verified import verified
 
 
 def observation_space(core: Core) -> Box:
@@ -118,3 +56,13 @@ def first_seed(env: gym.Env | gym.vector.VectorEnv, core: Core) -> int | None:
         return None
     seed = env.np_random_seed
     return None if seed == -1 else seed  # -1: np_random was set from outside
+
+
+@verified
+def tuning(name: str, composition: Composition) -> dict[str, Any]:
+    """Options of filters: the variance of the unknown input, and the radius of `robust-kf`."""
+    if name == "robust-kf":
+        return {"radius": BESIDE_BIASES}
+    if name in OF_UNKNOWN_INPUTS and composition.inputs:
+        return {"input_prior": composition.forces.input_cov}
+    return {}

@@ -2,24 +2,20 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from vessel_gym.checks import instance
-from vessel_gym.envs.shared import documented
-from vessel_gym.envs.single import VesselEnv
-from vessel_gym.envs.vector import VesselVectorEnv
-from vessel_gym.filter_models.build import BESIDE_BIASES, OF_UNKNOWN_INPUTS, Composition
+from vessel_gym.envs.shared import tuning
 from vessel_gym.seaway import Seaway
 from vessel_gym.system import System
-from vessel_gym.tasks.channel import Channel
 from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.ship import Ship, pace
-from vessel_gym.verified import verified
 
 _KNOT = 1852.0 / 3600.0
 _LINEAR = ("kf", "kf-umv-ui-wdf", "ulise", "huber-kf", "robust-kf")
@@ -34,18 +30,8 @@ def seas(ship: CorvetteParameters, dt: float) -> dict[str, Seaway]:
     }
 
 
-@verified
-def input_tuning(name: str, composition: Composition) -> dict[str, Any]:
-    """Options of filters: the variance of the yaw increment, and the radius of `robust-kf`."""
-    if name == "robust-kf":
-        return {"radius": BESIDE_BIASES}
-    if name in OF_UNKNOWN_INPUTS and composition.inputs:
-        return {"input_prior": composition.forces.input_cov}
-    return {}
-
-
 def ship_system(
-    vessel: str | Path | CorvetteParameters, name: str = "vessel_gym/Ship-v0"
+    vessel: str | Path | CorvetteParameters = "mariner", name: str = "vessel_gym/Ship-v0"
 ) -> System:
     """Environment in which a ship holds a turning circle.
 
@@ -71,77 +57,30 @@ def ship_system(
         estimator="kf-umv-ui",
         filter_model="nonlinear",
         filter_models=dict.fromkeys(_LINEAR, "linear"),
-        tuning=input_tuning,
+        tuning=tuning,
     )
 
 
-class ShipEnv(VesselEnv):
-    """Hold a turning circle with a ship of your own, with an estimator in the loop.
+@cache
+def sigma_corvette() -> System:
+    """Environment in which the SIGMA corvette holds a turning circle."""
+    return ship_system("corvette", "SigmaCorvette-v0")
 
-    Spaces, rewards and arguments are those of docs/environments/sigma-corvette.md. Times and the
-    length of a step are in proportion to the time in which the ship sails its own length, and yaw
-    rates in inverse proportion.
 
-    Args:
-        vessel: Vehicle file of a ship (docs/vehicles.md), or the name of a ship of the package.
-        options: Arguments of `VesselEnv`.
+def sigma_channel() -> System:
+    """Environment in which the SIGMA corvette keeps to a channel.
 
-    Raises:
-        ValueError: for an error in the file; the message names its line. Otherwise as
-            `VesselEnv`.
+    The channel leads north-east or north-west: waves that run to the south come from 45 degrees off
+    the bow, those that run to the north from 45 degrees off the stern.
     """
+    from vessel_gym.tasks.channel import Channel  # late, as no other ship needs its path
 
-    system = ship_system("mariner")
-
-    def __init__(self, vessel: str | Path = "mariner", **options: Any) -> None:
-        self.system = ship_system(vessel)  # type: ignore[misc]
-        super().__init__(**options)
-
-
-class ShipVectorEnv(VesselVectorEnv):
-    """Vector environment of `ShipEnv`, which documents the arguments."""
-
-    system = ShipEnv.system
-
-    def __init__(self, num_envs: int = 1, vessel: str | Path = "mariner", **options: Any) -> None:
-        self.system = ship_system(vessel)  # type: ignore[misc]
-        super().__init__(num_envs, **options)
-
-
-SIGMA_CORVETTE = ship_system("corvette", "SigmaCorvette-v0")
-SEAS: Mapping[str, Any] = SIGMA_CORVETTE.disturbances
-SIGMA_CHANNEL = replace(
-    SIGMA_CORVETTE,
-    name="SigmaChannel-v0",
-    task=Channel(load("corvette", CorvetteParameters)),
-    # The channel leads north-east or north-west: waves that run to the south come from 45 degrees
-    # off the bow, those that run to the north from 45 degrees off the stern.
-    disturbances={name: replace(sea, direction=np.pi) for name, sea in SEAS.items()}
-    | {f"{name} quartering": SEAS[name] for name in ("moderate", "rough")},
-)
-
-
-@documented
-class SigmaCorvetteEnv(VesselEnv):
-    """Hold a turning circle over ground with an estimator in the loop."""
-
-    system = SIGMA_CORVETTE
-
-
-class SigmaCorvetteVectorEnv(VesselVectorEnv):
-    """Vector environment of `SigmaCorvetteEnv`; manual: docs/environments/sigma-corvette.md."""
-
-    system = SIGMA_CORVETTE
-
-
-@documented
-class SigmaChannelEnv(VesselEnv):
-    """Keep to a channel in bow or quartering seas, with an estimator in the loop."""
-
-    system = SIGMA_CHANNEL
-
-
-class SigmaChannelVectorEnv(VesselVectorEnv):
-    """Vector environment of `SigmaChannelEnv`; manual: docs/environments/sigma-channel.md."""
-
-    system = SIGMA_CHANNEL
+    corvette = sigma_corvette()
+    seas: Mapping[str, Any] = corvette.disturbances
+    return replace(
+        corvette,
+        name="SigmaChannel-v0",
+        task=Channel(load("corvette", CorvetteParameters)),
+        disturbances={name: replace(sea, direction=np.pi) for name, sea in seas.items()}
+        | {f"{name} quartering": seas[name] for name in ("moderate", "rough")},
+    )

@@ -1,13 +1,11 @@
 """ThesisCorvette-v0: the experiment of A. E. Hermawan's thesis (ITS Surabaya, 2020)."""
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.envs.shared import documented
-from vessel_gym.envs.single import VesselEnv
-from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.filter_models.build import BESIDE_BIASES, Composition
 from vessel_gym.processes import linear
 from vessel_gym.system import System
@@ -34,26 +32,16 @@ def _tuning(name: str, composition: Composition) -> dict[str, Any]:
     return {"radius": BESIDE_BIASES} if name == "robust-kf" else {}
 
 
-_VEHICLE = ThesisCorvette()
-THESIS_CORVETTE = System(
-    name="ThesisCorvette-v0",
-    vehicle=_VEHICLE,
-    task=TurningTrial(_VEHICLE.ship),
-    disturbances=dict.fromkeys(("calm", "moderate", "rough"), UnknownStep()),  # there is no sea
-    estimator="kf-umv-ui",
-    filter_model="corrected",
-    tuning=_tuning,
-)
-
-
-@documented
-class ThesisCorvetteEnv(VesselEnv):
-    """Follow a turning circle trial while a step-shaped unknown input enters the measurements."""
-
-    system = THESIS_CORVETTE
-
-
-class ThesisCorvetteVectorEnv(VesselVectorEnv):
-    """Vector environment of `ThesisCorvetteEnv`; manual: docs/environments/thesis-corvette.md."""
-
-    system = THESIS_CORVETTE
+@cache
+def thesis_corvette() -> System:
+    """Environment of a turning circle trial in which a step enters the measurements."""
+    vehicle = ThesisCorvette()
+    return System(
+        name="ThesisCorvette-v0",
+        vehicle=vehicle,
+        task=TurningTrial(vehicle.ship),
+        disturbances=dict.fromkeys(("calm", "moderate", "rough"), UnknownStep()),  # without sea
+        estimator="kf-umv-ui",
+        filter_model="corrected",
+        tuning=_tuning,
+    )

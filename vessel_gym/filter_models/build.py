@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators import LinearModel, NonlinearModel, stacked
+from estimators import LinearModel, NonlinearModel
 from vessel_gym.checks import one_of
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.filter_models.exogenous import Forces, change_of, cruising
@@ -76,6 +76,8 @@ class Composition(Parts):
             "ukf-umv",
         ):
             return self
+        from estimators import stacked  # late, as few filters need it
+
         names = *self.names, *(f"{name} now" for name in self.inputs)
         return replace(self, model=stacked(self.model), names=names, late=True)
 

@@ -6,13 +6,13 @@ from operator import attrgetter
 from typing import Any
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from estimators.checks import numbers, short_repr
 from estimators.engine.arrays import TracedArray
 from vessel_gym.checks import is_integer
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.foreign import Copying
+from vessel_gym.processes import block_diagonal
 from vessel_gym.sensors import check_values
 from vessel_gym.vehicles.vehicle import Vehicle
 from vessel_gym.verified import is_verified
@@ -183,7 +183,7 @@ class Forces:
         if self.disturbance.input_sd is not None:
             return np.diag(np.square(self.disturbance.input_sd))
         root = self.disturbance.process.root
-        return block_diag(self.cov, root @ root.T)[np.ix_(self.inputs, self.inputs)]
+        return block_diagonal(self.cov, root @ root.T)[np.ix_(self.inputs, self.inputs)]
 
     @cached_property
     def white(self) -> np.ndarray:

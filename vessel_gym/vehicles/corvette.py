@@ -4,12 +4,10 @@ For particulars and equations of motion, with frames and sources, see
 `vessel_gym.vehicles.corvette_equations`.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from scipy.optimize import root
 
 from estimators import Schedule, zero_order_hold
 from estimators.checks import finite_array
@@ -17,6 +15,7 @@ from vessel_gym.checks import check_numbers, instance
 from vessel_gym.processes import interpolated, linear
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
+from vessel_gym.vehicles.equilibrium import root
 from vessel_gym.verified import verified
 
 
@@ -48,29 +47,24 @@ def steady_turns(ship: CorvetteParameters) -> SteadyTurn:
     instance("ship of steady_turns", ship, CorvetteParameters)
     scale = np.array([ship.speed, ship.speed, ship.speed / ship.length])
 
-    def held_rudder(z: np.ndarray, rudder: float) -> np.ndarray:
-        return ship.accelerations(z * scale, np.array([rudder])) / scale
+    def held_rudder(motion: np.ndarray, rudder: np.ndarray) -> np.ndarray:
+        return ship.accelerations(motion * scale, rudder) / scale
 
-    def held_rate(z: np.ndarray, rate: float) -> np.ndarray:
-        motion = np.array([z[0] * scale[0], z[1] * scale[1], rate])
-        return ship.accelerations(motion, z[2:]) / scale
+    def held_rate(z: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        motion = np.concatenate([z[..., :2], rate + np.zeros_like(z[..., :1])], -1)
+        return held_rudder(motion, z[..., 2:])
 
-    def solve(residual: Callable[..., np.ndarray], guess: np.ndarray, held: float) -> np.ndarray:
-        found = root(residual, guess, (held,), tol=1e-13)
-        if np.abs(found.fun).max() > 1e-9:
-            raise RuntimeError("the ship has no steady turn at a rudder that it should hold")
-        return found.x
-
-    motion = np.array([1.0, 0.0, 0.0])  # surge, sway, yaw rate in units of scale
-    for rudder in np.linspace(0.0, 0.8 * ship.rudder_limit, 57):
-        motion = solve(held_rudder, motion, rudder)
-    rates = np.linspace(0.0, motion[2] * scale[2], 165)
-    solutions = np.empty((len(rates), 3))  # surge, sway, rudder
-    guess = np.array([1.0, 0.0, 0.0])
-    for i, rate in enumerate(rates):
-        guess = solve(held_rate, guess, rate)
-        solutions[i] = guess * [scale[0], scale[1], 1.0]
-    speed, sway, rudder = solutions.T
+    rudders = np.linspace(0.0, 0.8 * ship.rudder_limit, 57)[:, None]
+    motions = [np.array([1.0, 0.0, 0.0])]  # surge, sway, yaw rate in units of scale
+    for held in rudders:
+        motions.append(root(held_rudder, motions[-1], held))
+    surge, sideways, yaw = np.transpose(motions[1:])
+    at = np.linspace(0.0, yaw[-1], 165)
+    guess = [np.interp(at, yaw, each) for each in (surge, sideways, rudders[:, 0])]
+    surge, sideways, rudder = root(held_rate, np.stack(guess, -1), at[:, None]).T
+    if not (np.diff(rudder) > 0.0).all():
+        raise RuntimeError("the ship has no steady turn at a rudder that it should hold")
+    speed, sway, rates = surge * scale[0], sideways * scale[1], at * scale[2]
     with np.errstate(divide="ignore"):
         radius = np.hypot(speed, sway) / rates
     return SteadyTurn(rates, speed, sway, rudder, radius)

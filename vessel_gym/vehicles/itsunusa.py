@@ -16,12 +16,12 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from scipy.optimize import root
 
 from estimators.engine import compiled, sincos
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.system import Trims
 from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters
+from vessel_gym.vehicles.equilibrium import root
 from vessel_gym.vehicles.files import load
 from vessel_gym.verified import verified
 
@@ -173,16 +173,18 @@ class Itsunusa(AUV, verified=True):
         speed, c = self.body.cruise_speed, self.body.vector()
         angles = np.linspace(-_STEEPEST, _STEEPEST, _TRIMS)
 
-        def state(heave: float, pitch: float) -> np.ndarray:
-            return np.array([speed, heave, 0.0, 0.0, 0.0, pitch])
+        def state(z: np.ndarray) -> np.ndarray:
+            zero = np.zeros_like(z[..., 0])
+            return np.stack([zero + speed, z[..., 0], zero, zero, zero, z[..., 1]], -1)
 
-        def residual(z: np.ndarray, angle: float) -> np.ndarray:
-            heave, pitch, *actuators = z
-            rates = itsunusa_rates(state(heave, pitch), np.array(actuators), np.zeros(1), c)
-            return np.array([*rates[:3], pitch - np.arctan2(heave, speed) - angle])
+        def residual(z: np.ndarray, angle: np.ndarray) -> np.ndarray:
+            """Accelerations, and error of the path angle; ``z``: heave, pitch, actuators."""
+            rates = itsunusa_rates(state(z), z[..., 2:], np.zeros(1), c)
+            error = z[..., 1:2] - np.arctan2(z[..., :1], speed) - angle
+            return np.concatenate([rates[..., :3], error], -1)
 
         level = np.array([0.0, 0.0, 0.0, self.body.cruise_thrust])
-        dives = np.array([root(residual, level, args=(angle,), tol=1e-12).x for angle in angles])
-        x = np.array([state(heave, pitch) for heave, pitch, *_ in dives])
+        dives = root(residual, np.tile(level, (_TRIMS, 1)), angles[:, None])
+        x = state(dives)
         u = np.column_stack([dives[:, 2:], dives[:, 2:], angles, np.ones(_TRIMS)])
         return Trims(x, u, 4, (_TRIMS - 1) / (2.0 * _STEEPEST), 0.5 * _TRIMS)

@@ -19,12 +19,12 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from scipy.optimize import brentq
 
 from estimators.engine import compiled, sincos
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.sensors import Bias, Known, Sensor, plain
 from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
+from vessel_gym.vehicles.equilibrium import root
 from vessel_gym.vehicles.files import FromFile, Particulars, load
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, I, PointMass, forces
 from vessel_gym.vehicles.whole_state import WholeState
@@ -130,24 +130,25 @@ def trim(speed: float, body: PunaParameters, altitude: float = 0.0, bank: float 
     check_numbers("trim", given, positive="speed", finite="altitude", deflection="bank")
     pressure = 0.5 * float(np.polyval(body.density, altitude)) * speed**2 * body.area
 
-    def thrust(alpha: float) -> float:
-        return float(pressure * np.polyval(body.drag, alpha) / np.cos(alpha))
+    def thrust(alpha: np.ndarray | float) -> np.ndarray:
+        return pressure * np.polyval(body.drag, alpha) / np.cos(alpha)
 
-    def excess(alpha: float) -> float:
+    def excess(alpha: np.ndarray, _: None = None) -> np.ndarray:
         across = pressure * np.polyval(body.lift, alpha) + thrust(alpha) * np.sin(alpha)
-        return float(across * np.cos(bank) - body.mass * body.gravity)
+        return across * np.cos(bank) - body.mass * body.gravity
 
-    if excess(body.alpha_low) > 0.0 or excess(body.alpha_high) < 0.0:
+    limits = np.array([body.alpha_low, body.alpha_high])
+    low, high = excess(limits)
+    if low > 0.0 or high < 0.0:
         raise ValueError(
             f"no level flight at {speed:g} m/s: lift and weight balance at no angle of attack"
             " within limits"
         )
-    alpha = float(brentq(excess, body.alpha_low, body.alpha_high, xtol=1e-14))
-    if thrust(alpha) > body.thrust_limit:
-        raise ValueError(
-            f"no level flight at {speed:g} m/s: it takes {thrust(alpha):.1f} N of thrust"
-        )
-    return Trim(alpha, thrust(alpha))
+    alpha = float(root(excess, limits[:1] - low * np.diff(limits) / (high - low))[0])
+    needed = float(thrust(alpha))
+    if needed > body.thrust_limit:
+        raise ValueError(f"no level flight at {speed:g} m/s: it takes {needed:.1f} N of thrust")
+    return Trim(alpha, needed)
 
 
 # --- equations of motion --------------------------------------------------------------------------

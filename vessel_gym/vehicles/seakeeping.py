@@ -53,7 +53,6 @@ def wave_loads(
     """
     instance("ship of wave_loads", ship, CorvetteParameters)
     frequency, beta, speed = _checked(frequency, beta, speed)
-    frequency, beta = np.broadcast_arrays(frequency, beta)
     k, met = frequency**2 / GRAVITY, encounter_frequency(frequency, beta, np.asarray(speed))
     X = 0.5 * k * ship.length * np.cos(beta)  # phase between amidships and the end
     even = np.sinc(X / np.pi)
@@ -82,11 +81,14 @@ def wave_response(
     instance("ship of wave_response", ship, CorvetteParameters)
     frequency, beta, speed = _checked(frequency, beta, speed)
     inertia, body, damping = sway_yaw_matrices(ship, speed)
-    met = encounter_frequency(frequency, beta, np.asarray(speed))[..., None, None]
+    met = encounter_frequency(frequency, beta, np.asarray(speed))
     # with the Coriolis force of the ship's own mass
     moving = damping + speed * np.outer(body[:, 0], [0.0, 1.0])
-    loads = wave_loads(ship, frequency, beta, speed)[..., :2]
-    return np.linalg.solve(1j * met * inertia + moving, loads[..., None])[..., 0]
+    parts = zip(moving.flat, inertia.flat, strict=True)
+    a, b, c, d = (each + 1j * inertial * met for each, inertial in parts)
+    side, turning, _ = np.moveaxis(wave_loads(ship, frequency, beta, speed), -1, 0)
+    response = np.stack([d * side - b * turning, a * turning - c * side], -1)  # Cramer's rule
+    return response / (a * d - b * c)[..., None]
 
 
 def _checked(

@@ -18,7 +18,7 @@ from studies.papers.measures import (
     rows,
 )
 from studies.papers.vehicle import Experiment, channel_sd, own_step
-from vessel_gym.envs.auv import ITSUNUSA_AUV
+from vessel_gym.envs import ItsunusaAUVEnv
 from vessel_gym.system import Estimate
 from vessel_gym.vehicles.itsunusa import STATE, Itsunusa
 
@@ -31,8 +31,8 @@ VEHICLE = Itsunusa()
 _step = own_step(VEHICLE)
 MEASUREMENT_SD = channel_sd(VEHICLE.sensors, ("u over ground", "w over ground", "q", "theta"))
 # on u, w, q and pitch
-PROCESS_SD = np.append(ITSUNUSA_AUV.disturbances["moderate"].white.diagonal(), 0.0)
-PRIOR_SD = ITSUNUSA_AUV.task.prior(np.zeros((1, 3))).cov.diagonal()[[0, 1, 2, 5]] ** 0.5
+PROCESS_SD = np.append(ItsunusaAUVEnv.system.disturbances["moderate"].white.diagonal(), 0.0)
+PRIOR_SD = ItsunusaAUVEnv.system.task.prior(np.zeros((1, 3))).cov.diagonal()[[0, 1, 2, 5]] ** 0.5
 
 
 def estimate(
@@ -128,7 +128,7 @@ def depths(experiment: Experiment, estimates: np.ndarray) -> np.ndarray:
 @cache
 def recorded_controls(ahead: float, depth: float) -> np.ndarray:
     """Actuators before and after each step ``(T, 4)`` of the autopilot's dive in still water."""
-    task, autopilot = ITSUNUSA_AUV.task, DiveAutopilot(ITSUNUSA_AUV)
+    task, autopilot = ItsunusaAUVEnv.system.task, DiveAutopilot(ItsunusaAUVEnv.system)
     scenario = task.scenario(np.zeros((1, task.uniforms)), {"goal": (ahead, 0.0, depth)})
     truth, actuators = np.zeros((1, len(STATE))), np.zeros((1, len(VEHICLE.action_names)))
     controls: list[np.ndarray] = []

@@ -18,7 +18,7 @@ from studies.papers.measures import (
     rows,
 )
 from studies.papers.vehicle import Advance, Experiment, channel_sd, own_step
-from vessel_gym.envs.auv import SEGOROGENI_AUV
+from vessel_gym.envs import SegorogeniAUVEnv
 from vessel_gym.vehicles.segorogeni import STATE, Segorogeni, segorogeni_rates
 
 QUANTITIES = {"x": "m", "y": "m", "z": "m", "angle": "rad"}
@@ -32,8 +32,8 @@ MEASUREMENT_SD = channel_sd(
     _SHIPPED.sensors, ("u over ground", "v over ground", "w over ground", "r")
 )
 OWN_STEP = _SHIPPED.dt
-PROCESS_SD = SEGOROGENI_AUV.disturbances["moderate"].white.diagonal()
-PRIOR_SD = SEGOROGENI_AUV.task.prior(np.zeros((1, 3))).cov.diagonal()[:6] ** 0.5
+PROCESS_SD = SegorogeniAUVEnv.system.disturbances["moderate"].white.diagonal()
+PRIOR_SD = SegorogeniAUVEnv.system.task.prior(np.zeros((1, 3))).cov.diagonal()[:6] ** 0.5
 
 
 class Trial(NamedTuple):

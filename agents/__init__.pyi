@@ -1,0 +1,11 @@
+from agents.agent import Agent as Agent
+from agents.agent import RandomAgent as RandomAgent
+from agents.agent import load_agent as load_agent
+from agents.controllers import register_controller as register_controller
+from agents.episodes import Episode as Episode
+from agents.episodes import episode as episode
+from agents.metrics import Metric as Metric
+from agents.metrics import register_metrics as register_metrics
+from agents.policies.checkpoint import save_agent as save_agent
+from agents.rollouts import Rollout as Rollout
+from agents.rollouts import rollout as rollout
