@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
@@ -109,44 +109,41 @@ def rollout(
         flyer.reset(len(seeds))
         start = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
         core: Any = getattr(env.unwrapped, "core", None)
-        scenario = None if core is None else core.now.scenario.copy()
-
-        def frame(info: dict[str, Any]) -> Arrays:
-            return _frame(info, core, ensembles) if record else {}
-
-        flown = _flown(env, flyer, *start, frame)
+        scenario = core and core.now.scenario
+        frame: Any = partial(_frame, core, ensembles) if record else lambda info: {}
+        scored = not record and type(env).step is VesselVectorEnv.step
+        step = env.step_without_info if scored else env.step  # type: ignore[attr-defined]
+        flown = _flown(env, step, flyer, *start, frame)
     return Rollout(env_id, np.array(seeds), env=env, scenario=scenario, **flown)
 
 
 def _flown(
-    env: gym.vector.VectorEnv,
-    agent: Agent,
-    observations: np.ndarray,
-    info: dict[str, Any],
-    frame: Callable[[dict[str, Any]], Arrays],
-) -> dict[str, Any]:
+    env: gym.vector.VectorEnv, step: Callable[[np.ndarray], Any], agent: Agent,
+    observations: np.ndarray, info: dict[str, Any], frame: Callable[[dict[str, Any]], Arrays],
+) -> dict[str, Any]:  # fmt: skip
     """Fields of a `Rollout`: one episode in each environment."""
     count, frames = env.num_envs, [frame(info)]
     last = {key: values.copy() for key, values in frames[0].items()}
     alive, ended = np.ones(count, bool), np.zeros(count, bool)
     returns, length = np.zeros(count), np.zeros(count, int)
-    score, end = np.full(count, np.nan), np.full(count, "", dtype=object)
-    reasons = np.array(getattr(env.unwrapped, "end_reasons", ()), dtype=object)
+    score, end = np.full(count, np.nan), np.full(count, "", object)
+    reasons = np.array(getattr(env.unwrapped, "end_reasons", ()), object)
     while alive.any():
         action = acted(agent, observations, env.action_space.shape)
-        observations, reward, terminated, truncated, info = env.step(action)
+        observations, reward, terminated, truncated, info = step(action)
+        returns += np.where(alive, reward, 0.0)
+        length += alive
         done = (terminated | truncated) & alive
         if done.any():
+            ended |= terminated & done
             final = info.get("final_info", {})
             score[done] = final.get("score", score)[done]
             if reasons.size:
                 end[done] = reasons[final["end"][done]]
             for key, values in last.items():
                 values[done] = final.get(key, frames[-1][key])[done]
+            alive &= ~done
         frames.append(frame(info))
-        returns += np.where(alive, reward, 0.0)
-        length, ended = length + alive, ended | (terminated & done)
-        alive &= ~done
     return {
         "score": np.where(np.isnan(score), returns, score),
         "returns": returns,
@@ -185,15 +182,15 @@ def acted(agent: Agent, observations: np.ndarray, shape: tuple[int, ...] | None)
     return actions
 
 
-def _frame(info: dict[str, Any], core: Any, ensembles: bool) -> Arrays:
-    """Copies of the numeric arrays of an ``info``, and the members of an ensemble if asked for."""
+def _frame(core: Any, ensembles: bool, info: dict[str, Any]) -> Arrays:
+    """The numeric arrays of an ``info``, and the members of an ensemble if asked for."""
     frame = {
-        key: value.copy()
+        key: value
         for key, value in info.items()
         if isinstance(value, np.ndarray) and value.dtype != object and not key.startswith("_")
     }
     if ensembles and core and core.now.belief.ensemble is not None:
-        frame["ensemble"] = core.now.belief.ensemble.copy()
+        frame["ensemble"] = core.now.belief.ensemble
     return frame
 
 
@@ -216,11 +213,8 @@ def batch(
     except gym.error.Error as error:
         raise ValueError(str(error)) from None
     mode: dict[str, Any] = {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
-    if native:
-        mode["vectorization_mode"] = "vector_entry_point"
-    else:
-        mode = {"vectorization_mode": "sync", "vector_kwargs": mode}
-    env = gym.make_vec(env_id, num_envs=num_envs, **mode, **options)
+    kind, mode = ("vector_entry_point", mode) if native else ("sync", {"vector_kwargs": mode})
+    env = gym.make_vec(env_id, num_envs, kind, **mode, **options)
     made: Any = env.unwrapped
     if (made if native else made.envs[0].spec).max_episode_steps is None:
         env.close()

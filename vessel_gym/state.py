@@ -96,10 +96,21 @@ class State:
             constant_uniforms=None,
         )  # fmt: skip
 
+    def take(self, rows: np.ndarray) -> "State":
+        """The record of the environments of some indices ``(B',)``."""
+        return State(**{name: _taken(value, rows) for name, value in vars(self).items()})
+
     def merged(self, rows: np.ndarray, some: "State") -> "State":
         """The record with the values of another one in the rows of some indices."""
         pairs = ((name, value, getattr(some, name)) for name, value in vars(self).items())
         return State(**{name: _merged(rows, value, new) for name, value, new in pairs})
+
+
+def _taken(value: Any, rows: np.ndarray) -> Any:
+    """Rows of a field."""
+    if isinstance(value, tuple):
+        return tuple(_taken(each, rows) for each in value)
+    return None if value is None else value[rows]
 
 
 def _merged(rows: np.ndarray, whole: Any, some: Any) -> Any:

@@ -91,7 +91,7 @@ def make_controller(name: str, system: System) -> Any:
     controllers = CONTROLLERS.of(system.task)
     if ":" not in name and name not in controllers:
         raise ValueError(unknown_controller(name, system))
-    factory = controllers[name] if name in controllers else named_object(name)
+    factory = controllers.get(name) or named_object(name)
     if not callable(factory):
         raise TypeError(
             f"{name!r} makes no agent: it cannot be called with the environment's system"

@@ -3,14 +3,16 @@
 from collections import defaultdict
 from collections.abc import Callable
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import root
 
 from agents.controllers import AUTOPILOT, register_controller
-from agents.controllers.loops import Controller, bryson, jacobian, regulator_gains
+from agents.controllers.loops import Control, Controller, bryson, jacobian, regulator_gains
 from estimators import wrap
+from estimators.engine import compiled
+from vessel_gym.processes import interpolated
 from vessel_gym.tasks.dive import Dive
 from vessel_gym.vehicles.auv import AUV
 
@@ -23,7 +25,7 @@ AHEAD = 1.0  # vehicle lengths to the point that the guidance aims at
 
 
 class Regulator(NamedTuple):
-    """A regulator about steady motions, which are tabulated over rising commands ``(m,)``.
+    """A regulator about steady motions, tabulated over commands -c to c in equal steps ``(m,)``.
 
     Attributes:
         gains: ``(k,)`` of the fin on the plane's states, of which the last is the direction.
@@ -40,11 +42,13 @@ class Regulator(NamedTuple):
     thrust: np.ndarray
 
     def steady(self, command: np.ndarray) -> list[np.ndarray]:
-        """Drift, fin and thrust of the steady motions with commands ``(B,)``."""
-        return [np.interp(command, self.command, each) for each in self[2:]]
+        """Drift, fin and thrust of the steady motions with commands ``(...)``."""
+        share = np.clip(command / self.command[-1], -1.0, 1.0)
+        at = 0.5 * (len(self.command) - 1.0) * (1.0 + share)
+        return [interpolated(each, at) for each in self[2:]]
 
     def feedback(self, *deviation: np.ndarray) -> np.ndarray:
-        """Fin [rad] against deviations of the states, ``(B,)`` each."""
+        """Fin [rad] against deviations of the states, ``(...)`` each."""
         return np.stack(deviation, -1) @ self.gains
 
 
@@ -142,9 +146,10 @@ class DiveAutopilot(Controller):
         self._vertical = regulator(self._vehicle, lateral=False)
         self._lateral = regulator(self._vehicle, lateral=True) if turns else None
 
-    def _actions(self, observations: np.ndarray) -> np.ndarray:
-        """Actions ``(B, a)``: fins and thrust."""
-        o, body = self._observed(observations), self._body
+    @compiled
+    def control(self, observation: np.ndarray, state: np.ndarray) -> Control:
+        """Actions ``(..., a)``, fins and thrust; there is no state."""
+        o, body = self._observed(observation), self._body
         heave, stern, thrust = self._vertical.steady(o["wanted climb"])
         drift = o["heave"] - heave
         climb = o["climb"] - o["wanted climb"] + drift / body.cruise_speed
@@ -159,16 +164,15 @@ class DiveAutopilot(Controller):
             thrust = thrust + turning - body.cruise_thrust
         thrust = thrust - body.mass / SPEED * o["surge error"]
         shares = [fin / body.fin_limit for fin in fins]
-        return np.stack([*shares, 2.0 * thrust / body.thrust_limit - 1.0], -1)
+        return np.stack([*shares, 2.0 * thrust / body.thrust_limit - 1.0], -1), state
 
-    def _observed(self, observations: np.ndarray) -> dict[str, np.ndarray]:
-        """Observed quantities in SI, ``(B,)`` each, and what the guidance makes of them.
+    def _observed(self, observation: np.ndarray) -> dict[str, Any]:
+        """Observed quantities in SI, ``(...)`` each, and what the guidance makes of them.
 
         Beside the names of the task: ``climb``, the flight-path angle over ground, and the wanted
         one; ``course error``; ``turning`` [rad/s] of the path.
         """
-        zero, speed = np.zeros(len(observations)), self._body.cruise_speed
-        o = defaultdict(lambda: zero, self._task.named(observations))
+        o, speed = defaultdict(float, self._task.named(observation)), self._body.cruise_speed
         attitude, turn = (o["roll"], o["pitch"]), o["heading error"]
         ahead, aside, below = _levelled(
             o["surge error"] + speed + o["current ahead"],

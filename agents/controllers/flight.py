@@ -5,7 +5,9 @@ from functools import cache
 import numpy as np
 
 from agents.controllers import AUTOPILOT, register_controller
-from agents.controllers.loops import Controller, bryson, jacobian, regulator_gains
+from agents.controllers.loops import Control, Controller, bryson, jacobian, regulator_gains
+from estimators.engine import compiled
+from vessel_gym.processes import interpolated
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.puna import Puna, trim
 
@@ -90,32 +92,33 @@ class FlightAutopilot(Controller):
         self._lateral = lateral_gains(self._vehicle)
         self._longitudinal = longitudinal_gains(self._vehicle)
         self._slope = self._lateral[0] / self._lateral[1] / APPROACH
-        self._banks = np.linspace(0.0, body.bank_limit, 20)
-        steady = [trim(body.cruise_speed, body, bank=bank) for bank in self._banks]
-        self._trims = np.array([[s.thrust, s.alpha] for s in steady]).T
+        steady = [
+            trim(body.cruise_speed, body, bank=bank)
+            for bank in np.linspace(0.0, body.bank_limit, 20)
+        ]
+        self._trims = np.array([[s.thrust, s.alpha] for s in steady])
 
-    def _actions(self, observations: np.ndarray) -> np.ndarray:
-        """Actions ``(B, 3)``: thrust, angle of attack, bank."""
-        o, body = self._task.named(observations), self._body
-        speed = np.maximum(o["ground speed"], 0.5 * body.cruise_speed)
+    @compiled
+    def control(self, observation: np.ndarray, state: np.ndarray) -> Control:
+        """Actions ``(..., 3)``, thrust, angle of attack and bank; there is no state."""
+        o, body = self._task.named(observation), self._body
         needed = o["bank of the path"]
         field = APPROACH * np.arctan(self._slope * o["cross-track"])  # to the left of the path
         astray = field - np.arctan2(o["course sine"], o["course cosine"])
         # The faster over ground, the less a bank turns the course.
-        faster = speed / body.cruise_speed
+        faster = np.maximum(o["ground speed"] / body.cruise_speed, 0.5)
         bank = needed - faster * self._lateral[1] * astray - self._lateral[2] * (o["bank"] - needed)
         bank = np.clip(bank, -body.bank_limit, body.bank_limit)
 
-        banked = np.abs(o["bank"])
-        thrust, alpha = (np.interp(banked, self._banks, table) for table in self._trims)
+        banked = np.minimum(np.abs(o["bank"]) / body.bank_limit, 1.0) * (len(self._trims) - 1.0)
+        trims = interpolated(self._trims, banked)  # thrust, angle of attack
         first = len(self._task.observed)
-        actuators = body.commands(observations[:, first : first + 3].astype(float))
-        deviation = np.stack([
+        actuators = body.commands(observation[..., first : first + 3])
+        motion = np.stack([
             np.clip(o["altitude error"], -10.0, 10.0),
             np.clip(o["airspeed"] - body.cruise_speed, -4.0, 4.0),
             o["climb"] / body.cruise_speed,
-            actuators[:, 0] - thrust,
-            actuators[:, 1] - alpha,
         ], -1)  # fmt: skip
-        commands = np.stack([thrust, alpha], -1) - deviation @ self._longitudinal.T
-        return body.actions(np.append(commands, bank[:, None], -1))
+        deviation = np.concatenate([motion, actuators[..., :2] - trims], -1)
+        commands = trims - deviation @ self._longitudinal.T
+        return body.actions(np.concatenate([commands, bank[..., None]], -1)), state

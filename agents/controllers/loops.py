@@ -8,9 +8,14 @@ from scipy.linalg import solve_discrete_are
 
 from vessel_gym.system import System
 
+Control = tuple[np.ndarray, np.ndarray]
+"""Actions ``(..., a)`` and the next state ``(..., m)`` of a controller."""
+
 
 class Controller:
     """A controller of a kind of task, which it is designed for.
+
+    Its law, `control`, is a pure function. One in NumPy serves; the package's are compiled.
 
     Args:
         system: The environment's system.
@@ -21,6 +26,8 @@ class Controller:
 
     kind: type
     vehicle: type = object
+    state_size = 0
+    """Length m of the state of `control`."""
 
     def __init__(self, system: System) -> None:
         if not isinstance(system.task, self.kind) or not isinstance(system.vehicle, self.vehicle):
@@ -37,19 +44,26 @@ class Controller:
         """Compute gains and tables."""
 
     def reset(self, num_envs: int) -> None:
-        """Clear what it remembers."""
+        """Set the state to zero."""
+        self._state = np.zeros((num_envs, self.state_size))
 
     def act(self, observations: np.ndarray) -> np.ndarray:
         """Actions ``(B, a)`` in [-1, 1] for observations ``(B, k)``."""
-        return np.clip(self._actions(observations), -1.0, 1.0).astype(np.float32)
+        actions, self._state = self.control(observations.astype(float), self._state)
+        return actions.clip(-1.0, 1.0).astype(np.float32)
 
-    def _actions(self, observations: np.ndarray) -> np.ndarray:
-        """Actions ``(B, a)`` without their limits."""
+    def control(self, observation: np.ndarray, state: np.ndarray) -> Control:
+        """Actions ``(..., a)`` without their limits, and the next state ``(..., m)``.
+
+        Args:
+            observation: ``(..., k)``.
+            state: ``(..., m)``, such as an integral; zeros at an episode's start.
+        """
         raise NotImplementedError
 
 
 class Loop:
-    """A PID loop for many environments at once about the plant ``x'' + damping x' = response u``.
+    """A PID loop about the plant ``x'' + damping x' = response u``.
 
     No gain is chosen by hand. The proportional one asks for the tolerated actuation at the
     tolerated error (Bryson's ratio); with it the plant has the natural frequency w, and the
@@ -73,34 +87,26 @@ class Loop:
         self.integral = 0.1 * self.frequency * self.proportional
         self._dt = dt
 
-    def reset(self, num_envs: int) -> None:
-        """Clear the integral."""
-        self._sum = np.zeros(num_envs)
-
     def act(
-        self,
-        error: np.ndarray,
-        rate: np.ndarray | float,
-        low: float,
-        high: float,
-        ahead: np.ndarray | float = 0.0,
-    ) -> np.ndarray:
-        """The actuation ``(B,)`` within its limits.
+        self, error: np.ndarray, rate: np.ndarray, integral: np.ndarray, limit: float,
+        ahead: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """The actuation within its limits, and the next integral, ``(...)`` each.
 
         The integral waits where the actuator is at a limit, so that it cannot wind up.
 
         Args:
-            error: What is wanted less what is, ``(B,)``.
-            rate: Of the error ``(B,)``.
-            low: Lower limit.
-            high: Upper limit.
-            ahead: Actuation that is known to be needed, ``(B,)``.
+            error: What is wanted less what is, ``(...)``.
+            rate: Of the error ``(...)``.
+            integral: Of the error ``(...)``.
+            limit: Largest actuation, to either side.
+            ahead: Actuation that is known to be needed, ``(...)``.
         """
         wanted = (
-            ahead + self.proportional * error + self.integral * self._sum + self.derivative * rate
+            ahead + self.proportional * error + self.integral * integral + self.derivative * rate
         )
-        self._sum = self._sum + self._dt * error * ((wanted > low) & (wanted < high))
-        return np.clip(wanted, low, high)
+        integral = integral + self._dt * error * (np.abs(wanted) < limit)
+        return np.clip(wanted, -limit, limit), integral
 
 
 def jacobian(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:

@@ -9,7 +9,15 @@ from functools import cache
 import numpy as np
 
 from agents.controllers import AUTOPILOT, register_controller
-from agents.controllers.loops import Controller, Loop, bryson, first_order, regulator_gains
+from agents.controllers.loops import (
+    Control,
+    Controller,
+    Loop,
+    bryson,
+    first_order,
+    regulator_gains,
+)
+from estimators.engine import compiled, lookup
 from vessel_gym.tasks.track import Track
 from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.tasks.turning_trial import TurningTrial
@@ -72,26 +80,24 @@ class _Helm(Controller):
     """A controller of the rudder; in a `TurningTrial` it asks for the angle that follows."""
 
     kind: type = TurningCircle
+    state_size = 1  # the integral
     tolerances = Tolerances()  # of the design
 
     def _design(self) -> None:
         self._ship, self._turns = self._task.ship, steady_turns(self._task.ship)
 
-    def _actions(self, observations: np.ndarray) -> np.ndarray:
-        """Share ``(B, 1)`` of the full rudder rate; in a trial, of the limit of the angle."""
-        rate = np.clip(self._rate(observations), -1.0, 1.0).astype(np.float32)[:, None]
-        if not isinstance(self._task, TurningTrial):
-            return rate
-        turn = self._ship.rudder_rate * self._vehicle.dt / self._ship.rudder_limit
-        return observations[:, 4:5] + turn * rate
+    def _action(self, observation: np.ndarray, rate: np.ndarray) -> np.ndarray:
+        """Action ``(..., 1)`` for a share ``(...)`` of the full rudder rate, without its limits."""
+        rate = np.clip(rate, -1.0, 1.0)
+        if isinstance(self._task, TurningTrial):
+            turn = self._ship.rudder_rate * self._vehicle.dt / self._ship.rudder_limit
+            rate = observation[..., 4] + turn * rate
+        return rate[..., None]
 
-    def _rate(self, observations: np.ndarray) -> np.ndarray:
-        raise NotImplementedError
-
-    def _steady(self, observations: np.ndarray, table: np.ndarray) -> np.ndarray:
-        """Entries of a table of steady turns for the commanded yaw rates."""
-        commanded = self._task.command_scale * observations[:, 5]
-        return np.sign(commanded) * np.interp(np.abs(commanded), self._turns.yaw_rate, table)
+    def _steady(self, observation: np.ndarray, values: np.ndarray) -> np.ndarray:
+        """Values of the steady turns, interpolated at the commanded yaw rate ``(...)``."""
+        commanded = self._task.command_scale * observation[..., 5]
+        return np.sign(commanded) * self._turns.interpolated(values, commanded)
 
 
 @register_controller(TurningCircle, AUTOPILOT)
@@ -106,32 +112,29 @@ class TurningAutopilot(_Helm):
         super()._design()
         self._gains = gains(self._ship, self._vehicle.dt, self.tolerances)
 
-    def reset(self, num_envs: int) -> None:
-        """Clear the integral."""
-        self._integral = np.zeros(num_envs)
-
-    def _rate(self, observations: np.ndarray) -> np.ndarray:
+    @compiled
+    def control(self, observation: np.ndarray, state: np.ndarray) -> Control:
+        """Share ``(..., 1)`` of the full rudder rate, or in a trial of the limit of the angle."""
         task, turns, t = self._task, self._turns, self.tolerances
-        heading = integrated = -task.HEADING_SCALE * observations[:, 0]
-        off = np.zeros(len(observations))
+        heading = integrated = -task.HEADING_SCALE * observation[..., 0]
+        off = np.zeros_like(heading)
         if np.isfinite(t.distance):
-            integrated = task.TRACK_SCALE * observations[:, 7]
+            integrated = task.TRACK_SCALE * observation[..., 7]
             off = np.clip(integrated, -6.0 * t.distance, 6.0 * t.distance)
-        deviation = [
-            task.SWAY_SCALE * observations[:, 2] - self._steady(observations, turns.sway),
-            -task.rate_scale * observations[:, 1],
+        deviation = np.stack([
+            task.SWAY_SCALE * observation[..., 2] - self._steady(observation, turns.sway),
+            -task.rate_scale * observation[..., 1],
             heading,
-            self._ship.rudder_limit * observations[:, 4] - self._steady(observations, turns.rudder),
+            self._ship.rudder_limit * observation[..., 4] - self._steady(observation, turns.rudder),
             off,
-            self._integral,
-        ]
-        turn = np.abs(task.command_scale * observations[:, 5]) / turns.yaw_rate[1]
-        gains = self._gains[np.minimum(np.rint(turn).astype(int), len(self._gains) - 1)]
-        wanted = -np.vecdot(gains, np.stack(deviation, -1))
+            state[..., 0],
+        ], -1)  # fmt: skip
+        turn = np.abs(task.command_scale * observation[..., 5]) / turns.yaw_rate[1]
+        wanted = -(lookup(self._gains, np.rint(turn)) * deviation).sum(-1)
         # The integral waits while the steering gear is saturated, so that it cannot wind up.
-        grown = self._integral + self._vehicle.dt * integrated * (np.abs(wanted) < 1.0)
-        self._integral = np.clip(grown, -t.integral_limit, t.integral_limit)
-        return wanted
+        grown = state[..., 0] + self._vehicle.dt * integrated * (np.abs(wanted) < 1.0)
+        integral = np.clip(grown, -t.integral_limit, t.integral_limit)
+        return self._action(observation, wanted), integral[..., None]
 
 
 @register_controller(TurningCircle, "lqg")
@@ -160,19 +163,18 @@ class TurningPID(_Helm):
         self._loop = Loop(*first_order(A[:2, :2], B[:2, 0], 1, dt), 1.0, 1.0, dt)
         self._gear = max(0.1 / self._loop.frequency, dt) * self._ship.rudder_rate
 
-    def reset(self, num_envs: int) -> None:
-        """Clear the integral."""
-        self._loop.reset(num_envs)
-
-    def _rate(self, observations: np.ndarray) -> np.ndarray:
-        task, ship, limit = self._task, self._ship, self._ship.rudder_limit
-        heading = task.HEADING_SCALE * observations[:, 0]
+    @compiled
+    def control(self, observation: np.ndarray, state: np.ndarray) -> Control:
+        """Share ``(..., 1)`` of the full rudder rate, or in a trial of the limit of the angle."""
+        task, limit, ahead = self._task, self._ship.rudder_limit, self.AHEAD * self._ship.length
+        heading = task.HEADING_SCALE * observation[..., 0]
         if isinstance(task, Track):
-            heading -= np.arctan2(task.TRACK_SCALE * observations[:, 7], self.AHEAD * ship.length)
-        needed = self._steady(observations, self._turns.rudder)
-        rate = task.rate_scale * observations[:, 1]
-        rudder = self._loop.act(heading, rate, -limit, limit, needed)
-        return (rudder - limit * observations[:, 4]) / self._gear
+            heading = heading - np.arctan2(task.TRACK_SCALE * observation[..., 7], ahead)
+        needed = self._steady(observation, self._turns.rudder)
+        rate = task.rate_scale * observation[..., 1]
+        rudder, integral = self._loop.act(heading, rate, state[..., 0], limit, needed)
+        wanted = (rudder - limit * observation[..., 4]) / self._gear
+        return self._action(observation, wanted), integral[..., None]
 
 
 @register_controller(Track, AUTOPILOT)
@@ -209,6 +211,8 @@ class ConstantRudder(Controller):
 
     kind = TurningTrial
 
-    def _actions(self, observations: np.ndarray) -> np.ndarray:
-        """Rudder angle ``(B, 1)`` as a share of its limit."""
-        return np.full((len(observations), 1), self._task.helm / self._task.ship.rudder_limit)
+    @compiled
+    def control(self, observation: np.ndarray, state: np.ndarray) -> Control:
+        """Rudder angle ``(..., 1)`` as a share of its limit."""
+        share = self._task.helm / self._task.ship.rudder_limit
+        return np.zeros_like(observation[..., :1]) + share, state

@@ -49,16 +49,16 @@ def test_a_loop_gives_its_plant_one_critically_damped_pair_of_poles(
 
 
 def test_the_integral_finds_what_a_steady_load_takes_and_waits_at_a_limit():
-    loop, position, rate, dt = Loop(1.0, 0.0, 1.0, 1.0, 0.02), np.zeros(2), np.zeros(2), 0.02
-    loop.reset(2)
+    loop, dt = Loop(1.0, 0.0, 1.0, 1.0, 0.02), 0.02
+    position, rate, integral = np.zeros((3, 2))
     for _ in range(5000):
-        u = loop.act(-position, -rate, -1.0, 1.0)
+        u, integral = loop.act(-position, -rate, integral, 1.0, np.zeros(2))
         rate = rate + dt * (u - [0.5, 0.0])
         position = position + dt * rate
     np.testing.assert_allclose(position, 0.0, atol=1e-3)
-    before = loop._sum.copy()
-    np.testing.assert_array_equal(loop.act(np.full(2, 50.0), 0.0, -1.0, 1.0), 1.0)
-    np.testing.assert_array_equal(loop._sum, before)
+    at_limit, after = loop.act(np.full(2, 50.0), rate, integral, 1.0, rate)
+    np.testing.assert_array_equal(at_limit, 1.0)
+    np.testing.assert_array_equal(after, integral)
 
 
 @pytest.mark.parametrize("lag", [1.0, 20.0])
@@ -112,10 +112,10 @@ def test_the_gains_of_a_helm_are_optimal_for_a_step_of_the_ship(tolerances: Tole
 
 def test_the_integral_of_a_helm_waits_while_the_steering_gear_is_saturated():
     helm = make_controller("autopilot", HEADING_SHIP)
-    small, large = (np.full((1, 6), [error, 0, 0, 0, 0, 0]) for error in (1e-3, 10.0))
+    small, large = (np.array([error, 0, 0, 0, 0, 0]) for error in (1e-3, 10.0))
     for seen, grows in ((large, False), (small, True)):
-        helm.act(seen)
-        assert (helm._integral != 0.0) == grows
+        _, integral = helm.control(seen, np.zeros(1))
+        assert (integral != 0.0).all() == grows
 
 
 def test_the_gains_of_an_aircraft_are_optimal_for_a_step_of_the_aircraft():
@@ -300,6 +300,17 @@ def test_observations_alone_count_row_by_row_and_a_reset_forgets_them(env_id: st
     for row in range(seen.shape[1]):
         alone = acted(env_id, name, seen[:, row : row + 1])
         np.testing.assert_allclose(alone[:, 0], actions[:, row], atol=1e-6)
+
+
+@every_controller
+def test_a_compiled_control_law_equals_its_equations_in_numpy(env_id: str, name: str):
+    controller = make_controller(name, system_of(env_id))
+    seen = observations(env_id).astype(float)
+    state = np.random.default_rng(2).normal(size=(*seen.shape[:2], controller.state_size))
+    found = controller.control(seen, state)
+    expected = type(controller).control(controller, seen, state)
+    for each, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(each, other, rtol=1e-12, atol=1e-12)
 
 
 @every_controller

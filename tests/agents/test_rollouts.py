@@ -1,6 +1,7 @@
 """Rollouts: the same seeds give the same flights, however they are batched."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,12 @@ import pytest
 
 from agents import RandomAgent, load_agent, rollout
 from agents.refusal import Refusal
+from vessel_gym.envs import SigmaCorvetteVectorEnv
+from vessel_gym.sensor_faults import SensorFault
 
 ENV = "SigmaCorvette-v0"
 ROUGH = {"disturbance": "rough", "sensors": "degraded"}
+SENSORS = SigmaCorvetteVectorEnv.system.vehicle.sensors
 
 
 class Own:
@@ -65,6 +69,41 @@ def test_a_rollout_equals_a_loop_over_single_environments(agent: Any):
             after, last = value[len(infos) :, i], value[len(infos) - 1, i]
             np.testing.assert_array_equal(after, np.broadcast_to(last, after.shape), err_msg=key)
         np.testing.assert_array_equal(flight.alive[:, i], np.arange(len(flight.alive)) < len(infos))
+
+
+@pytest.mark.parametrize(
+    "world",
+    [
+        ROUGH,
+        {"estimator": "enkf", "sensors": [replace(each, latency=0.5) for each in SENSORS]},
+        {"sensor_faults": [SensorFault(each.name, "off", begin=5.0) for each in SENSORS]},
+        {"observe": "mean+std", "max_episode_steps": 110},
+        {"observe": "measurement", "guidance": True},
+    ],
+    ids=["one program", "late", "faults", "truncated", "raw"],
+)
+def test_a_rollout_without_a_record_has_the_same_results(world: dict[str, Any]):
+    whole, scored = (
+        rollout(HARD_OVER, ENV, range(12), world, record=each) for each in (True, False)
+    )
+    assert len(set(whole.length)) > 1
+    for name in ("score", "returns", "length", "terminated", "end", "scenario"):
+        np.testing.assert_array_equal(getattr(scored, name), getattr(whole, name), err_msg=name)
+    assert not scored.history
+
+
+def test_a_step_of_ones_own_is_flown_with_and_without_a_record():
+    class Halved(SigmaCorvetteVectorEnv):
+        def step(self, actions: np.ndarray) -> Any:
+            observations, reward, *rest = super().step(actions)
+            return observations, 0.5 * reward, *rest
+
+    gym.register("Halved-v0", vector_entry_point=Halved, max_episode_steps=5)
+    whole, *halved = (
+        rollout(HARD_OVER, name, [0], {"max_episode_steps": 5}, record=record).returns
+        for name, record in ((ENV, False), ("Halved-v0", True), ("Halved-v0", False))
+    )
+    np.testing.assert_array_equal(halved, [0.5 * whole] * 2)
 
 
 def test_reset_options_reach_the_environment():

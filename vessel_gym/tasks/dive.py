@@ -179,9 +179,9 @@ class Dive(Task, verified=True):
         return (np.concatenate([seen, actuators], -1) - offset) * gain
 
     def named(self, observations: np.ndarray) -> dict[str, np.ndarray]:
-        """Components of observations ``(B, k)`` of mode ``"mean"`` by name, ``(B,)`` each in SI."""
+        """Components of observations ``(..., k)`` of mode ``"mean"`` by name, ``(...)`` in SI."""
         return {
-            name: scale * observations[:, i]
+            name: scale * observations[..., i]
             for i, (name, scale) in enumerate(self.observed.items())
         }
 

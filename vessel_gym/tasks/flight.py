@@ -278,9 +278,11 @@ class Flight(Task, verified=True):
         return np.array([offsets, 1.0 / scales])
 
     def named(self, observations: np.ndarray) -> dict[str, np.ndarray]:
-        """Components of observations ``(B, k)`` of mode ``"mean"`` by name, ``(B,)`` each in SI."""
+        """Components of observations ``(..., k)`` of mode ``"mean"`` by name, ``(...)`` in SI."""
         listed = enumerate(self.observed.items())
-        return {name: offset + scale * observations[:, i] for i, (name, (offset, scale)) in listed}
+        return {
+            name: offset + scale * observations[..., i] for i, (name, (offset, scale)) in listed
+        }
 
     def sizes(self, measurements: int, states: int) -> dict[str, int]:
         """Lengths of the parts of an observation."""
