@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine.matrices import is_traced
+from estimators.engine import is_traced
 
 _TURN = 2.0 * np.pi
 _LOWEST = np.nextafter(-np.pi, 0.0)

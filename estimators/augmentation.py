@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine.compiled import compiled
+from estimators.engine import compiled
 from estimators.linalg import joined
 from estimators.models import LinearModel, NonlinearModel
 from estimators.varying import is_compiled, resolve

@@ -16,7 +16,7 @@ import numpy as np
 from estimators.angles import difference
 from estimators.belief import Belief, Record, unmeasured
 from estimators.checks import as_array, as_mask, frozen, short_repr
-from estimators.engine.matching import invoker
+from estimators.engine import invoker
 from estimators.linalg import (
     congruence,
     lacks_rank,

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from estimators.checks import short_repr
-from estimators.engine.compiled import Compiled
-from estimators.engine.matrices import is_traced
+from estimators.engine import Compiled, is_traced
 
 _NEAR, _GOLDEN = 2.0**-10, 0.5 * (5.0**0.5 - 1.0)
 _OWN = "estimators", "vessel_gym"

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine import linear, matrices
-from estimators.engine.matrices import MatrixTracer, is_traced
+from estimators.engine import MatrixTracer, is_traced, linear
 
 
 @cache
@@ -49,7 +48,7 @@ def equilibrated(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def joined(parts: Sequence[np.ndarray], axis: int) -> np.ndarray:
     """Matrices ``(..., i, j)`` below (axis -2) or beside (axis -1) each other, in one batch."""
     if any(is_traced(part) for part in parts):
-        return matrices.joined(parts, axis)
+        return linear.joined(parts, axis)
     batch = np.broadcast_shapes(*(part.shape[:-2] for part in parts))
     return np.concatenate([np.broadcast_to(part, batch + part.shape[-2:]) for part in parts], axis)
 

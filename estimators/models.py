@@ -15,9 +15,7 @@ import numpy as np
 
 from estimators.checks import finite_array, frozen, short_repr
 from estimators.differences import central_differences, steps, values_at
-from estimators.engine.compiled import Compiled, compiled
-from estimators.engine.derivative import linearise
-from estimators.engine.matrices import columnwise, is_traced, matrix
+from estimators.engine import Compiled, columnwise, compiled, is_traced, linearise, matrix
 from estimators.first_use import FirstUse
 from estimators.model_checks import as_covariance, check_matrices, set_function
 from estimators.varying import (

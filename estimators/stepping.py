@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 
 from estimators.belief import unmeasured
-from estimators.engine.compiled import trace
-from estimators.engine.function import Argument
-from estimators.engine.matrices import is_traced
+from estimators.engine import Argument, is_traced, trace
 from estimators.randomness import RandomKeys
 
 _GIVEN = (1, "f"), (1, "f"), (1, "b"), (2, "f")

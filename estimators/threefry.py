@@ -10,8 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine import as_float, as_word, bits_float, compiled, float_bits, sincos_near_zero
-from estimators.engine.matrices import columnwise, joined, split
+from estimators.engine import (
+    as_float,
+    as_word,
+    bits_float,
+    columnwise,
+    compiled,
+    float_bits,
+    linear,
+    sincos_near_zero,
+    split,
+)
 
 _PARITY = 0x1BD11BDAA9FC1A22
 _ROTATIONS = (16, 42, 12, 31), (16, 32, 24, 21)
@@ -131,4 +140,4 @@ def of_members(key: Any, second: Any, *, members: int, count: int) -> Any:
         return four_normals(key, first, second[0])
 
     drawn = columnwise(four, counters, key, second[None])
-    return split(joined([drawn.mT], -1), count)[..., :members]
+    return split(linear.joined([drawn.mT], -1), count)[..., :members]

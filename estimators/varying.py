@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 
 from estimators.checks import finite_array, frozen, integer, number
-from estimators.engine.compiled import Compiled
-from estimators.engine.matrices import MatrixTracer, is_traced, matrix
-from estimators.engine.tables import lookup
+from estimators.engine import Compiled, MatrixTracer, is_traced, lookup, matrix
 from estimators.first_use import FirstUse
 
 Matrix = np.ndarray | Callable[[np.ndarray | None], np.ndarray]

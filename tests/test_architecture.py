@@ -14,6 +14,7 @@ import gymnasium as gym
 import pytest
 
 import vessel_gym  # noqa: F401, registers the environments
+from estimators import engine
 
 ROOT = Path(__file__).parents[1]
 FLOORS = ("estimators", "vessel_gym", "agents", "scripts")
@@ -72,6 +73,19 @@ def test_no_folder_imports_one_above_it() -> None:
         if floor[other] > floor[one]
     ]
     assert upward == []
+
+
+def test_engine_is_imported_by_its_public_names() -> None:
+    inside = [
+        (module, f"{node.module}.{name.name}")
+        for module, path in MODULES.items()
+        if not module.startswith("estimators.engine")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("estimators.engine")
+        for name in node.names
+        if node.module != "estimators.engine" or name.name not in engine.__all__
+    ]
+    assert inside == []
 
 
 @pytest.mark.parametrize("num_envs", [1, 3])

@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine import trace
-from estimators.engine.function import Argument
+from estimators.engine import Argument, trace
 
 Changes = dict[str, Any]
 """Arrays that a stage fills in, by name."""

@@ -9,11 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimators import RandomKeys
-from estimators.engine import trace
-from estimators.engine.arrays import TracedArray
-from estimators.engine.compiled import SideBySide
-from estimators.engine.function import Argument
-from estimators.engine.matrices import MatrixTracer, matrix
+from estimators.engine import Argument, MatrixTracer, SideBySide, TracedArray, matrix, trace
 from vessel_gym.estimation import Estimation
 from vessel_gym.layout import Layout
 from vessel_gym.mission import Mission

@@ -1,12 +1,15 @@
 """Equations as NumPy functions: traced once, derived exactly, compiled in a fraction of a second.
 
-See docs/engine.md. `compiled` compiles a function of arrays ``(..., n)``. The other names are
-functions that compiled code can use in addition to NumPy's. This package imports only
-`estimators.checks`; filters, models and `vessel_gym` import it.
+See docs/engine.md. `compiled` compiles a function of arrays ``(..., n)``; compiled code can use the
+functions from `along` to `sincos_near_zero` in addition to NumPy's. Programs of filters and of whole
+steps are made by `trace` and the names after it. This package imports only `estimators.checks`;
+other code imports these names alone, from here.
 """
 
-from estimators.engine.compiled import Compiled, compiled, trace
-from estimators.engine.derivative import jacobian
+from estimators.engine import linear
+from estimators.engine.arrays import TracedArray
+from estimators.engine.compiled import Compiled, SideBySide, compiled, trace
+from estimators.engine.derivative import jacobian, linearise
 from estimators.engine.elementary import (
     as_float,
     as_integer,
@@ -17,24 +20,38 @@ from estimators.engine.elementary import (
     sincos,
     sincos_near_zero,
 )
-from estimators.engine.matrices import along
+from estimators.engine.function import Argument, Function
+from estimators.engine.matching import invoker
+from estimators.engine.matrices import MatrixTracer, along, columnwise, is_traced, matrix, split
 from estimators.engine.program import NotTraceable
 from estimators.engine.tables import lookup
 
 __all__ = [
+    "Argument",
     "Compiled",
+    "Function",
+    "MatrixTracer",
     "NotTraceable",
+    "SideBySide",
+    "TracedArray",
     "along",
     "as_float",
     "as_integer",
     "as_word",
     "bits_float",
+    "columnwise",
     "compiled",
     "float_bits",
+    "invoker",
+    "is_traced",
     "jacobian",
+    "linear",
+    "linearise",
     "lookup",
+    "matrix",
     "repeat",
     "sincos",
     "sincos_near_zero",
+    "split",
     "trace",
 ]

@@ -6,7 +6,15 @@ from typing import Any
 import numpy as np
 
 from estimators.engine import unrolled
-from estimators.engine.matrices import FUNCTIONS, MatrixTracer, by_scalars, is_small, matrix, shapes
+from estimators.engine.matrices import (
+    FUNCTIONS,
+    MatrixTracer,
+    by_scalars,
+    is_small,
+    joined,
+    matrix,
+    shapes,
+)
 from estimators.engine.program import Program
 from estimators.engine.tracer import program_of
 
@@ -115,6 +123,18 @@ def orthogonal(a: Any) -> Any:
     return _rotated(a, False)[0]
 
 
+__all__ = [
+    "cholesky",
+    "congruence",
+    "joined",
+    "orthogonal",
+    "rotated",
+    "semidefinite_cholesky",
+    "solve_definite",
+    "solve_lower",
+    "solve_upper",
+    "symmetrise",
+]
 FUNCTIONS |= {
     np.matmul: _matmul,
     np.matvec: _matvec,

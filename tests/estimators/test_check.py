@@ -20,7 +20,7 @@ from estimators import (
     compiled,
     make,
 )
-from estimators.engine.matrices import is_traced
+from estimators.engine import is_traced
 from tests.estimators.cases import turning_vehicle
 
 

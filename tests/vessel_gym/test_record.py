@@ -12,7 +12,7 @@ import pytest
 from contract import make_batch, make_core, random_walk, single_class
 from gymnasium.vector import AutoresetMode
 
-from estimators.engine.function import Function
+from estimators.engine import Function
 from vessel_gym.sensor_faults import SensorFault
 
 OURS = (

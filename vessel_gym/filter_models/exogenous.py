@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from estimators.checks import numbers, short_repr
-from estimators.engine.arrays import TracedArray
+from estimators.engine import TracedArray
 from vessel_gym.checks import is_integer
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.foreign import Copying

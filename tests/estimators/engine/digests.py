@@ -1,6 +1,6 @@
 """Digests of 40 steps of 32 rows in the environments, on a processor with fewer features.
 
-    python tests/vessel_gym/digests.py native|avx2|sse
+python tests/estimators/engine/digests.py native|avx2|sse
 """
 
 import sys
