@@ -140,17 +140,14 @@ class Sea(Disturbance, verified=True):
     def process(self) -> Process:  # type: ignore[override]
         """Waves, gust and current."""
         wave = np.array([[0.0, 1.0], [-(self.peak**2), -2.0 * self.damping * self.peak]])
-        A = block_diagonal(
-            wave, -1.0 / self.gust_time, -1.0 / self.current_time, -1.0 / self.current_time
+        intensity = np.diag([0.0, 4.0 * self.damping * self.peak * self.wave**2])
+        transition, noise = van_loan(wave, np.eye(2), intensity, self.dt)
+        waves = Process(transition, root_of(noise), self.wave**2 * np.diag([self.peak**-2, 1.0]))
+        gust = Process.wandering((self.gust,), self.gust_time, self.dt)
+        each = self.current / np.sqrt(2.0)  # component, which carries half the power
+        return Process.joined(
+            waves, gust, Process.wandering((each, each), self.current_time, self.dt)
         )
-        waves = 4.0 * self.damping * self.peak * self.wave**2
-        gust = 2.0 * self.gust**2 / self.gust_time
-        drift = self.current**2 / self.current_time  # each component carries half the power
-        W = np.diag([0.0, waves, gust, drift, drift])
-        transition, noise = van_loan(A, np.eye(len(A)), W, self.dt)
-        current = self.current / np.sqrt(2.0)
-        sd = self.wave / self.peak, self.wave, self.gust, current, current
-        return Process(transition, root_of(noise), np.diag(np.square(sd)))
 
     @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
@@ -364,7 +361,7 @@ class Air(Disturbance, verified=True):
         # of the variance
         vertical = np.array([[0.0, 1.0], [-1.0, -2.0]]) / vertical_time
         level = 2.0 * self.gust**2 / time
-        A = block_diagonal(-1.0 / time, -1.0 / time, vertical)
+        A = block_diagonal(-np.eye(2) / time, vertical)
         gusts = Process.stationary(
             A, np.diag([level, level, 0.0, self.vertical_gust**2 / vertical_time]), self.dt
         )

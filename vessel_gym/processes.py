@@ -183,13 +183,12 @@ def root_of(cov: np.ndarray) -> np.ndarray:
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def block_diagonal(*blocks: np.ndarray | float) -> np.ndarray:
+def block_diagonal(*blocks: np.ndarray) -> np.ndarray:
     """Matrix with blocks ``(rows, columns)`` on its diagonal, and zeros elsewhere."""
-    matrices = [*map(np.atleast_2d, blocks)]
-    rows, columns = np.cumsum([(0, 0), *map(np.shape, matrices)], 0).T
+    rows, columns = np.cumsum([(0, 0), *map(np.shape, blocks)], 0).T
     whole = np.zeros((rows[-1], columns[-1]))
-    for i, j, each in zip(rows, columns, matrices, strict=False):
-        whole[i : i + each.shape[0], j : j + each.shape[1]] = each
+    for i, j, each in zip(rows, columns, blocks, strict=False):
+        whole[i : i + len(each), j : j + each.shape[1]] = each
     return whole
 
 

@@ -1,7 +1,6 @@
 """AUV-v0, SegorogeniAUV-v0, ItsunusaAUV-v0: torpedo-shaped vehicles that dive along a curve."""
 
 import math
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +34,7 @@ WATERS = _waters(1.0, SPACE)
 PLANE_WATERS = _waters(0.5, PLANE, velocities=("u", "w"), rates=("q",), names=("current",))
 
 
-def auv_system(vessel: str | Path = "remus-100", name: str = "vessel_gym/AUV-v0") -> System:
+def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
     """Environment in which a torpedo-shaped vehicle dives, in space or in the vertical plane.
 
     The vehicle file selects space or plane. The dive is that of Segorogeni or, in the plane, that
@@ -63,15 +62,3 @@ def auv_system(vessel: str | Path = "remus-100", name: str = "vessel_gym/AUV-v0"
     goal, spread = (10.0 * share, 18.0 * share, 6.0 * share), (share, share, 0.5 * share)
     space = SpatialDive(body, goal, spread, 2.5 * share, 500)
     return System(name, Segorogeni(body), space, WATERS, "enkf", "nonlinear", tuning)
-
-
-@cache
-def segorogeni_auv() -> System:
-    """Environment in which the SEGOROGENI dives in three dimensions."""
-    return auv_system("segorogeni", "SegorogeniAUV-v0")
-
-
-@cache
-def itsunusa_auv() -> System:
-    """Environment in which the ITSUNUSA dives in the vertical plane."""
-    return auv_system("itsunusa", "ItsunusaAUV-v0")

@@ -11,19 +11,22 @@ from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.system import System
 
 _SYSTEMS = {
-    "AUV": "auv.auv_system",
-    "FixedWing": "fixed_wing.fixed_wing_system",
-    "ItsunusaAUV": "auv.itsunusa_auv",
-    "PunaUAV": "fixed_wing.puna_uav",
-    "SegorogeniAUV": "auv.segorogeni_auv",
-    "Ship": "ship.ship_system",
-    "SigmaChannel": "ship.sigma_channel",
-    "SigmaCorvette": "ship.sigma_corvette",
-    "ThesisCorvette": "thesis_corvette.thesis_corvette",
+    "AUV": ("auv.auv_system", "remus-100"),
+    "FixedWing": ("fixed_wing.fixed_wing_system", "puna"),
+    "ItsunusaAUV": ("auv.auv_system", "itsunusa"),
+    "PunaUAV": ("fixed_wing.fixed_wing_system", "puna"),
+    "SegorogeniAUV": ("auv.auv_system", "segorogeni"),
+    "Ship": ("ship.ship_system", "mariner"),
+    "SigmaChannel": ("ship.channel_system", "corvette"),
+    "SigmaCorvette": ("ship.ship_system", "corvette"),
+    "ThesisCorvette": ("thesis_corvette.thesis_system",),
 }
-"""Function of `vessel_gym.envs` that makes the system, by the environment's name."""
+"""Function of `vessel_gym.envs` that makes an environment's system, and its vehicle if it has one.
+
+The last argument of the function is the environment's id.
+"""
 _OF_ANY_VESSEL = "AUV", "FixedWing", "Ship"
-"""Environments whose function takes a vehicle file."""
+"""Environments whose users may name another vehicle."""
 CLASSES = [f"{name}{face}" for name in _SYSTEMS for face in ("Env", "VectorEnv")]
 
 
@@ -41,10 +44,11 @@ class OfAnyVessel:
 @cache
 def classes(name: str) -> dict[str, type]:
     """Single and vector class of an environment, with one system, by their names."""
-    module, _, function = _SYSTEMS[name].partition(".")
+    path, *vessel = _SYSTEMS[name]
+    module, _, function = path.partition(".")
     system_of = getattr(import_module(f"vessel_gym.envs.{module}"), function)
-    system: System = system_of()
-    own = (OfAnyVessel,) if name in _OF_ANY_VESSEL else ()
+    own, space = ((OfAnyVessel,), "vessel_gym/") if name in _OF_ANY_VESSEL else ((), "")
+    system: System = system_of(*vessel, f"{space}{name}-v0")
     body = {"system": system, "system_of": staticmethod(system_of), "__module__": "vessel_gym.envs"}
     made = {}
     for base, doc in (

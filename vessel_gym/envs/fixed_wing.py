@@ -1,6 +1,5 @@
 """FixedWing-v0 and PunaUAV-v0: a small aircraft flies a Dubins path round obstacles."""
 
-from functools import cache
 from pathlib import Path
 
 from vessel_gym.disturbances import Air
@@ -20,7 +19,7 @@ def airs(dt: float, airspeed: float) -> dict[str, Air]:
     }
 
 
-def fixed_wing_system(vessel: str | Path = "puna", name: str = "vessel_gym/FixedWing-v0") -> System:
+def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0") -> System:
     """Environment in which a small aircraft flies a Dubins path.
 
     The task is that of the PUNA, with lengths in proportion to the square of the cruise speed.
@@ -45,9 +44,3 @@ def fixed_wing_system(vessel: str | Path = "puna", name: str = "vessel_gym/Fixed
     return System(
         name, Puna(body), task, airs(task.dt, body.cruise_speed), "enkf", "nonlinear", tuning
     )
-
-
-@cache
-def puna_uav() -> System:
-    """Environment in which the PUNA flies round obstacles to a goal."""
-    return fixed_wing_system("puna", "PunaUAV-v0")

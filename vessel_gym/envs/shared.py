@@ -41,7 +41,9 @@ def check_arguments(env: Any, options: Mapping[str, Any], render_mode: str | Non
             own = [each for base in type(env).__mro__ if "__init__" in vars(base)
                    for each in signature(vars(base)["__init__"]).parameters.values()]  # fmt: skip
             named = dict.fromkeys(
-                each.name for each in own if each.kind is each.POSITIONAL_OR_KEYWORD
+                each.name
+                for each in own
+                if each.kind in (each.POSITIONAL_OR_KEYWORD, each.KEYWORD_ONLY)
             )
             # Python's words, which other libraries look for
             python = f"{type(env).__name__}.__init__() got an unexpected"

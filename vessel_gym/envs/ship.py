@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,7 @@ def seas(ship: CorvetteParameters, dt: float) -> dict[str, Seaway]:
 
 
 def ship_system(
-    vessel: str | Path | CorvetteParameters = "mariner", name: str = "vessel_gym/Ship-v0"
+    vessel: str | Path | CorvetteParameters, name: str = "vessel_gym/Ship-v0"
 ) -> System:
     """Environment in which a ship holds a turning circle.
 
@@ -61,26 +60,19 @@ def ship_system(
     )
 
 
-@cache
-def sigma_corvette() -> System:
-    """Environment in which the SIGMA corvette holds a turning circle."""
-    return ship_system("corvette", "SigmaCorvette-v0")
-
-
-def sigma_channel() -> System:
-    """Environment in which the SIGMA corvette keeps to a channel.
+def channel_system(vessel: str, name: str) -> System:
+    """Environment in which a ship keeps to a channel; arguments as `ship_system`.
 
     The channel leads north-east or north-west: waves that run to the south come from 45 degrees off
     the bow, those that run to the north from 45 degrees off the stern.
     """
     from vessel_gym.tasks.channel import Channel  # late, as no other ship needs its path
 
-    corvette = sigma_corvette()
-    seas: Mapping[str, Any] = corvette.disturbances
+    system = ship_system(vessel, name)
+    seas: Mapping[str, Any] = system.disturbances
     return replace(
-        corvette,
-        name="SigmaChannel-v0",
-        task=Channel(load("corvette", CorvetteParameters)),
+        system,
+        task=Channel(load(vessel, CorvetteParameters)),
         disturbances={name: replace(sea, direction=np.pi) for name, sea in seas.items()}
         | {f"{name} quartering": seas[name] for name in ("moderate", "rough")},
     )

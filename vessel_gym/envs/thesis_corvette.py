@@ -1,6 +1,5 @@
 """ThesisCorvette-v0: the experiment of A. E. Hermawan's thesis (ITS Surabaya, 2020)."""
 
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -32,12 +31,11 @@ def _tuning(name: str, composition: Composition) -> dict[str, Any]:
     return {"radius": BESIDE_BIASES} if name == "robust-kf" else {}
 
 
-@cache
-def thesis_corvette() -> System:
+def thesis_system(name: str) -> System:
     """Environment of a turning circle trial in which a step enters the measurements."""
     vehicle = ThesisCorvette()
     return System(
-        name="ThesisCorvette-v0",
+        name=name,
         vehicle=vehicle,
         task=TurningTrial(vehicle.ship),
         disturbances=dict.fromkeys(("calm", "moderate", "rough"), UnknownStep()),  # without sea

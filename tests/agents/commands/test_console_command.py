@@ -16,7 +16,7 @@ from vessel_gym.__main__ import main as vessel_gym_main
 
 ROOT = Path(vessel_gym.__file__).parents[1]
 COMMANDS = commands.COMMANDS
-HEAVY = {"scipy", "llvmlite", "rich", "torch", "estimators"}
+HEAVY = {"scipy", "llvmlite", "rich", "torch", "estimators.engine"}
 
 
 def called(monkeypatch: pytest.MonkeyPatch, *arguments: str) -> int | None:
