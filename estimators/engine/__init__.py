@@ -1,9 +1,9 @@
 """Equations as NumPy functions: traced once, derived exactly, compiled in a fraction of a second.
 
-See docs/engine.md. `compiled` compiles a function of arrays ``(..., n)``; compiled code can use the
-functions from `along` to `sincos_near_zero` in addition to NumPy's. Programs of filters and of whole
-steps are made by `trace` and the names after it. This package imports only `estimators.checks`;
-other code imports these names alone, from here.
+See docs/engine.md. `compiled` compiles a function of arrays ``(..., n)``, which can use `along`,
+`lookup`, `sincos` and others in addition to NumPy's functions; `trace` makes programs of filters and
+of whole steps. This package imports only `estimators.checks`. Other code imports the names below,
+from here, and nothing from its modules.
 """
 
 from estimators.engine import linear
@@ -16,7 +16,6 @@ from estimators.engine.elementary import (
     as_word,
     bits_float,
     float_bits,
-    repeat,
     sincos,
     sincos_near_zero,
 )
@@ -49,7 +48,6 @@ __all__ = [
     "linearise",
     "lookup",
     "matrix",
-    "repeat",
     "sincos",
     "sincos_near_zero",
     "split",

@@ -6,13 +6,13 @@ Microsystems, 1993); sine and cosine take off quarters of a turn in three parts 
 and are accurate for angles up to 1e6 rad.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from estimators.engine.arrays import TracedArray, each_entry
-from estimators.engine.tracer import Tracer, cast, constant, operation, where
+from estimators.engine.tracer import Tracer, cast, operation, where
 
 _LN2_HIGH, _LN2_LOW, _PER_LN2 = (
     6.93147180369123816490e-01,
@@ -264,73 +264,3 @@ def sincos(angle: Any) -> tuple[Any, Any]:
         return np.sin(angle), np.cos(angle)
     with np.errstate(all="ignore"):
         return _sincos(np.asarray(angle, float)[()])
-
-
-def repeat(
-    count: int,
-    body: Callable[..., Sequence[Any]],
-    *carried: Any,
-    active: Callable[..., Any] | None = None,
-) -> tuple[Any, ...]:
-    """Result of ``count`` passes of ``carried = body(*carried)`` on numbers or arrays.
-
-    It stays a loop in a compiled program, which unrolls Python's own loops.
-
-    Args:
-        count: Largest number of passes.
-        body: Function that returns as many numbers and arrays as it takes, of the same shapes.
-        carried: Arguments of the first pass.
-        active: Function of the carried values that gives a mask ``(...)`` of the rows that need
-            another pass. The other rows keep their values, and the loop ends when no row needs one.
-    """
-    masked = active is not None
-
-    def one_pass(*before: Any) -> tuple[Any, ...]:
-        if active is None:
-            return tuple(body(*before))
-        going, *old = before
-        new = [
-            np.where(
-                np.reshape(going, np.shape(going) + (1,) * (np.ndim(a) - np.ndim(going))), b, a
-            )
-            for a, b in zip(old, body(*old), strict=True)
-        ]
-        return active(*new), *new
-
-    if active is not None:
-        carried = active(*carried), *carried
-    if any(isinstance(each, Tracer | TracedArray) for each in carried):
-        return _traced_loop(count, one_pass, carried, masked)[masked:]
-    for _ in range(count):
-        if masked and not np.any(carried[0]):
-            break
-        carried = one_pass(*carried)
-    return carried[masked:]
-
-
-def _traced_loop(
-    count: int, body: Callable[..., Sequence[Any]], carried: tuple[Any, ...], masked: bool
-) -> tuple[Any, ...]:
-    arrays = [TracedArray.of(each) for each in carried]
-    entries = [entry for array in arrays for entry in array.flat]
-    program = next(each.program for each in entries if isinstance(each, Tracer))
-
-    def rebuilt(values: Sequence[int]) -> list[Any]:
-        tracers, found = iter(values), []
-        for array in arrays:
-            own = [Tracer(program, next(tracers)) for _ in range(array.size)]
-            found.append(TracedArray.of(own).reshape(array.shape) if array.ndim else own[0])
-        return found
-
-    def traced(*parameters: int) -> list[int]:
-        after = [
-            np.broadcast_to(np.asarray(each, object), array.shape)
-            for each, array in zip(body(*rebuilt(parameters)), arrays, strict=True)
-        ]
-        flat = (constant(program, entry) for array in after for entry in array.flat)
-        return [
-            cast(x, program.kinds[value]).value for x, value in zip(flat, parameters, strict=True)
-        ]
-
-    initial = [constant(program, each).value for each in entries]
-    return tuple(rebuilt(program.repeat(count, traced, initial, arrays[0].size if masked else 0)))

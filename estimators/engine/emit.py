@@ -7,14 +7,13 @@ fast-math flags: a row has the same bits alone, in any batch and on any processo
 import itertools
 import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cache, reduce
-from operator import attrgetter, or_
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from estimators.engine.elementary import EXPANSIONS
-from estimators.engine.program import KINDS, Instruction, Loop, Program
+from estimators.engine.program import KINDS, Instruction, Program
 from estimators.engine.tracer import Tracer, cast, constant, within
 
 _OPERATIONS = {
@@ -360,19 +359,3 @@ class Emitter:
             )
         )
         self.scalars[instruction.result] = self.own.value(vector).value
-
-    def _emit_repeat(self, instruction: Instruction) -> None:
-        loop: Loop = instruction.attributes[0]
-
-        def body(_: Tracer, *carried: Tracer) -> list[Tracer]:
-            self.scalars |= zip(loop.parameters, map(attrgetter("value"), carried), strict=True)
-            self.block(loop.body)
-            return list(map(self.scalar, loop.after))
-
-        def going(*carried: Tracer) -> Tracer:
-            return self.any(reduce(or_, carried[: loop.masks]))
-
-        operands: Any = instruction.operands[: len(loop.parameters)]
-        initial = list(map(self.scalar, operands))
-        results = self.loop(0, loop.count, body, initial, going=going if loop.masks else None)
-        self.scalars |= zip(loop.results, map(attrgetter("value"), results), strict=True)

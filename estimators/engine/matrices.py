@@ -218,8 +218,7 @@ def along(function: Any, *rows: Any) -> tuple[Any, ...]:
     """Results ``(..., k)`` of a function of numbers for each entry of rows ``(..., k)``.
 
     A compiled program contains the instructions once, while it unrolls Python's own loops. For a
-    single row, eight entries are computed side by side. The function cannot be used in a `repeat`,
-    and has no derivative.
+    single row, eight entries are computed side by side. The results have no derivative.
 
     Args:
         function: Function of one number or array ``(...)`` from each row. It returns a sequence of

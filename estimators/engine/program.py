@@ -46,30 +46,10 @@ class Instruction(NamedTuple):
         """The values that it reads."""
         return {*map(value_of, self.operands)}
 
-    @property
-    def results(self) -> tuple[int, ...]:
-        """The values that it gives."""
-        return self.attributes[0].results if self.opcode == "repeat" else (self.result,)
-
 
 def value_of(operand: int | View) -> int:
     """The value of an operand, or the value that contains it."""
     return operand.value if isinstance(operand, View) else operand
-
-
-class Loop(NamedTuple):
-    """Body of a ``repeat``: parameters that begin as its operands, and their values after a pass.
-
-    The first ``masks`` parameters are masks: the loop ends as soon as they are false in all rows
-    computed side by side.
-    """
-
-    count: int  # type: ignore[assignment]
-    masks: int
-    parameters: tuple[int, ...]
-    body: tuple[Instruction, ...]
-    after: tuple[int, ...]
-    results: tuple[int, ...]
 
 
 class Columns(NamedTuple):
@@ -149,47 +129,24 @@ class Program:
                 return block[key].result
         if len(self.kinds) > _LONGEST:
             raise NotTraceable(
-                "its loops are too long to be unrolled: use NumPy's functions of arrays, or"
-                " estimators.engine.repeat"
+                "its loops are too long to be unrolled: use NumPy's functions of arrays"
             )
         result = self.new(kind, size)
         self._blocks[-1][key] = Instruction(opcode, operands, result, attributes)
         return result
 
-    def repeat(
-        self, count: int, body: Callable[..., Sequence[int]], initial: Sequence[int], masks: int = 0
-    ) -> tuple[int, ...]:
-        """Apply a body, traced once, to scalars ``count`` times, or until the masks are false."""
-        kinds = [self.kinds[value] for value in initial]
-        parameters = tuple(map(self.new, kinds))
-        after, inside, outer = self._block(body, parameters, "the body of a repeat")
-        if set(kinds[:masks]) - {"b"}:
-            raise TypeError("a repeat ends by a mask, such as x > 0.0")
-        results = tuple(map(self.new, kinds))
-        loop = Loop(count, masks, parameters, inside, after, results)
-        self._blocks[-1][loop] = Instruction("repeat", (*initial, *outer), results[0], (loop,))
-        return results
-
-    def _block(
-        self, body: Callable[..., Sequence[int]], parameters: tuple[Any, ...], word: str
-    ) -> tuple[tuple[int, ...], tuple[Instruction, ...], list[int]]:
-        """Results of a body for parameters, its instructions, and other values that it reads."""
+    def columns(self, views: Sequence[View], body: Callable[..., Sequence[int]]) -> int:
+        """The matrix of results of a body, traced once, for each column of matrices."""
+        parameters = tuple(tuple(self.new("f") for _ in range(view.shape[0])) for view in views)
         self._blocks.append({})
         try:
             results = tuple(body(*parameters))
         finally:
             inside = tuple(self._blocks.pop().values())
         if any(each.result in self.sizes for each in inside):
-            raise TypeError(f"{word} computes scalars, no matrices")
-        own = {value for each in inside for value in each.results}.union(parameters)
+            raise TypeError("a function of columns computes scalars, no matrices")
+        own = {each.result for each in inside}.union(*parameters)
         outer = sorted(set(results).union(*(each.values for each in inside)) - own)
-        return results, inside, outer
-
-    def columns(self, views: Sequence[View], body: Callable[..., Sequence[int]]) -> int:
-        """The matrix of results of a body, traced once, for each column of matrices."""
-        parameters = tuple(tuple(self.new("f") for _ in range(view.shape[0])) for view in views)
-        results, inside, outer = self._block(body, parameters, "a function of columns")
-        outer = sorted({*outer}.difference(*parameters))
         count = views[0].shape[1]
         loop = Columns(count, parameters, inside, results)
         value = self.new("f", len(results) * count)
@@ -200,9 +157,7 @@ class Program:
         """The instructions that outputs need, in order."""
         needed, kept = set(outputs), []
         for each in reversed(self._blocks[0].values()):
-            if each.result in needed or (
-                each.opcode == "repeat" and not needed.isdisjoint(each.results)
-            ):
+            if each.result in needed:
                 kept.append(each)
                 needed |= each.values
         return kept[::-1]

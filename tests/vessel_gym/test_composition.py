@@ -238,9 +238,7 @@ def test_what_is_new_in_the_world_has_the_covariance_that_the_filter_is_told(
     core = make_core(
         env_id, rows, seed=2, estimator="dead-reckoning", **({"disturbance": "rough"} | chosen)
     )
-    core.reset(
-        options={"obstacles": []} if env_id in ("PunaUAV-v0", "vessel_gym/FixedWing-v0") else None
-    )
+    core.reset()
     model, vehicle, fresh = core.config.composition.model, core.config.system.vehicle, []
     for _ in range(steps):
         before, where = core.config.true_state.in_filter_order(core.truth), core.now.actuators
@@ -281,9 +279,7 @@ def test_what_is_known_at_the_start_is_how_episodes_start(env_id: str, chosen: d
     core = make_core(
         env_id, rows, seed=3, estimator="dead-reckoning", **({"disturbance": "rough"} | chosen)
     )
-    core.reset(
-        options={"obstacles": []} if env_id in ("PunaUAV-v0", "vessel_gym/FixedWing-v0") else None
-    )
+    core.reset()
     n = len(core.config.composition.names)
     known = np.diagonal(core.now.belief.cov, axis1=-2, axis2=-1)[0] > 0.0
     error = core.config.true_state.in_filter_order(core.truth) - core.now.belief.mean

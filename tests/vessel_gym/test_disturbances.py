@@ -302,9 +302,6 @@ def test_what_the_models_of_a_ship_leave_out_in_two_half_steps_is_that_in_one(na
 # --- in an environment ----------------------------------------------------------------------------
 
 
-SOON_PLANNED = {"PunaUAV-v0": {"obstacles": []}}
-
-
 def block_diagonal(*matrices: np.ndarray) -> np.ndarray:
     return block_diag(*(matrix for matrix in matrices if matrix.size))
 
@@ -314,7 +311,7 @@ def block_diagonal(*matrices: np.ndarray) -> np.ndarray:
 def test_what_is_new_in_a_step_has_its_covariance_and_remembers_nothing(env_id: str):
     rows, steps = 500, 40
     core = make_core(env_id, rows, seed=11, estimator="truth", disturbance="rough")
-    core.reset(options=SOON_PLANNED.get(env_id))
+    core.reset()
     noise = [core.now.noise.copy()]
     for _ in range(steps - 1):
         core.step(np.zeros((rows, core.config.action_size)))
@@ -343,7 +340,7 @@ def test_what_is_new_in_a_step_has_its_covariance_and_remembers_nothing(env_id: 
 @pytest.mark.parametrize("env_id", OURS)
 def test_a_disturbance_has_its_stationary_sizes_from_the_first_step_on(env_id: str):
     core = make_core(env_id, 2000, seed=12, estimator="truth", disturbance="rough")
-    core.reset(options=SOON_PLANNED.get(env_id))
+    core.reset()
     process = core.config.world.forces.disturbance.process
     np.testing.assert_allclose(
         process.transition @ process.start_cov @ process.transition.T + process.root @ process.root.T,

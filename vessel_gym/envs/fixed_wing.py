@@ -38,6 +38,7 @@ def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0")
         body,
         radius=130.0 * share,
         distance=(600.0 * share, 900.0 * share),
+        obstacle_radius=(30.0 * share, 60.0 * share),
         ahead=(20.0 * share, 60.0 * share),
         horizon=round(900 * body.cruise_speed / 20.0),
     )

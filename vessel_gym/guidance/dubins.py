@@ -6,7 +6,7 @@ decreases. With x north and y east, theta is a heading clockwise from north, and
 starboard.
 """
 
-from vessel_gym.guidance.detours import NoPath, approach, plan
+from vessel_gym.guidance.planner import NoPath, approach, plan
 from vessel_gym.guidance.words import WORDS, Path, candidates, lengths, shortest, word_path
 
 __all__ = [

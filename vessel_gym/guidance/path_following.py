@@ -1,8 +1,8 @@
 """Position of a vehicle relative to a path of arcs and straights, with course and curvature.
 
 A path consists of rows (x, y, initial heading, curvature, length) from
-`vessel_gym.guidance.dubins`, flattened; rows of length 0 pad the end. Before its start and beyond
-its end a path is straight for `LEAD` metres.
+`vessel_gym.guidance.dubins`, flattened; rows of length 0 have no effect. Before its start and
+beyond its end a path is straight for `LEAD` metres.
 
 A path may cross itself. Of two near places the one with the vehicle's heading counts: a heading
 error costs `PER_RAD` metres a radian, and at most twice that. So no memory is needed.
@@ -30,25 +30,20 @@ def _pieces(segments: np.ndarray) -> tuple[np.ndarray, ...]:
         arc length from the origin, and a mask of existing pieces.
     """
     x, y, heading, curvature, length = (segments[..., i::COLUMNS] for i in range(COLUMNS))
-    count, final = length.shape[-1], segments[..., :COLUMNS]
-    exists, begins = [length[..., 0] > 0.0], [np.zeros_like(length[..., 0])]
-    for k in range(1, count):
-        exists.append(exists[-1] & (length[..., k] > 0.0))
-        begins.append(begins[-1] + np.where(exists[k - 1], length[..., k - 1], 0.0))
-        final = np.where(
-            exists[k][..., None], segments[..., COLUMNS * k : COLUMNS * (k + 1)], final
-        )
-    begins.append(begins[-1] + np.where(exists[-1], length[..., -1], 0.0))
+    mask, final, zero = length > 0.0, segments[..., :COLUMNS], np.zeros_like(length[..., :1])
+    for k in range(1, length.shape[-1]):
+        segment = segments[..., COLUMNS * k : COLUMNS * (k + 1)]
+        final = np.where(mask[..., k, None], segment, final)
+    begin = np.concatenate([zero, zero, length.cumsum(-1)], -1)
     end_x, end_y, end_heading = follow_on(final[..., 4], *(final[..., i] for i in range(4)))
-    zero, mask = np.zeros_like(length[..., :1]), np.stack(exists, -1)
     return (
         np.concatenate([x[..., :1], x, end_x[..., None]], -1),
         np.concatenate([y[..., :1], y, end_y[..., None]], -1),
         np.concatenate([heading[..., :1], heading, end_heading[..., None]], -1),
         np.concatenate([zero, curvature, zero], -1),
-        np.stack([begins[0], *begins], -1),
+        begin,
         np.concatenate([zero - LEAD, np.zeros_like(length), zero], -1),
-        np.concatenate([zero, np.where(mask, length, 0.0), zero + LEAD], -1),
+        np.concatenate([zero, length, zero + LEAD], -1),
         np.concatenate([zero == 0.0, mask, zero == 0.0], -1),
     )
 

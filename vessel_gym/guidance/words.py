@@ -17,7 +17,6 @@ import numpy as np
 
 from estimators.checks import as_array, finite_array, number, short_repr
 from estimators.engine import compiled
-from vessel_gym.checks import check_numbers
 
 WORDS = ("LSL", "LSR", "RSL", "RSR", "LRL", "RLR")
 """Words in the order of the last axis of `lengths`."""
@@ -161,6 +160,24 @@ def chained(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> n
     return np.stack([*places, begins, curvatures, lengths], -1)
 
 
+@compiled
+def distances(segments: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Distances ``(...)`` of arcs and straights ``(..., 5)`` from points ``(..., 2)``."""
+    x, y, heading, curvature, length = (segments[..., i] for i in range(5))
+    east, north = points[..., 0], points[..., 1]
+    straight, dx, dy = curvature == 0.0, east - x, north - y
+    cos, sin = np.cos(heading), np.sin(heading)
+    ahead, left = dx * cos + dy * sin, dy * cos - dx * sin
+    line = np.hypot(ahead - np.clip(ahead, 0.0, length), left)
+    radius = 1.0 / np.where(straight, 1.0, np.maximum(abs(curvature), 1e-300))
+    side = np.where(curvature > 0.0, 1.0, -1.0)
+    beside = radius - side * left  # from the point to the centre
+    abreast = whole(np.arctan2(ahead, beside)) * radius <= length
+    end_x, end_y, _ = follow_on(length, x, y, heading, curvature)
+    ends = np.minimum(np.hypot(dx, dy), np.hypot(east - end_x, north - end_y))
+    return np.where(straight, line, np.where(abreast, abs(np.hypot(ahead, beside) - radius), ends))
+
+
 _MOST_SAMPLES = 10**7
 
 # --- paths ----------------------------------------------------------------------------------------
@@ -175,7 +192,6 @@ class Path:
     """
 
     segments: np.ndarray  # (k, 5): initial x, y [m], heading [rad], curvature [1/m], length [m]
-    lower_bound: float = 0.0  # m, no path between the poses round the obstacles is shorter
 
     def __post_init__(self) -> None:
         segments = finite_array("segments of a path", self.segments, "k", 5)
@@ -183,7 +199,6 @@ class Path:
             raise ValueError(
                 "segments of a path must be one or more, of lengths that are not negative"
             )
-        check_numbers(self, not_negative="lower_bound")
         object.__setattr__(self, "segments", segments)
 
     @cached_property
@@ -252,7 +267,7 @@ def chain(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> Pat
     """
     start, curvatures = finite_array("start", start, 3), finite_array("curvatures", curvatures, "k")
     lengths = finite_array("lengths, as many as curvatures,", lengths, len(curvatures))
-    return shortened(chained(start, curvatures, lengths), 0.0)
+    return shortened(chained(start, curvatures, lengths))
 
 
 # --- shortest paths -------------------------------------------------------------------------------
@@ -336,11 +351,10 @@ def shortest(start: np.ndarray, goal: np.ndarray, radius: float) -> Path:
     return shortened(shortest_pieces(start, goal, np.float64(radius)))
 
 
-def shortened(segments: np.ndarray, lower_bound: float = np.inf) -> Path:
-    """Path of segments ``(k, 5)`` without those of length 0, with a lower bound of its length."""
+def shortened(segments: np.ndarray) -> Path:
+    """Path of segments ``(k, 5)`` without those of length 0."""
     kept = segments[segments[:, 4] > 0.0]
-    kept = kept if len(kept) else np.array([[*segments[0, :3], 0.0, 0.0]])
-    return Path(kept, min(lower_bound, float(np.cumsum(kept[:, 4])[-1])))
+    return Path(kept if len(kept) else np.array([[*segments[0, :3], 0.0, 0.0]]))
 
 
 def checked(

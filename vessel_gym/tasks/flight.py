@@ -10,10 +10,9 @@ from estimators import Gaussian
 from estimators.checks import integer, number, numbers, short_repr
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, check_pair, instance, one_of
-from vessel_gym.guidance.detours import plans
-from vessel_gym.guidance.dubins import NoPath, Path
-from vessel_gym.guidance.path_following import ANYWHERE, COLUMNS, locate
-from vessel_gym.guidance.words import follow_on
+from vessel_gym.guidance.dubins import plan
+from vessel_gym.guidance.path_following import ANYWHERE, COLUMNS, locate, pose_along
+from vessel_gym.guidance.scenes import scene
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.helm import smoothness
 from vessel_gym.tasks.task import FARTHEST, Task, three_numbers
@@ -33,9 +32,12 @@ _PATH = COLUMNS * SEGMENTS
 _CENTRE_X, _CENTRE_Y, _RADIUS = (
     slice(i, None, 3) for i in range(-3 * OBSTACLES, 3 - 3 * OBSTACLES)
 )
-_NEAR = 40.0  # m
 _ALTITUDES = np.nextafter(50.0, 0.0), np.nextafter(1000.0, 2000.0)  # m, both left out
 _OPTIONS = ("start", "goal", "obstacles", "altitude")
+_POSE = (
+    "metres x and y and a heading in rad",
+    "of the origin each way, on a heading of as many rad at most",
+)
 
 
 @dataclass(frozen=True)
@@ -83,8 +85,8 @@ class Flight(Task, verified=True):
         """Draw scenarios ``(B, 97)`` from uniforms ``(B, 14)``.
 
         The start is the origin, on any heading. The goal lies within 90 deg of that heading, and
-        its heading within 90 deg of the direct way. Three obstacles lie along the direct way, up to
-        80 m beside it; the last ones are left out if no path round all three is found.
+        its heading within 90 deg of the direct way. One of three obstacles is in the way of the
+        shortest path, and the path leads round it; the others lie beside the path.
 
         Args:
             uniforms: Random numbers for the poses, the altitude and the obstacles.
@@ -97,123 +99,63 @@ class Flight(Task, verified=True):
         """
         for option in options:
             one_of("reset option", option, _OPTIONS)
-        where = "of the origin each way, on a heading of as many rad at most"
-        given = {
-            name: three_numbers(name, options[name], "metres x and y and a heading in rad", where)
-            for name in _OPTIONS[:2]
-            if name in options
-        }
-        fixed = self._obstacles(options["obstacles"]) if "obstacles" in options else None
-        if fixed is not None:
-            given = {"start": np.zeros(3), "goal": np.array([750.0, 0.0, 0.0])} | given
-        altitude = None
-        if "altitude" in options:
-            altitude = number("altitude", options["altitude"], *_ALTITUDES, "between 50 and 1000 m")
-        if fixed is not None:  # one scene for all rows, planned once
-            poses = given["start"][None], given["goal"][None]
-            scenarios, errors = self._planned(*poses, fixed[None])
-            if errors:
-                raise errors[0]
-            scenarios = scenarios.repeat(len(uniforms), 0)
+        given = np.full((2, 3), np.nan)
+        for pose, name in zip(given, ("start", "goal"), strict=True):
+            if name in options:
+                pose[:] = three_numbers(name, options[name], *_POSE)
+        if "obstacles" in options:
+            start, goal = np.where(np.isnan(given), [[0.0, 0.0, 0.0], [750.0, 0.0, 0.0]], given)
+            scenario = self._planned(start, goal, self._obstacles(options["obstacles"]))
+            scenarios = np.tile(scenario, (len(uniforms), 1))
         else:
-            scenarios = self._drawn(uniforms, given)
+            scenarios = self._drawn(uniforms, np.tile(given.ravel(), (len(uniforms), 1)))
+        length, farthest = (
+            scenarios[:, _PATH],
+            0.8 * self.horizon * self.dt * self.body.cruise_speed,
+        )
+        wrong = length[(length < self.radius) | (length > farthest)]
+        if wrong.size:
+            wanted = f"{self.radius:.0f} to {farthest:.0f} m long, got {wrong[0]:.0f} m"
+            raise ValueError(f"the path to the goal must be {wanted}")
         low, high = self.altitudes
-        drawn = low + (high - low) * uniforms[:, 13]
-        scenarios[:, _PATH + 1] = drawn if altitude is None else altitude
+        scenarios[:, _PATH + 1] = low + (high - low) * uniforms[:, 13]
+        if "altitude" in options:
+            scenarios[:, _PATH + 1] = number(
+                "altitude", options["altitude"], *_ALTITUDES, "between 50 and 1000 m"
+            )
         return scenarios
 
-    def _drawn(self, uniforms: np.ndarray, given: dict[str, np.ndarray]) -> np.ndarray:
-        """Scenarios ``(B, 97)`` without altitudes, from uniforms ``(B, 14)`` and given poses."""
-        rows, nowhere = len(uniforms), np.zeros(len(uniforms))
-        start = np.stack([nowhere, nowhere, np.pi * (2.0 * uniforms[:, 0] - 1.0)], -1)
-        start = np.broadcast_to(given.get("start", start), (rows, 3))
-        bearing = start[:, 2] + np.pi * (uniforms[:, 1] - 0.5)
-        distance = self.distance[0] + (self.distance[1] - self.distance[0]) * uniforms[:, 2]
-        way = distance[:, None] * np.stack([np.cos(bearing), np.sin(bearing)], -1)
-        heading = bearing[:, None] + np.pi * (uniforms[:, 3:4] - 0.5)
-        goal = np.concatenate([start[:, :2] + way, heading], -1)
-        goal = np.broadcast_to(given.get("goal", goal), (rows, 3))
-        way = (goal - start)[:, None, :2]
-        along, across, size = np.moveaxis(uniforms[:, 4:13].reshape(-1, 3, 3, 1), 2, 0)
-        along = 0.275 + 0.175 * (np.arange(3)[:, None] + 0.6 * along)
-        across = 80.0 * (2.0 * across - 1.0)
-        low, high = self.obstacle_radius
-        direct = np.maximum(np.hypot(way[..., :1], way[..., 1:]), 1e-9)
-        side = np.stack([-way[..., 1], way[..., 0]], -1) / direct
-        centres = start[:, None, :2] + along * way + across * side
-        obstacles = np.concatenate([centres, low + (high - low) * size], -1)
-        scenarios, left = np.empty((rows, _PATH + 2 + 3 * OBSTACLES)), np.arange(rows)
-        for count in (3, 2, 1, 0):
-            some = obstacles[left, :count]
-            scenarios[left], errors = self._planned(start[left], goal[left], some)
-            if errors and count == 0:
-                raise next(iter(errors.values()))
-            left = left[sorted(errors)]
-            if not len(left):
-                break
-        return scenarios
+    @compiled
+    def _drawn(self, uniforms: np.ndarray, given: np.ndarray) -> np.ndarray:
+        """Scenarios ``(..., 97)`` without altitudes.
 
-    def _planned(
-        self, start: np.ndarray, goal: np.ndarray, obstacles: np.ndarray
-    ) -> tuple[np.ndarray, dict[int, ValueError]]:
-        """Scenarios ``(B, 97)`` between poses ``(B, 3)`` round obstacles, and errors by row."""
-        rows, segments = len(start), np.zeros((len(start), SEGMENTS + 1, COLUMNS))
-        planned, _, errors = plans(start, goal, self.radius, obstacles + [0.0, 0.0, self.margin])
-        segments[:, : planned.shape[1]] = planned[:, : SEGMENTS + 1]
-        listed = np.zeros((rows, OBSTACLES, 3))
-        listed[:, : obstacles.shape[1]] = obstacles
-        scenarios, fit = self._listed(segments, listed)
-        for row in sorted({*np.nonzero(~fit)[0].tolist()} - {*errors}):
-            reason = self._unfit(Path(planned[row][planned[row, :, 4] > 0.0]))
-            errors |= {} if reason is None else {row: reason}
-        return scenarios, errors
+        Args:
+            uniforms: ``(..., 14)``.
+            given: ``(..., 6)`` start and goal, NaN where they are drawn.
+        """
+        heading, bearing, distance, turned = (uniforms[..., i] for i in range(4))
+        along, across, size = (uniforms[..., i:13:3] for i in (4, 5, 6))
+        nowhere, (near, far), (low, high) = 0.0 * heading, self.distance, self.obstacle_radius
+        start = np.stack([nowhere, nowhere, np.pi * (2.0 * heading - 1.0)], -1)
+        start = np.where(np.isnan(given[..., :3]), start, given[..., :3])
+        bearing = start[..., 2] + np.pi * (bearing - 0.5)
+        distance = near + (far - near) * distance
+        north, east = distance * np.cos(bearing), distance * np.sin(bearing)
+        way = np.stack([north, east, bearing + np.pi * (turned - 0.5)], -1)
+        goal = np.where(np.isnan(given[..., 3:]), start * [1.0, 1.0, 0.0] + way, given[..., 3:])
+        radius = low + (high - low) * size
+        turn, margin = np.array(self.radius), np.array(self.margin)
+        return _listed(*scene(start, goal, turn, along, 2.0 * across - 1.0, radius, margin))
 
-    @compiled(axes=(2, 2))
-    def _listed(self, segments: np.ndarray, obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Scenarios ``(..., 97)`` without altitudes, and mask of certainly valid paths."""
-        heading, lengths = segments[..., 2], segments[..., 4]
-        some, total = lengths > 0.0, lengths.cumsum(-1)[..., -1]
-        after = heading + segments[..., 3] * lengths
-        least = np.minimum(np.where(some, heading, np.inf), np.where(some, after, np.inf)).min(-1)
-        most = np.maximum(np.where(some, heading, -np.inf), np.where(some, after, -np.inf)).max(-1)
-        # The least way along the middle heading: beyond `_NEAR`, the path does not come back.
-        away = 0.45 * np.pi * self.radius * np.cos(0.5 * np.minimum(most - least, np.pi)) > _NEAR
-        fit = (total >= self.radius) & (total <= self._farthest) & ~some[..., SEGMENTS] & away
-        flown = [segments[..., i, :] for i in range(SEGMENTS)]
-        listed = [obstacles[..., i, :] for i in range(OBSTACLES)]
-        course = np.stack([total, np.zeros_like(total)], -1)
-        return np.concatenate([*flown, course, *listed], -1), fit
-
-    @cached_property
-    def _farthest(self) -> float:
-        """Length [m] of the longest permitted path."""
-        return 0.8 * self.horizon * self.dt * self.body.cruise_speed
-
-    def _unfit(self, path: Path) -> ValueError | None:
-        if not self.radius <= path.length <= self._farthest:
-            wanted = f"{self.radius:.0f} to {self._farthest:.0f} m long, got {path.length:.0f} m"
-            return ValueError(f"the path to the goal must be {wanted}")
+    def _planned(self, start: np.ndarray, goal: np.ndarray, obstacles: np.ndarray) -> np.ndarray:
+        """Scenario ``(97,)`` without an altitude, of poses ``(3,)`` and obstacles ``(m, 3)``."""
+        path = plan(start, goal, self.radius, obstacles, self.margin)
         if len(path.segments) > SEGMENTS:
-            return NoPath(
+            raise ValueError(
                 f"the path has {len(path.segments)} pieces, more than {SEGMENTS}: leave out"
                 " obstacles"
             )
-        if self._comes_back(path):
-            return ValueError(
-                "the path comes back to where it was on the same heading: move the start or the"
-                " goal"
-            )
-        return None
-
-    def _comes_back(self, path: Path) -> bool:
-        """Does the path come within 40 m of an earlier place on a similar heading?
-
-        Places count as different if a quarter of a circle or more lies between them.
-        """
-        x, y, heading = path.sample(5.0).T
-        i, j = np.nonzero((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2 < _NEAR**2)
-        later = j - i > 0.1 * np.pi * self.radius
-        return bool((np.cos(heading[j[later]] - heading[i[later]]) > np.cos(0.5)).any())
+        return _listed(path.segments, obstacles)
 
     def _obstacles(self, value: object) -> np.ndarray:
         obstacles = numbers(value)
@@ -225,13 +167,10 @@ class Flight(Task, verified=True):
             )
         if len(obstacles) > OBSTACLES:
             raise ValueError(f"there may be {OBSTACLES} obstacles at most, got {len(obstacles)}")
-        if not np.isfinite(obstacles).all() or not (obstacles[:, 2] > 0.0).all():
+        if not ((np.abs(obstacles) <= FARTHEST).all() and (obstacles[:, 2] > 0.0).all()):
             raise ValueError(
-                f"obstacles must have finite centres and radii above 0, got {short_repr(value)}"
-            )
-        if np.abs(obstacles).max() > FARTHEST:
-            raise ValueError(
-                f"obstacles must lie within {FARTHEST:.0f} m of the origin, got {short_repr(value)}"
+                f"obstacles must lie within {FARTHEST:.0f} m of the origin and have radii above 0,"
+                f" got {short_repr(value)}"
             )
         return obstacles
 
@@ -434,11 +373,15 @@ class Flight(Task, verified=True):
     @compiled
     def goal(self, scenario: np.ndarray) -> np.ndarray:
         """End of the path ``(..., 3)``: x, y [m], heading [rad]."""
-        final = scenario[..., :COLUMNS]
-        for k in range(COLUMNS, _PATH, COLUMNS):
-            segment = scenario[..., k : k + COLUMNS]
-            final = np.where(segment[..., 4:] > 0.0, segment, final)
-        return np.stack(follow_on(final[..., 4], *(final[..., i] for i in range(4))), -1)
+        return np.stack(pose_along(self.length_of(scenario), scenario[..., :_PATH]), -1)
+
+
+def _listed(path: np.ndarray, obstacles: np.ndarray) -> np.ndarray:
+    """Scenarios without altitudes of segments ``(..., k, 5)`` and obstacles ``(..., m, 3)``."""
+    none, length = np.zeros_like(path[..., 0, :]), path[..., 4].cumsum(-1)[..., -1]
+    segments = [*np.moveaxis(path, -2, 0)] + [none] * (SEGMENTS - path.shape[-2])
+    circles = [*np.moveaxis(obstacles, -2, 0)] + [none[..., :3]] * (OBSTACLES - obstacles.shape[-2])
+    return np.concatenate([*segments, np.stack([length, 0.0 * length], -1), *circles], -1)
 
 
 def _obstacles_near(state: np.ndarray, scenario: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

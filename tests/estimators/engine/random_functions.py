@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine import lookup, repeat, sincos
+from estimators.engine import lookup, sincos
 
 TABLE = np.array([0.3, -1.0, 2.0, 0.5, 0.0])
 PLACES = np.array([-2.0, -0.5, 0.1, 1.0, 2.5])
@@ -39,18 +39,6 @@ EXACT: dict[str, tuple[int, Word]] = {
     "concatenate": (2, lambda a, b: np.concatenate([a[..., None], b[..., None]], -1)[..., 1]),
     "in place": (2, lambda a, b: _in_place(a, b)),
     "lookup": (1, lambda a: lookup(TABLE, a)),
-    "repeat": (
-        2,
-        lambda a, b: repeat(
-            3, lambda p, q: (0.5 * p + q, np.where(p > q + 0.019, p, 0.3 * q)), a, b
-        )[0],
-    ),
-    "repeat while": (
-        2,
-        lambda a, b: repeat(
-            9, lambda p, q: (0.5 * p, p + q), a, b, active=lambda p, q: abs(p) > abs(q) + 0.021
-        )[1],
-    ),
 }
 ROUNDED: dict[str, tuple[int, Word]] = {
     "exp": (1, lambda a: np.exp(-np.abs(a))),

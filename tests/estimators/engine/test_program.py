@@ -20,7 +20,6 @@ from estimators.engine import (
     compiled,
     float_bits,
     lookup,
-    repeat,
     sincos,
     trace,
 )
@@ -122,24 +121,6 @@ def test_a_table_is_looked_up_as_in_numpy():
     assert_array_equal(found, np.interp(x, xp, vector))
 
 
-def nested(x: Any) -> Any:
-    """Loops in loops, which read what is outside; a row that is near 0 keeps its vector."""
-
-    def outer(y: Any, k: Any) -> Any:
-        inner = repeat(4, lambda t: (t * 0.5 + x[..., 1] + k,), y[..., 0])
-        return 0.5 * y + inner[0][..., None], 0.5 * k
-
-    return repeat(10**12, outer, x, x[..., 1], active=lambda y, k: abs(y[..., 0]) > 1.0)[0]
-
-
-@pytest.mark.parametrize("rows", [1, 11, 40])
-def test_a_loop_ends_when_no_row_needs_another_pass(rows: int):
-    x = np.stack([np.linspace(0.1, 40.0, rows), np.linspace(-0.2, 0.2, rows)], -1)
-    found = compiled(nested)(x)
-    assert_array_equal(found, nested(x))
-    assert_array_equal(compiled(nested)(x[-1]), found[-1])
-
-
 def waves(x: Any) -> tuple[Any, ...]:
     """Of pairs ``(..., 2 k)`` and a number that all pairs share, in a table's entries, too."""
     first, k = x[..., 0], x.shape[-1] // 2
@@ -234,7 +215,6 @@ def test_methods_and_functions_are_compiled_for_their_object_copied_and_pickled(
         (lambda x: x & 1, "masks or whole numbers"),
         (lambda x: (x > 0.0) - (x < 0.0), "two masks"),
         (lambda x: x[x > 0.0], r"np\.where"),
-        (lambda x: repeat(3, lambda x: (x,), x, active=lambda x: x[0])[0], "ends by a mask"),
     ],
 )
 def test_what_cannot_be_traced_raises_a_sentence(function: Any, sentence: str):
