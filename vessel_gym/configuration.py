@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any, Self
 
 import numpy as np
@@ -22,9 +22,9 @@ from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor, Sensors
 from vessel_gym.sharing import shared
 from vessel_gym.start import Draws
-from vessel_gym.state import State
+from vessel_gym.state import Stage, State
 from vessel_gym.system import System
-from vessel_gym.truth import TrueState, UnknownInput
+from vessel_gym.truth import INFO, TrueState, UnknownInput, info_arrays
 from vessel_gym.whole_step import WholeStep
 from vessel_gym.world import World
 
@@ -146,6 +146,7 @@ class Configuration:
         mission: The task's part of a step.
         whole_steps: World, estimator and mission as one program, without and with the arrays of
             ``info``; empty if they cannot be one.
+        shown: Stage that returns the arrays of ``info``.
         estimation: Estimator and its model.
         raw: Estimation from raw measurements, if they are observed with guidance; otherwise None.
         observe_mode: One of `OBSERVE`.
@@ -188,11 +189,15 @@ class Configuration:
         self.mission = _mission(self.task, self.estimation, ending, self.prior_index, guided, raw)
         self.true_state = TrueState.of(world, self.composition)
         self.unknown_input = UnknownInput.of(world, self.estimation.inputs)
+        true = self.true_state, self.unknown_input
+        self.shown = Stage(partial(info_arrays, *true), compiled=True, own=len(INFO))
         prior_size = len(self.prior_index)
         self.draws = Draws.of(world, system.task.uniforms, prior_size, options.mismatch)
         self.delivery = Delivery(world.sensors)
         both = (self.estimation, "belief"), (self.raw, "raw")
-        self.estimators = [Estimator(each, field, self._oracle) for each, field in both if each]
+        self.estimators = [
+            Estimator(each, field, partial(_oracle, *true)) for each, field in both if each
+        ]
         parts = world, self.estimation, self.mission
         self.whole_steps: Sequence[WholeStep] = ()
         if self.raw is None and WholeStep.serves(*parts):
@@ -209,12 +214,6 @@ class Configuration:
                 f" {short_repr(sizes)}"
             )
         return sum(sizes[part] for part in seen)
-
-    def _oracle(self, now: State) -> np.ndarray:
-        """Measurement ``(B, n + q)`` of the oracle alone: true state and unknown input."""
-        true = self.true_state
-        truth, unknown = true.in_filter_order(true.values(now)), self.unknown_input.values(now)
-        return np.concatenate([truth, unknown], -1)
 
     def score_of(self, total: float, steps: int) -> float:
         """Score in [0, 1] of an episode, from the sum of its rewards and its number of steps."""
@@ -263,3 +262,9 @@ def observed(observe: str, guidance: bool) -> tuple[str, ...]:
     if observe == "measurement":
         return *(("guided",) if guidance else ()), "measurements", "mission"
     return "guided" if guidance else "unguided", *(("std",) if "std" in observe else ())
+
+
+def _oracle(true_state: TrueState, unknown_input: UnknownInput, now: State) -> np.ndarray:
+    """Measurement ``(B, n + q)`` of the oracle alone: true state and unknown input."""
+    truth = true_state.in_filter_order(true_state.values(now))
+    return np.concatenate([truth, unknown_input.values(now)], -1)

@@ -19,7 +19,6 @@ from vessel_gym.start import DRAWN, draw, filter_prior, seeds_of
 from vessel_gym.state import State
 from vessel_gym.system import System
 from vessel_gym.tasks.task import Estimate
-from vessel_gym.truth import info_arrays
 from vessel_gym.whole_step import Moment
 
 _FEW = 64
@@ -344,7 +343,7 @@ class Core:
         """
         last = self.last
         if moment is None:
-            info = {name: values.copy() for name, values in self.happened().items()}
+            info = self.happened()
             info["healthy"] = self.now.belief.healthy.copy()
         else:
             info = moment.info()
@@ -360,9 +359,9 @@ class Core:
         return {name: _only(rows, values) for name, values in info.items()}
 
     def happened(self) -> dict[str, np.ndarray]:
-        """Record of the last step, read-only, one row for each environment."""
+        """The last step's record in arrays of the caller's, without its healthy rows and score."""
         config, now = self.config, self.now
-        happened = info_arrays(config.true_state, config.unknown_input, now)
+        happened = config.shown.changes(now)
         if now.faults is not None:
             happened["sensor_faults"] = config.delivery.active(now)
         return happened

@@ -133,23 +133,27 @@ class Stage:
     Args:
         function: Function of a `State`.
         compiled: Is it compiled, for rows of the shapes that it meets first?
+        own: Number of last arrays that are the caller's own, if it is compiled.
     """
 
-    def __init__(self, function: Callable[[State], Changes], compiled: bool) -> None:
-        self.function, self.compiled = function, compiled
+    def __init__(self, function: Callable[[State], Changes], compiled: bool, own: int = 0) -> None:
+        self.function, self.compiled, self._own = function, compiled, own
         self._read: Any = None
 
     def __call__(self, now: State) -> None:
         """Fill in the arrays."""
+        vars(now).update(self.changes(now))
+
+    def changes(self, now: State) -> Changes:
+        """The arrays."""
         if not self.compiled:
-            vars(now).update(self.function(now))
-            return
+            return self.function(now)
         if self._read is None:
             self._trace(now)
         arrays = self._read(now)
         if (found := self._program.call(*arrays)) is None:
             found = self._program.compute(*arrays)
-        vars(now).update(zip(self._names, found, strict=True))
+        return dict(zip(self._names, found, strict=True))
 
     def _trace(self, now: State) -> None:
         """Trace the function for rows of the record, and keep which arrays it reads."""
@@ -167,7 +171,7 @@ class Stage:
             self._names = tuple(changes)
             return list(changes.values())
 
-        self._program = trace(function, rows, sealed=True)
+        self._program = trace(function, rows, sealed=True, own=self._own)
         self._read = attrgetter(*map(list(held).__getitem__, self._program.arguments))
 
 
@@ -186,8 +190,8 @@ class Stages:
 
 
 def _arrays_of(belief: Any) -> dict[str, np.ndarray]:
-    """Mean of the state and of the unknown input."""
+    """Mean and covariance of the state, and the mean of the unknown input."""
     if belief is None:
         return {}
-    d = belief.input_mean
-    return {"mean": belief.mean} | ({} if d is None else {"input_mean": d})
+    arrays = {"mean": belief.mean, "cov": belief.cov}
+    return arrays | ({} if belief.input_mean is None else {"input_mean": belief.input_mean})

@@ -38,7 +38,7 @@ _PARTIALS: dict[str, Callable[..., tuple[Any, ...]]] = {
     "add": lambda z, x, y: (1.0, 1.0),
     "subtract": lambda z, x, y: (1.0, -1.0),
     "multiply": lambda z, x, y: (y, x),
-    "divide": lambda z, x, y: (1.0 / y, -(z / y)),
+    "divide": lambda z, x, y: (1.0 / y, -(z * (1.0 / y))),
     "arctan2": lambda z, x, y: (y / (x * x + y * y), -(x / (x * x + y * y))),
     "hypot": lambda z, x, y: (x / z, y / z),
     "copysign": lambda z, x, y: (
@@ -92,9 +92,15 @@ def _tangent(program: Program, instruction: Instruction, known: dict[int, Tangen
     total: Tangent = {}
     for factor, tangent in zip(factors, own, strict=False):
         for seed, slope in tangent.items():
-            term = factor * slope
-            total[seed] = total[seed] + term if seed in total else term
+            total[seed] = _sum(total.get(seed), factor, slope)
     return total
+
+
+def _sum(total: Any, factor: Any, slope: Any) -> Any:
+    """``total + factor slope``, of which the total may be None for 0 and the factor is often -1."""
+    if isinstance(factor, float) and factor == -1.0:
+        return -slope if total is None else total - slope
+    return factor * slope if total is None else total + factor * slope
 
 
 def linearise(

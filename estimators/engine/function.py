@@ -15,14 +15,12 @@ from estimators.engine import machine
 from estimators.engine.emit import LITERAL, Module, type_of
 from estimators.engine.linear_emit import LinearEmitter
 from estimators.engine.matching import in_memory, invoker
-from estimators.engine.matrix_emit import Index
+from estimators.engine.matrix_emit import CHUNK, Index
 from estimators.engine.program import KINDS, Instruction, Program, View, value_of
 from estimators.engine.tracer import Tracer, cast, operation, where
 
-LANES = 8
-"""Rows computed side by side in a batch; a single row has its own program."""
 FEW = 4
-"""Least number of rows for which vectors are faster."""
+"""Least number of rows for which vectors are faster; fewer have the program of a single row."""
 
 
 class Argument(NamedTuple):
@@ -100,7 +98,7 @@ class Function:
             elif axes != batch:
                 given[i] = np.broadcast_to(given[i], batch + own[i].shape).copy()
         rows = math.prod(batch)
-        width = LANES if rows >= FEW else 1
+        width = machine.lanes() if rows >= FEW else 1
         room = machine.scratch(width * self._scratch)
         head = self._code(width), rows, shared, room, self._address
         if (invoke := invoker()) is None:
@@ -199,6 +197,7 @@ class Driver(LinearEmitter):
     def __init__(self, function: Function, module: Module, width: int) -> None:
         super().__init__(function.program, module, width, function.layout)
         self._function = function
+        self._together = width if width > 1 else CHUNK  # entries that are moved at a time
         self._bases: dict[int, list[str]] = {}
         self._squares: dict[tuple[int, int], list[Tracer]] = {}
         self._columns = defaultdict[int, set[int]](set)
@@ -291,7 +290,7 @@ class Driver(LinearEmitter):
             for m, entry in enumerate(entries):
                 target[0, j + m] = entry
 
-        self.over(1, size, some, LANES)
+        self.over(1, size, some, self._together)
 
     def _transposed(self, rows: Sequence[Tracer]) -> list[Tracer]:
         """Transpose a square matrix by swapping blocks, in ever smaller sizes."""
@@ -345,7 +344,7 @@ class Driver(LinearEmitter):
             entries = [self.load(view, i, j + m) for m in range(count)]
             self._stored_together(entries, kind, bases, at)
 
-        self.over(*view.shape, some, LANES)
+        self.over(*view.shape, some, self._together)
 
     def _stored(self, x: Tracer, kind: str, bases: Sequence[str], column: Any) -> None:
         memory, value = _MEMORY.get(kind, kind), self.own.name(cast(x, kind))

@@ -115,6 +115,12 @@ def _machine() -> Any:
     )
 
 
+@cache
+def lanes() -> int:
+    """Rows of a batch that are computed side by side: as many numbers as a vector has."""
+    return 8 if "+avx512f" in _processor()[-1] else 4
+
+
 def _numpy_functions() -> Any:
     """Addresses of NumPy's C functions."""
     pointer = ctypes.PYFUNCTYPE(ctypes.POINTER(ctypes.c_void_p), ctypes.py_object, ctypes.c_char_p)

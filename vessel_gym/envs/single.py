@@ -119,7 +119,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     def _info(self) -> dict[str, Any]:
         core, config, now = self.core, self.core.config, self.core.now
-        info: dict[str, Any] = {name: values[0].copy() for name, values in core.happened().items()}
+        info: dict[str, Any] = {name: values[0] for name, values in core.happened().items()}
         number, total, steps = now.end.item(0), now.total.item(0), now.steps.item(0)
         info["healthy"], info["score"] = now.belief.healthy.item(0), config.score_of(total, steps)
         info["end"], info["is_success"] = number, number == config.success
