@@ -156,14 +156,13 @@ class Process:
 def integrated(process: Process, which: Sequence[int], dt: float) -> Process:
     """Process followed by the time integrals of some of its components, which begin at 0."""
     k, m = process.size, len(which)
-    added = np.zeros((m, k))
-    added[range(m), which] = dt
-    transition = np.block([[process.transition, np.zeros((k, m))], [added, np.eye(m)]])
-    root = np.vstack([process.root, np.zeros((m, process.normals))])
-    whole = Process(transition, root, block_diagonal(process.start_cov, np.zeros((m, m))))
-    vars(whole)["start_root"] = np.vstack(
-        [process.start_root, np.zeros((m, k))]
-    )  # the process begins as without the integrals
+    transition = np.eye(k + m)
+    transition[:k, :k] = process.transition
+    transition[range(k, k + m), which] = dt
+    root = np.pad(process.root, ((0, m), (0, 0)))
+    whole = Process(transition, root, np.pad(process.start_cov, (0, m)))
+    # the process begins as without the integrals
+    vars(whole)["start_root"] = np.pad(process.start_root, ((0, m), (0, 0)))
     return whole
 
 

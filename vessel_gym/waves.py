@@ -99,8 +99,7 @@ class WaveField:
     def _quantiles(self) -> np.ndarray:
         """Frequencies [rad/s] of the energy quantiles 0, 1/2048, 2/2048 ... 1 ``(2049,)``."""
         w, spectrum = self.spectrum
-        energy = np.cumsum(np.diff(w) * (spectrum[1:] + spectrum[:-1]) / 2.0)
-        energy = np.append(0.0, energy)
+        energy = np.append(0.0, np.cumsum(np.diff(w) * (spectrum[1:] + spectrum[:-1]) / 2.0))
         return np.interp(np.linspace(0.0, energy[-1], 2049), energy, w)
 
     def draw(self, uniforms: np.ndarray) -> np.ndarray:

@@ -44,11 +44,8 @@ def manual(system: System) -> str:
 
 def _sections(system: System, own: dict[str, str]) -> str:
     """The template, filled in with the sections of an environment's own file."""
-    here, general = (
-        dict(_ITEM.findall(own.pop("Arguments"))),
-        cleandoc(Options.__doc__ or "").partition("Raises:")[0],
-    )
-    texts = dict(_ARGUMENT.findall(general))
+    here = dict(_ITEM.findall(own.pop("Arguments")))
+    texts = dict(_ARGUMENT.findall(cleandoc(Options.__doc__ or "").partition("Raises:")[0]))
     texts |= dict.fromkeys({"termination"} & here.keys(), "")  # it has no effect there
     items = [f"- ``{name}``: {text} {here.get(name, '')}" for name, text in texts.items()]
     values = {
