@@ -25,6 +25,7 @@ from agents.studies.results import Results
 from agents.studies.shares import Ranking
 from agents.studies.study import read_study as study_file
 from agents.studies.worlds import system_of
+from estimators import compiled
 from studies.comparisons import SETTINGS, VARIANTS, arm_metrics, assuming
 from studies.markdown import NONE, ROOT, interval, mean_and_half, number, table
 from vessel_gym.envs import SigmaCorvetteEnv, VesselVectorEnv
@@ -275,7 +276,7 @@ def variation(
     The filter that assumes waves assumes those of the ``sea``.
     """
     constants = {name: of * getattr(CircleTrack, name) for name, of in (scaled or {}).items()}
-    task: Any = type("Scored", (CircleTrack,), constants, verified=True)
+    task: Any = compiled(type("Scored", (CircleTrack,), constants))
     corvette: Any = SigmaCorvetteEnv.system
     system = replace(corvette, task=task(corvette.vehicle.ship))
     env: Any = type("Env", (VesselVectorEnv,), {"system": system})

@@ -15,6 +15,7 @@ import pytest
 import estimators
 from estimators import factory
 from estimators.engine import Compiled
+from vessel_gym.checks import is_compiled
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Fault
 from vessel_gym.envs import (
@@ -28,7 +29,6 @@ from vessel_gym.sensors import Sensor
 from vessel_gym.system import System
 from vessel_gym.tasks import circle_track, turning_circle
 from vessel_gym.vehicles import corvette, ship
-from vessel_gym.verified import is_verified
 
 ENVS = SigmaCorvetteEnv, ThesisCorvetteEnv, SegorogeniAUVEnv, ItsunusaAUVEnv, PunaUAVEnv
 ITSUNUSA = ItsunusaAUVEnv.system
@@ -97,7 +97,7 @@ COPIES: dict[str, Any] = {
 
 @pytest.mark.parametrize("part", COPIES)
 @pytest.mark.parametrize("name", SYSTEMS)
-def test_a_verified_copy_takes_the_road_of_ours_to_the_bit(name: str, part: str) -> None:
+def test_a_compiled_copy_gives_the_bits_of_ours(name: str, part: str) -> None:
     """One program a step, a filter's model compiled, and all of it shared by environments."""
     system = SYSTEMS[name]
     own = replace(system, **COPIES[part](system))
@@ -115,9 +115,7 @@ def test_a_verified_copy_takes_the_road_of_ours_to_the_bit(name: str, part: str)
     assert again.config.estimation is core.config.estimation
 
 
-def test_the_class_alone_says_whether_it_is_verified() -> None:
-    """A subclass is not, and with it nothing that stands beside it."""
-
+def test_a_subclass_is_not_compiled_unless_decorated() -> None:
     class Rougher(type(FAULT.beside)):  # type: ignore[misc]
         pass
 
@@ -135,7 +133,7 @@ def test_the_class_alone_says_whether_it_is_verified() -> None:
     assert [world.step.compiled for world in worlds] == [True, False]
 
 
-def test_an_object_that_passes_attributes_on_is_not_verified() -> None:
+def test_a_proxy_of_a_compiled_part_is_not_compiled() -> None:
     class Passing:
         def __init__(self, part: Any) -> None:
             self.part = part
@@ -144,17 +142,15 @@ def test_an_object_that_passes_attributes_on_is_not_verified() -> None:
             return getattr(self.part, name)
 
     for part in (ITSUNUSA.vehicle, ITSUNUSA.task, ITSUNUSA.vehicle.sensors[0].reads):
-        assert is_verified(part)
-        assert not is_verified(Passing(part))
+        assert is_compiled(part)
+        assert not is_compiled(Passing(part))
 
 
 def test_a_class_of_the_same_name_is_another_one() -> None:
     """As in a notebook whose cell is executed again."""
     one, two = (copied_part(SigmaCorvetteEnv.system.vehicle) for _ in range(2))
-    worlds = [
-        Core(replace(SigmaCorvetteEnv.system, vehicle=each)).config.world
-        for each in (one, two, one)
-    ]
+    systems = [replace(SigmaCorvetteEnv.system, vehicle=each) for each in (one, two)]
+    worlds = [Core(systems[i]).config.world for i in (0, 1, 0)]
     assert worlds[0] is worlds[2]
     assert worlds[0] is not worlds[1]
 
@@ -179,18 +175,18 @@ def test_a_filter_runs_as_ours_in_a_file_of_ones_own(name: str) -> None:
     assert copy.compiled == own.compiled
 
 
-# --- copies that nobody has verified run in NumPy -------------------------------------------------
+# --- copies that are not decorated run in NumPy ----------------------------------------------------
 
 
 def copied_module(module: Any, *others: tuple[str, str]) -> Any:
-    """A user's module with the text of one of ours, which does not say that it is verified."""
+    """A user's module with the text of one of ours, whose classes are not decorated."""
     text, made = (
         inspect.getsource(module),
         types.ModuleType(f"own_{module.__name__.rpartition('.')[2]}"),
     )
     for name, own in others:
         text = text.replace(f"from {name} import", f"from {own} import")
-    text = re.sub(r", verified=True|@verified\n", "", text)
+    text = re.sub(r"^@compiled\n(?=@dataclass|class )", "", text, flags=re.M)
     sys.modules[made.__name__] = made
     linecache.cache[made.__name__] = len(text), None, text.splitlines(True), made.__name__
     exec(compile(text, made.__name__, "exec"), vars(made))
@@ -198,7 +194,7 @@ def copied_module(module: Any, *others: tuple[str, str]) -> Any:
 
 
 @pytest.fixture(scope="module")
-def unverified() -> dict[str, System]:
+def in_numpy() -> dict[str, System]:
     """Systems of ours, of which vehicle or task are of classes with the same text in a user's file."""
     copied_module(corvette)
     ships = copied_module(ship, ("vessel_gym.vehicles.corvette", "own_corvette"))
@@ -214,14 +210,12 @@ def unverified() -> dict[str, System]:
 
 
 @pytest.mark.parametrize("part", ["vehicle", "task"])
-def test_an_unverified_copy_gives_what_ours_gives_alone_and_in_batches(
-    unverified: dict[str, System], part: str
-) -> None:
-    (_, ours), (core, many) = (flights(unverified[name], 9, "ukf", 40) for name in ("ours", part))
+def test_a_copy_in_numpy_gives_what_ours_gives(in_numpy: dict[str, System], part: str) -> None:
+    (_, ours), (core, many) = (flights(in_numpy[name], 9, "ukf", 40) for name in ("ours", part))
     stage = {"vehicle": core.config.world.step, "task": core.config.mission.step}[part]
     assert not stage.compiled
     for name in ("truth", "measurement", "estimate", "reference", "reward"):
         np.testing.assert_allclose(many[name], ours[name], rtol=1e-12, atol=1e-12, err_msg=name)
     for row in (0, 4, 8):
-        for name, values in flights(unverified[part], 1, "ukf", 40, 3 + row)[1].items():
+        for name, values in flights(in_numpy[part], 1, "ukf", 40, 3 + row)[1].items():
             np.testing.assert_array_equal(values[0], many[name][row], name)

@@ -5,6 +5,8 @@ imports the package itself. An agent observes a filter's belief. The true state 
 is kept for scoring.
 """
 
+from typing import Any
+
 from gymnasium.envs.registration import register
 
 from vessel_gym.shadowing import shadowing
@@ -29,3 +31,12 @@ for _where, _name, _steps in (
         vector_entry_point=f"vessel_gym.envs:{_name}VectorEnv",
         max_episode_steps=_steps,
     )
+
+
+def __getattr__(name: str) -> Any:
+    """`vessel_gym.contract.check_system`, imported when it is first asked for."""
+    if name != "check_system":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from vessel_gym.contract import check_system
+
+    return check_system

@@ -2,20 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, partial
 from typing import Any, Self
 
 import numpy as np
 
 from estimators.checks import as_number, short_repr
-from vessel_gym.acceptance import check_causal, checked_disturbance, checked_task, checked_vehicle
-from vessel_gym.checks import one_of
+from vessel_gym.checks import is_compiled, one_of
 from vessel_gym.checks import options as checked_options
 from vessel_gym.delivery import Delivery
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.filter_models.build import Composition
 from vessel_gym.filter_models.exogenous import Forces
+from vessel_gym.input_conditions import check_causal
 from vessel_gym.loop import Estimator
 from vessel_gym.mission import Mission
 from vessel_gym.sensor_faults import SensorFault
@@ -23,7 +23,7 @@ from vessel_gym.sensors import Sensor, Sensors
 from vessel_gym.sharing import shared
 from vessel_gym.start import Draws
 from vessel_gym.state import Stage, State
-from vessel_gym.system import System
+from vessel_gym.system import System, Task, Vehicle
 from vessel_gym.truth import INFO, TrueState, UnknownInput, info_arrays
 from vessel_gym.whole_step import WholeStep
 from vessel_gym.world import World
@@ -42,13 +42,10 @@ def _world(
     disturbance: str | Disturbance,
 ) -> World:
     """World of an environment: vehicle, sensors, disturbance and task."""
-    vehicle = checked_vehicle(system.vehicle)
-    given, forces = (
-        system.sensors_of(sensors, faults),
-        Forces(system.vehicle, chosen_disturbance(system, disturbance)),
-    )
+    forces = Forces(system.vehicle, chosen_disturbance(system, disturbance))
+    given = system.sensors_of(sensors, faults)
     check_causal(given, forces)
-    return World(vehicle, forces, checked_disturbance(forces.disturbance), given)
+    return World(forces, given)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,13 +118,38 @@ class Options:
         given = checked_options("estimator_options", self.estimator_options)
         for name, value in (
             ("mismatch", float(self.mismatch)), ("termination", termination),
-            ("guidance", guidance), ("estimator_options", given)
+            ("guidance", guidance), ("estimator_options", given),
+            ("sensors", _as_tuple(self.sensors)), ("sensor_faults", _as_tuple(self.sensor_faults)),
         ):  # fmt: skip
             object.__setattr__(self, name, value)
 
 
-_mission = lru_cache(maxsize=32)(Mission)
-_whole_step = lru_cache(maxsize=64)(WholeStep)
+def _numpy_methods(part: Any, **fields: str) -> dict[str, str]:
+    """Methods of a part in NumPy, as error messages name them, and the fields that they fill in."""
+    if is_compiled(part):
+        return {}
+    return {f"{method} of {type(part).__name__}": field for method, field in fields.items()}
+
+
+def _moving_methods(vehicle: Vehicle, disturbance: Disturbance) -> dict[str, str]:
+    """Methods in NumPy that move the truth, and the fields of the record that they fill in."""
+    moving = {"actuate": "actuators", "known_input": "u", "step": "state"}
+    return _numpy_methods(vehicle, **moving) | _numpy_methods(disturbance, effect="exogenous")
+
+
+def _scoring_methods(task: Task) -> dict[str, str]:
+    """Methods of a task in NumPy, and the fields of the record that they fill in."""
+    fields = {"reference": "reference", "score": "reward", "commanded": "commanded"}
+    return _numpy_methods(task, exogenous="imposed", **fields)
+
+
+def _as_tuple(value: Any) -> Any:
+    """A tuple in place of a list, so that environments with equal sensors share their parts."""
+    return tuple(value) if isinstance(value, list) else value
+
+
+_mission = shared(Mission)
+_whole_step = shared(WholeStep)
 
 
 class Configuration:
@@ -139,8 +161,9 @@ class Configuration:
 
     Attributes:
         world: True world, with vehicle, sensors and disturbance.
-        task: Task; a user's with `vessel_gym.foreign.CheckedMethods`.
-        user_defined: The user's own among vehicle, disturbance and task.
+        moving_methods: Methods in NumPy of vehicle and disturbance whose results in a step must be
+            finite, and the fields of the record that they fill in.
+        scoring_methods: Those of the task.
         delivery: Faults and delays of measurements.
         estimators: The estimator and, with ``raw``, that of raw measurements.
         mission: The task's part of a step.
@@ -165,9 +188,8 @@ class Configuration:
             system, options.sensors, options.sensor_faults, options.disturbance
         )
         vehicle, raw = system.vehicle, options.observe == "measurement"
-        self.task: Any = checked_task(system.task, world.vehicle)
-        own = [self.task] if self.task is not system.task else []
-        self.user_defined = [*world.user_defined, *own]
+        self.moving_methods = _moving_methods(vehicle, world.disturbance)
+        self.scoring_methods = _scoring_methods(system.task)
         rest = world.sensors, world.forces.disturbance
         choice = system.estimator if options.estimator is None else options.estimator
         self.estimation: Estimation = build(system, choice, options.estimator_options, *rest)
@@ -186,7 +208,7 @@ class Configuration:
         )
         guided = bool(options.guidance) and options.observe == "mean"
         ending = str(options.termination)
-        self.mission = _mission(self.task, self.estimation, ending, self.prior_index, guided, raw)
+        self.mission = _mission(system.task, self.estimation, ending, self.prior_index, guided, raw)
         self.true_state = TrueState.of(world, self.composition)
         self.unknown_input = UnknownInput.of(world, self.estimation.inputs)
         true = self.true_state, self.unknown_input
@@ -206,24 +228,14 @@ class Configuration:
 
     def _observation_size(self) -> int:
         """Number of components of an observation."""
-        task, seen = self.system.task, observed(self.observe_mode, bool(self.options.guidance))
-        sizes = task.sizes(self.sensors.size, len(self.composition.names))
-        if not isinstance(sizes, dict) or not all(part in sizes for part in seen):
-            raise ValueError(
-                f"sizes of {type(task).__name__} must give {', '.join(seen)}, got"
-                f" {short_repr(sizes)}"
-            )
+        seen = observed(self.observe_mode, bool(self.options.guidance))
+        sizes = self.system.task.sizes(self.sensors.size, len(self.composition.names))
         return sum(sizes[part] for part in seen)
 
     def score_of(self, total: float, steps: int) -> float:
         """Score in [0, 1] of an episode, from the sum of its rewards and its number of steps."""
         score = total / max(self.perfect[0], self.perfect[1] * steps)
         return score if 0.0 <= score <= 1.0 else min(max(score, 0.0), 1.0)
-
-    def refuse_at(self, steps: np.ndarray, ended: np.ndarray | None) -> None:
-        """Pass step numbers and ended rows to the user's parts, for their error messages."""
-        for part in self.user_defined:
-            part.steps, part.ended = steps, ended
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Configuration, (self.system, self.options)

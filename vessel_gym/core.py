@@ -9,11 +9,10 @@ from gymnasium.error import ResetNeeded
 from estimators import Gaussian, RandomKeys
 from estimators.checks import short_repr
 from estimators.linalg import shared_root
-from vessel_gym.checks import checked_action, is_integer
+from vessel_gym.checks import checked_action, is_compiled, is_integer, refuse_not_finite
 from vessel_gym.checks import options as checked_options
 from vessel_gym.configuration import Configuration, Options
 from vessel_gym.delivery import Measurements, injected
-from vessel_gym.foreign import refuse_not_finite
 from vessel_gym.mission import estimate_of, standard_deviations
 from vessel_gym.start import DRAWN, draw, filter_prior, seeds_of
 from vessel_gym.state import State
@@ -141,13 +140,19 @@ class Core:
         self, action: np.ndarray, given: Measurements | None, ended: np.ndarray | None
     ) -> State:
         """The record a step later, stage by stage."""
-        config, now = self.config, self.now.acted(action)
-        config.refuse_at(now.steps, ended)
+        config, last = self.config, self.now
+        now = last.acted(action)
         config.world.step(now)
         config.delivery(now, given)
         for estimator in config.estimators:
             estimator.step(now)
         config.mission.step(now)
+        for method, field in config.moving_methods.items():
+            refuse_not_finite(method, getattr(now, field), now.steps, ended, last.state)
+        for method, field in config.scoring_methods.items():
+            values, seen = getattr(now, field), now.belief.mean
+            if values is not None:
+                refuse_not_finite(method, values, now.steps, ended, now.state, seen)
         return now
 
     # --- reset ------------------------------------------------------------------------------------
@@ -228,19 +233,17 @@ class Core:
         config.mission.begin(now)
         now = now.without_start()
         self.now = now if len(rows) == self.num_envs else self.now.merged(rows, now)
-        config.refuse_at(self.now.steps, None)
 
     def _drawn(self, rows: np.ndarray, options: dict[str, Any]) -> tuple[State, Gaussian]:
         """The record with the random numbers and scenarios of new episodes, and the prior."""
         config, count, steps = self.config, len(rows), np.zeros(len(rows), int)
-        vehicle, task, draws = config.world.vehicle, config.task, config.draws
+        vehicle, task, draws = config.world.vehicle, config.system.task, config.draws
         seeds, episode = (
             RandomKeys.seeded([self.seeds[row] for row in rows]),
             self.now.episode[rows],
         )
         keys, numbers = draw(seeds.keys, episode, names=draws.words, drawn=draws.counts)
         numbers = {name: numbers[:, columns] for name, columns in draws.columns.items()}
-        config.refuse_at(steps, None)
         scenario = task.scenario(numbers["task"], options)
         prior, parameters = task.prior(scenario), config.nominal.repeat(count, 0)
         if mismatch := config.options.mismatch:
@@ -279,14 +282,14 @@ class Core:
             with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
                 parts = np.concatenate(self._observed(), -1)
                 observation = np.clip(parts, -task.BOUND, task.BOUND)
-            if self.config.task is not task:
-                name = f"the observation of {type(task).__name__}"
-                refuse_not_finite(name, observation, now.steps, None, now.belief.mean, now.state)
+        if not is_compiled(task):
+            name = f"the observation of {type(task).__name__}"
+            refuse_not_finite(name, observation, now.steps, None, now.belief.mean, now.state)
         return observation.astype(np.float32, "C")
 
     def _observed(self) -> list[np.ndarray]:
         """Parts of the observations before clipping."""
-        now, config, task = self.now, self.config, self.config.task
+        now, config, task = self.now, self.config, self.config.system.task
         mission = task.observe_mission(now.scenario, now.steps, now.actuators)
         if config.observe_mode == "measurement":
             given = now.y, now.available, now.scenario, now.steps

@@ -13,7 +13,7 @@ import numpy as np
 
 from estimators.checks import integer, number
 from estimators.discretisation import van_loan
-from estimators.engine import along, sincos
+from estimators.engine import along, compiled, sincos
 from vessel_gym.checks import check_names, check_numbers, instance
 from vessel_gym.processes import (
     Process,
@@ -23,11 +23,11 @@ from vessel_gym.processes import (
     linear,
     root_of,
 )
-from vessel_gym.verified import Verified
 from vessel_gym.waves import GRAVITY, WaveBands, WaveField
 
 
-class Disturbance(Verified, verified=True):
+@compiled
+class Disturbance:
     """Base class of disturbances that act on a vehicle over a step.
 
     The state moves as ``z+ = transition z + root n``. Over a step the vehicle receives ``effect(z,
@@ -106,8 +106,9 @@ class Disturbance(Verified, verified=True):
         return z
 
 
+@compiled
 @dataclass(frozen=True)
-class Sea(Disturbance, verified=True):
+class Sea(Disturbance):
     """Yaw rates by waves and gusts, and a current, that act on a ship.
 
     The wave yaw rate follows the second-order linear wave model ``s / (s^2 + 2 lambda w0 s +
@@ -156,8 +157,9 @@ class Sea(Disturbance, verified=True):
         return np.concatenate([increment[..., None], z[..., 3:]], -1)
 
 
+@compiled
 @dataclass(frozen=True)
-class Water(Disturbance, verified=True):
+class Water(Disturbance):
     """Turbulence and a wandering current that act on a submerged vehicle.
 
     Turbulence is white noise on the accelerations of the vehicle through the water. Each step adds
@@ -199,8 +201,9 @@ class Water(Disturbance, verified=True):
         return np.sqrt(self.dt) * np.diag(in_a_second)
 
 
+@compiled
 @dataclass(frozen=True)
-class SurfaceWater(Disturbance, verified=True):
+class SurfaceWater(Disturbance):
     """Water near the surface, with waves that carry a submerged vehicle to and fro.
 
     The waves are a `WaveField` that runs to the north and is carried by the current. Their
@@ -274,8 +277,9 @@ class SurfaceWater(Disturbance, verified=True):
         return np.concatenate([(flow[..., 0] + ahead)[..., None], flow[..., 1:]], -1)
 
 
+@compiled
 @dataclass(frozen=True)
-class BandedSurfaceWater(SurfaceWater, verified=True):
+class BandedSurfaceWater(SurfaceWater):
     """A filter's model of `SurfaceWater`: frequency bands of waves, not carried by the current."""
 
     uniforms = 0
@@ -314,8 +318,9 @@ class BandedSurfaceWater(SurfaceWater, verified=True):
         return self._carried(ahead, z, state)
 
 
+@compiled
 @dataclass(frozen=True)
-class Air(Disturbance, verified=True):
+class Air(Disturbance):
     """Wandering wind, Dryden gusts and turbulence that act on an aircraft.
 
     Gusts have the low-altitude Dryden spectra (MIL-F-8785C) at a constant airspeed. The vertical
@@ -382,8 +387,9 @@ class Air(Disturbance, verified=True):
         return np.stack([mean_north + north, mean_east + east, rising * np.sqrt(3.0) + down], -1)
 
 
+@compiled
 @dataclass(frozen=True)
-class Fault(Disturbance, verified=True):
+class Fault(Disturbance):
     """Fault of an actuator, whose true position differs from the measured one.
 
     A fault comes with another disturbance, ``beside``. Over a step the difference is ``bias - loss
@@ -393,7 +399,7 @@ class Fault(Disturbance, verified=True):
     without the fault.
 
     Raises:
-        ValueError: for a number out of range.
+        ValueError: for a number out of range, or a second fault of the actuator.
     """
 
     actuator: str  # name in the vehicle's ``faults``, without "fault"
@@ -427,6 +433,8 @@ class Fault(Disturbance, verified=True):
         other, loss = self.beside, (f"{self.actuator} loss",) if self.loss else ()
         own = (f"{self.actuator} {name}" for _, names, _ in self._own for name in names)
         fault = f"{self.actuator} fault"
+        if fault in other.forces:
+            raise ValueError(f"a fault has another fault of the {self.actuator} beside it")
         vars(self).update(
             names=(*other.names, *own), forces=(*other.forces, fault, *loss),
             inputs=(*(other.inputs or ()), fault),

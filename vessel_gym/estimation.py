@@ -12,10 +12,10 @@ from estimators import Filter, Model, factory
 from estimators.checks import number, short_repr
 from estimators.robust import RobustKalmanFilter
 from vessel_gym import checks
-from vessel_gym.acceptance import check_input, check_own
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.filter_models.build import Composition, checked_assumption, compose, unknown_inputs
 from vessel_gym.filter_models.exogenous import Forces, input_channels
+from vessel_gym.input_conditions import check_input, check_own
 from vessel_gym.reference_filters import DeadReckoning, Oracle, ZeroOrderHold
 from vessel_gym.sensors import Sensors
 from vessel_gym.sharing import shared
@@ -154,7 +154,6 @@ class Estimation:
         return Delayed(self.filter, self.horizon)
 
 
-@shared
 def build(
     system: System,
     estimator: EstimatorChoice,
@@ -190,6 +189,16 @@ def build(
     if not own and (not isinstance(estimator, str) or estimator not in estimator_names()):
         raise ValueError(_unknown(estimator, accepted(system, sensors, disturbance)))
     assumptions = Assumptions.of(options.pop("assume", None))
+    built = _shared if isinstance(estimator, str) else _built  # a user's function may change
+    return built(system, estimator, (*options.items(),), assumptions, sensors, disturbance)
+
+
+def _built(
+    system: System, estimator: EstimatorChoice, items: tuple[tuple[str, Any], ...],
+    assumptions: Assumptions, sensors: Sensors, disturbance: Disturbance,
+) -> Estimation:  # fmt: skip
+    """Estimator of an environment, under assumptions and with the items of its options."""
+    options, own = dict(items), callable(estimator)
     late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
     if estimator == "truth":  # its assumptions are the world's
         assumptions = Assumptions()
@@ -214,6 +223,9 @@ def build(
     if isinstance(made, RobustKalmanFilter):
         _warn_of_biases(made, sensors, system.task.horizon)
     return Estimation(made, composition, assumptions.prior, inputs, late, sensors.horizon)
+
+
+_shared = shared(_built)
 
 
 def _unknown(estimator: object, known: tuple[str, ...]) -> str:
@@ -248,13 +260,9 @@ def is_own(estimator: object) -> bool:
 
 
 def _filter(
-    system: System,
-    estimator: Any,
-    options: dict[str, Any],
-    composition: Composition,
-    inputs: tuple[str, ...],
-    factor: float,
-) -> Filter:
+    system: System, estimator: Any, options: dict[str, Any], composition: Composition,
+    inputs: tuple[str, ...], factor: float,
+) -> Filter:  # fmt: skip
     """A filter of the package or of the user; an error about linear models names the option."""
     try:
         if callable(estimator):
@@ -278,13 +286,9 @@ def own_filter(estimator: Any, options: dict[str, Any], model: Model) -> Filter:
 
 
 def _made(
-    system: System,
-    name: str,
-    options: dict[str, Any],
-    composition: Composition,
-    inputs: tuple[str, ...],
-    factor: float,
-) -> Filter:
+    system: System, name: str, options: dict[str, Any], composition: Composition,
+    inputs: tuple[str, ...], factor: float,
+) -> Filter:  # fmt: skip
     """A filter of the package, tuned; ``inputs`` are those of oracle and zero-order hold."""
     makers: dict[str, Callable[[], Filter]] = {
         "truth": lambda: Oracle(composition.model.n, len(inputs)),
@@ -353,12 +357,9 @@ def accepted(
 
 
 def _composed(
-    system: System,
-    kind: object,
-    assumptions: Assumptions,
-    sensors: Sensors,
+    system: System, kind: object, assumptions: Assumptions, sensors: Sensors,
     disturbance: Disturbance,
-) -> Composition:
+) -> Composition:  # fmt: skip
     """Model of a kind under a filter's assumptions, with its composition."""
     if not isinstance(kind, str):
         raise TypeError(

@@ -5,19 +5,18 @@ from typing import Any
 
 import numpy as np
 
+from vessel_gym.checks import is_compiled
 from vessel_gym.estimation import Estimation
 from vessel_gym.filter_models.build import Composition
-from vessel_gym.foreign import CheckedMethods, refuse_not_finite
 from vessel_gym.state import Changes, Stage, State
 from vessel_gym.tasks.task import Estimate
-from vessel_gym.verified import is_verified
 
 
 class Mission:
     """Reference, score and observation of a task, from an estimate and the truth.
 
     Args:
-        task: Task; a user's has `CheckedMethods`.
+        task: Task.
         estimation: Filter, and its model with its parts.
         termination: One of `vessel_gym.configuration.TERMINATIONS`.
         prior_index: Indices of the true state's components that the prior describes.
@@ -40,8 +39,8 @@ class Mission:
             list(prior_index),
         )
         self.true_end, self.guided, self.measured = termination == "task", guided, measured
-        compiled = not isinstance(task, CheckedMethods)
-        compiled = compiled and is_verified(self.composition.forces.disturbance)
+        self.commanding = task.commanding if is_compiled(task) else None
+        compiled = is_compiled(task) and is_compiled(self.composition.forces.disturbance)
         self.step, self.begin = Stage(self._step, compiled), Stage(self._begin, compiled)
 
     def _step(self, now: State) -> Changes:
@@ -76,10 +75,10 @@ class Mission:
         task = self.task
         if reference is None:
             commanded = task.commanded(now.scenario, step)
-        elif task.commanding is None:
+        elif self.commanding is None:
             commanded = task.commanded(now.scenario, step - 1)
         else:
-            commanded = reference[..., task.commanding]
+            commanded = reference[..., self.commanding]
         asked = {} if commanded is None else {"commanded": commanded}
         if hasattr(task, "exogenous"):
             asked["imposed"] = task.exogenous(now.scenario, step)
@@ -99,9 +98,6 @@ class Mission:
             estimate = estimate_of(self.composition, belief.mean, belief.input_mean)
             seen = task.observe(estimate, now.scenario, reference, now.actuators)
             seen = np.clip(seen, -task.BOUND, task.BOUND)
-        if isinstance(task, CheckedMethods):
-            title = f"the observation of {task.title}"
-            refuse_not_finite(title, seen, now.steps, None, belief.mean, now.state)
         return {"reference": reference, "observation": seen}
 
 

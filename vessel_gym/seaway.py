@@ -22,8 +22,9 @@ _REFLECTED = 0.25  # share of the waves' energy that a ship abeam reflects; assu
 _LEAST = 1e-3
 
 
+@compiled
 @dataclass(frozen=True, eq=False)
-class Seaway(Disturbance, verified=True):
+class Seaway(Disturbance):
     """Disturbance of a ship that turns in a sea: first-order wave motion, wind, drift and current.
 
     The waves are a `WaveField`. The ship meets them at the frequency ``w - k U cos(beta)``, which
@@ -253,8 +254,9 @@ class Seaway(Disturbance, verified=True):
         return WaveMotion(self.ship)
 
 
+@compiled
 @dataclass(frozen=True, eq=False)
-class BandedSeaway(Seaway, verified=True):
+class BandedSeaway(Seaway):
     """A filter's model of a `Seaway`, with `WaveBands` as the ship meets them.
 
     `WaveBands` are three frequency bands of waves. The response to a band has the amplitude of all

@@ -15,7 +15,6 @@ from vessel_gym.sensor_faults import SensorFault, lost_fix
 from vessel_gym.sensors import SUITE_NAMES, SUITES, Sensor, Sensors
 from vessel_gym.tasks.task import Estimate, Task
 from vessel_gym.vehicles.vehicle import Trims, Vehicle
-from vessel_gym.verified import is_verified
 
 __all__ = ["Estimate", "System", "Task", "Trims", "Vehicle"]
 
@@ -87,7 +86,7 @@ def _check_end_reasons(title: str, reasons: tuple[str, ...], success: str) -> No
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class System:
     """One environment as data.
 
@@ -151,11 +150,6 @@ class System:
                 "tuning of a system must be a function of (name, composition), got"
                 f" {short_repr(self.tuning)}"
             )
-
-    @property
-    def verified(self) -> bool:
-        """True if vehicle, task and tuning are declared ``verified``, so that they are compiled."""
-        return is_verified(self.vehicle) and is_verified(self.task) and is_verified(self.tuning)
 
     @property
     def nominal_sensors(self) -> tuple[Sensor, ...]:

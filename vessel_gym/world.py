@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from vessel_gym.checks import is_compiled
 from vessel_gym.filter_models.exogenous import Forces
-from vessel_gym.foreign import CheckedMethods
 from vessel_gym.processes import advance, block_diagonal, product
 from vessel_gym.sensors import Sensors
 from vessel_gym.state import Changes, Stage, Stages, State
@@ -15,35 +15,34 @@ class World:
     """The true world: vehicle, disturbance and sensors.
 
     Args:
-        vehicle: Vehicle of the forces; a user's has `CheckedMethods`.
-        forces: Effect of the disturbance on the vehicle.
-        disturbance: Disturbance of the forces; a user's has `CheckedMethods`.
+        forces: Vehicle, and effect of the disturbance on it.
         sensors: Sensors.
 
     Attributes:
         begin: Stage that starts episodes.
         step: Stage that moves the truth by a step, and samples the sensors.
-        user_defined: The user's own among vehicle and disturbance.
         parts: Normal numbers in a step, for the disturbance and each bias.
         start_roots: Roots of the initial covariances of the disturbance and each bias.
         size: Number of components of the disturbance's state.
     """
 
-    def __init__(self, vehicle: Any, forces: Forces, disturbance: Any, sensors: Sensors) -> None:
-        self.vehicle, self.forces, self.sensors = vehicle, forces, sensors
-        self.disturbance = disturbance
-        self.user_defined = [p for p in (vehicle, disturbance) if isinstance(p, CheckedMethods)]
+    def __init__(self, forces: Forces, sensors: Sensors) -> None:
+        vehicle, disturbance = forces.vehicle, forces.disturbance
+        self.vehicle: Any = vehicle
+        self.disturbance: Any = disturbance
+        self.forces, self.sensors = forces, sensors
         processes = [disturbance.process]
         processes += [s.bias.process(sensors.dt) for s in sensors.each if s.bias is not None]
-        self.size, self.increments = disturbance.process.size, len(forces.vehicle.increments)
-        flows = forces.vehicle.ambient_flows
-        self.readable = np.array([float(name not in disturbance.averaged) for name in flows])
+        self.size, self.increments = disturbance.process.size, len(vehicle.increments)
+        readable = [float(name not in disturbance.averaged) for name in vehicle.ambient_flows]
+        self.readable = np.array(readable)
         self.parts = np.array([process.normals for process in processes])
         self.parts[0] += disturbance.white.shape[-1]
         self.start_roots = [process.start_root for process in processes]
         self.transition = block_diagonal(disturbance.process.transition, sensors.bias.transition)
         self.root = block_diagonal(disturbance.white, disturbance.process.root, sensors.bias.root)
-        moves, senses = not self.user_defined, sensors.verified
+        moves = is_compiled(vehicle) and is_compiled(disturbance)
+        senses = sensors.reads_compiled
         if moves and senses:
             self.step: Any = Stage(self._step, True)
             self.begin: Any = Stage(self._begin, True)

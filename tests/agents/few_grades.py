@@ -6,13 +6,15 @@ from typing import Any, ClassVar
 
 import gymnasium as gym
 
+from estimators.engine import compiled
 from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.vehicles.ship import Ship
 
 
+@compiled
 @dataclass(frozen=True)
-class FewGrades(Ship, verified=True):
+class FewGrades(Ship):
     """The ship with grades of receiver and compass."""
 
     grades: ClassVar[Any] = Path(__file__).with_suffix(".toml")

@@ -23,7 +23,7 @@ from agents.training.algorithms import (
     tuned_settings,
 )
 from agents.training.vec_env import StableBaselinesVecEnv
-from estimators import ExtendedKalmanFilter
+from estimators import ExtendedKalmanFilter, compiled
 from vessel_gym.core import Core
 from vessel_gym.envs import (
     SegorogeniAUVEnv,
@@ -167,8 +167,8 @@ def test_a_task_of_ones_own_has_the_settings_of_the_nearest_task_that_it_derives
     dive = SegorogeniAUVEnv.system
     corvette, channel = SigmaCorvetteEnv.system, SigmaChannelEnv.system
     for name, system in {"corvette": corvette, "dive": dive, "channel": channel}.items():
-        gentle = type("Gentle", (type(system.task),), {}, verified=True)
-        gentler = type("Gentler", (gentle,), {}, verified=True)
+        gentle = compiled(type("Gentle", (type(system.task),), {}))
+        gentler = compiled(type("Gentler", (gentle,), {}))
         given = (f.name for f in dataclasses.fields(system.task) if f.init)
         fields = {field: getattr(system.task, field) for field in given}
         own = dataclasses.replace(system, name=f"Gentler-{name}-v0", task=gentler(**fields))

@@ -1,6 +1,6 @@
 """No sensor reads what has not happened; the compass of the thesis, as it is printed, does."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import gymnasium as gym
 import numpy as np
@@ -8,10 +8,10 @@ import pytest
 
 import vessel_gym  # noqa: F401  (registers the environments)
 from estimators import KalmanFilter, LinearModel, UMVFilter
+from estimators.engine import compiled
 from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.processes import linear
-from vessel_gym.seaway import Seaway
 from vessel_gym.sensors import Sensor
 from vessel_gym.system import registered
 from vessel_gym.vehicles.ship import Ship
@@ -124,27 +124,6 @@ def test_a_mean_over_the_coming_step_is_kept_from_sensors_whatever_they_do_with_
     assert np.abs(core.now.y[:, -1]).max() < 1e-7
 
 
-def test_a_sea_of_ones_own_acts_as_a_field_or_is_refused():
-    system = registered("SigmaCorvette-v0")
-
-    @dataclass(frozen=True, eq=False)
-    class Mine(Seaway):
-        """A sea with a number of its own."""
-
-        more: float = 1.0
-
-    figures = {
-        each.name: getattr(system.disturbances["rough"], each.name) for each in fields(Seaway)
-    }
-    assumed = {"assume": {"disturbance": Mine(**figures), "as": "states"}}
-    Core(system, 1, "ekf", assumed, disturbance=Mine(**figures)).start(0)
-    Mine.effect = lambda self, z, state: Seaway.effect(self, z, state) + 1.0  # type: ignore[method-assign]
-    with pytest.raises(
-        ValueError, match="Mine gives another effect, but as a field it acts by effect_at"
-    ):
-        Core(system, 1, "ekf", disturbance=Mine(**figures))
-
-
 def _old_timing(model) -> UMVFilter:
     """KF-UMV-UI that takes what the gyro shows for the input of the coming step."""
     u = registered("SigmaCorvette-v0").vehicle.cruise[1]
@@ -178,8 +157,9 @@ class _Shaking(Disturbance):
     white = np.array([[0.01]])
 
 
+@compiled
 @dataclass(frozen=True)
-class _ExactShip(Ship, verified=True):
+class _ExactShip(Ship):
     """A ship of which filters leave out nothing in calm water."""
 
     @property

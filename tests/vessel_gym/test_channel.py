@@ -9,6 +9,7 @@ import pytest
 from test_routes import DOGLEG, every_route
 
 from agents.controllers import make_controller
+from estimators.engine import compiled
 from vessel_gym.core import Core
 from vessel_gym.envs import SigmaChannelEnv, SigmaCorvetteEnv
 from vessel_gym.guidance.path_following import pose_along
@@ -25,7 +26,8 @@ RADIUS = TASK.turn * SHIP.length
 STILL = Seaway(SHIP, height=1e-6, period=8.8, wind=0.0, current=0.0, dt=TASK.dt)
 
 
-class Exact(Channel, verified=True):
+@compiled
+class Exact(Channel):
     """Starts without scatter."""
 
     prior_sd = (0.0,) * 6

@@ -691,24 +691,9 @@ def disturbance(**attributes: Any) -> Disturbance:
     return type("Mine", (Disturbance,), base | attributes)()
 
 
-INCREMENTED = {"white_increments": ("u increment", "q increment"), "white": 0.01 * np.eye(2)}
 MISDECLARED = [
     (AUV, disturbance(forces=("current north", "tide")), "Mine gives 'tide', but what acts on this vehicle is .*"),
-    (AUV, disturbance(forces=("current north",), white_increments=("current east",), white=np.eye(1)),
-     "Mine gives white increments to current east, which must be an increment .u incr.* that its effect .*"),
-    (AUV, disturbance(forces=("current north", "u increment"), **INCREMENTED),
-     "Mine gives white increments to u increment, which must be an increment .* that its effect does not give"),
     (AUV, disturbance(dt=0.5), "Mine was made for steps of 0.5 s, the vehicle's are 0.1 s: give it dt=0.1"),
-    (AUV, disturbance(names=("a",)), "Mine names 1 components of a state that has 2"),
-    (AUV, disturbance(names=("a", "a")), r"names of Mine must be a tuple of different names, got \('a', 'a'\)"),
-    (AUV, disturbance(names=("a", "psi")), "Mine calls a component 'psi', as another is called"),
-    (AUV, disturbance(scale=(1.0,)), "scale of Mine must have 2 rows, got 1"),
-    (AUV, disturbance(**(INCREMENTED | {"white": np.eye(3)})), "white of Mine must have 2 rows, got 3"),
-    (AUV, disturbance(forces=("current north",)),
-     r"effect of Mine must give 1 values for each z: \(2, 2\) gave \(2, 2\), expected \(2, 1\)"),
-    (AUV, disturbance(effect=lambda self, z, state: z.tolist()), r"effect of Mine must give an array, got a list"),
-    (AUV, disturbance(process=None), "Mine is not what a Disturbance must be: .*"),
-    (AUV, disturbance(effect=lambda self, z, state: z[..., [0, 2]]), r"effect of Mine failed on z of shape .*"),
     (AUV, disturbance(assumed_as="state"), "unknown way to assume a disturbance .state. .*"),
 ]  # fmt: skip
 
@@ -737,7 +722,6 @@ def sensor(reads: Callable[..., np.ndarray], **changed: Any) -> Sensor:
 
 WRONG_SENSORS = [
     (AUV, sensor(plain((6,))), r"reads of mine must give 2 values for each state: \(2, 3, 12\) gave \(2, 3, 1\), .*"),
-    (AUV, sensor(lambda state, exogenous: state[..., [11, 12]]), "reads of mine failed on states of shape .*"),
     (SHIP, sensor(plain((0, 1))), "mine reads x, which filters of this model do not estimate .they estimate v, r, "
                                   "psi.: leave it out, or choose another model"),
     (AUV, sensor(plain((6, 7)), bias=Bias(("x", "y"), start=(1.0, 1.0))), "a bias is called 'x', as another .*"),

@@ -266,7 +266,7 @@ def fly_reacting(
             env.core.config.world
         )  # which others share; the filter takes its sensors for what they were
         sensors = silent(env.core.config.sensors)
-        env.core.config.world = World(was.vehicle, was.forces, was.disturbance, sensors)
+        env.core.config.world = World(was.forces, sensors)
     rng = np.random.default_rng(2)
     weights = rng.normal(
         0.0, 1.0, (rows, env.core.config.observation_size, env.core.config.action_size)

@@ -223,7 +223,7 @@ def test_who_knows_where_a_fault_is_flies_as_without_it_and_is_consistent(
         ({"size": 0.0}, "^size of a fault must be .*above 0"),
         (
             {"beside": Fault("rudder")},
-            r"^forces of Fault must be a tuple of different names, got \('rudder fault', ",
+            "^a fault has another fault of the rudder beside it$",
         ),
     ],
 )

@@ -124,17 +124,6 @@ def test_any_argument_of_an_environment_works_or_is_refused_by_its_name(
         assert_flies(made[0].core)
 
 
-@given(environments, st.text().filter(lambda name: name not in (*ARGUMENTS, "num_envs", "max_episode_steps", "self")),
-       JUNK, st.booleans())  # fmt: skip
-def test_an_argument_that_no_environment_has_is_refused(
-    env_id: str, name: str, value: Any, batch: bool
-):
-    cls = vector_class(env_id) if batch else single_class(env_id)
-    assert refusal(
-        (f"{cls.__name__}.__init__() got an unexpected keyword argument ",), cls, **{name: value}
-    )
-
-
 @given(JUNK | st.integers(0, 2**300))
 def test_any_seed_works_or_is_refused_and_changes_nothing(seed: Any):
     env = prepared("SigmaCorvette-v0")

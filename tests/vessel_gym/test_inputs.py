@@ -22,8 +22,9 @@ AUV = "SegorogeniAUV-v0"
 CHANGES = "change of current north", "change of current east"
 
 
+@compiled
 @dataclass(frozen=True)
-class Asked(Water, verified=True):
+class Asked(Water):
     """Water of which some is the unknown input."""
 
     assumed_as = "unknown-input"
@@ -141,7 +142,8 @@ def test_a_flow_that_is_d_is_not_held_and_is_believed_as_d_is():
     )
 
 
-class Straight(Itsunusa, verified=True):
+@compiled
+class Straight(Itsunusa):
     """ITSUNUSA with a linear model about cruising, and what the current does to it."""
 
     kinds = ("nonlinear", "linear")
@@ -196,8 +198,6 @@ def test_a_linear_model_that_knows_nothing_of_a_flow_that_moves_it_is_refused():
     ("inputs", "sentence"),
     [
         (("current north",), "how measurements show current north depends on where the vehicle is, .* the sensor out$"),
-        (("phi increment",), r"^Asked has the unknown input 'phi increment', which must be one of current north, .*"),
-        (("u increment", "u increment"), r"^inputs of Asked must be a tuple of different names, got .*"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_an_unknown_input_is_refused_in_one_sentence(

@@ -6,6 +6,7 @@ import gymnasium as gym
 
 from estimators.checks import integer, short_repr
 from vessel_gym.checks import instance
+from vessel_gym.contract import check_system
 from vessel_gym.envs.single import VesselEnv
 from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.system import System
@@ -24,7 +25,7 @@ def register_environment(system: System, max_episode_steps: int | None = None) -
 
     Raises:
         ValueError: for a name that Gymnasium does not accept, or that belongs to an environment
-            registered elsewhere.
+            registered elsewhere; or as `vessel_gym.contract.check_system`.
         TypeError: for an object that is no system.
     """
     instance("system", system, System)
@@ -39,6 +40,7 @@ def register_environment(system: System, max_episode_steps: int | None = None) -
     known = gym.registry.get(system.name)
     if known is not None and not getattr(known.entry_point, "own", False):
         raise ValueError(f"{system.name!r} is an environment already: give yours a name of its own")
+    check_system(system)
     made = {"system": system, "own": True, "__reduce__": _reduced}
     faces = [type(base.__name__, (base,), made) for base in (VesselEnv, VesselVectorEnv)]
     gym.registry.pop(system.name, None)  # a notebook's cell may run again

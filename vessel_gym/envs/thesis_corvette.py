@@ -4,16 +4,17 @@ from typing import Any
 
 import numpy as np
 
+from estimators.engine import compiled
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.filter_models.build import BESIDE_BIASES, Composition
 from vessel_gym.processes import linear
 from vessel_gym.system import System
 from vessel_gym.tasks.turning_trial import TurningTrial
 from vessel_gym.vehicles.corvette_thesis import ThesisCorvette
-from vessel_gym.verified import verified
 
 
-class UnknownStep(Disturbance, verified=True):
+@compiled
+class UnknownStep(Disturbance):
     """A step d that filters treat as an unknown input of unknown size; the task sets its time."""
 
     forces = inputs = ("yaw increment",)
@@ -26,7 +27,6 @@ class UnknownStep(Disturbance, verified=True):
         return np.zeros((*state.shape[:-1], 1))
 
 
-@verified
 def _tuning(name: str, composition: Composition) -> dict[str, Any]:
     return {"radius": BESIDE_BIASES} if name == "robust-kf" else {}
 

@@ -4,7 +4,7 @@ The filter's state is the vehicle's, then the assumed and relevant part of the d
 the sensors' biases.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -202,9 +202,8 @@ def compose(
         G, H = _input_effects(parts)
         options |= {"G": G, "H": H, "delayed_feedthrough": _delayed(parts, inputs, H)}
     model = _model(parts, kind, options)
-    return Composition(
-        **vars(parts), model=model, names=names, inputs=inputs, assumed_as=assumed_as
-    )
+    fixed: dict[str, Any] = {each.name: getattr(parts, each.name) for each in fields(Parts)}
+    return Composition(**fixed, model=model, names=names, inputs=inputs, assumed_as=assumed_as)
 
 
 def _model(parts: Parts, kind: str, options: dict[str, Any]) -> LinearModel | NonlinearModel:

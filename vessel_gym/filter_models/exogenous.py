@@ -1,21 +1,16 @@
 """The exogenous input of a vehicle: increments, ambient flows and faults of actuators."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from operator import attrgetter
-from typing import Any
 
 import numpy as np
 
-from estimators.checks import numbers, short_repr
-from estimators.engine import TracedArray
-from vessel_gym.checks import is_integer
+from estimators.checks import short_repr
+from vessel_gym.checks import is_compiled
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.foreign import Copying
 from vessel_gym.processes import block_diagonal
-from vessel_gym.sensors import check_values
 from vessel_gym.vehicles.vehicle import Vehicle
-from vessel_gym.verified import is_verified
 
 
 def input_channels(vehicle: Vehicle) -> tuple[str, ...]:
@@ -53,33 +48,20 @@ class Forces:
         disturbance: Disturbance.
 
     Raises:
-        ValueError: for a force that the vehicle does not have, a white force that is no increment,
-            or another time step than the vehicle's.
+        ValueError: for a force that the vehicle does not have, another ship or another time step
+            than the vehicle's.
     """
 
     def __init__(self, vehicle: Vehicle, disturbance: Disturbance) -> None:
-        try:
-            mistake = next(_mistakes(vehicle, disturbance), None)
-        except (TypeError, AttributeError) as error:
-            mistake = (
-                f"{type(disturbance).__name__} is not what a Disturbance must be:"
-                f" {short_repr(str(error))}"
-            )
-        if mistake is not None:
-            raise ValueError(mistake)
+        _check_fit(vehicle, disturbance)
         self.vehicle, self.disturbance = vehicle, disturbance
-        self.verified = is_verified(vehicle) and is_verified(disturbance)
         self.meets = type(disturbance).met is not Disturbance.met
         """Does the disturbance's state follow the vehicle's motion?"""
-        effect, drift = disturbance.effect, vehicle.drift
-        self.effect_verified = is_verified(disturbance) or (is_verified(effect) and not self.meets)
+        meets = is_compiled(disturbance.met) or not self.meets
+        self.effect_compiled = is_compiled(disturbance.effect) and meets
         """Can a measurement function with the effect be compiled?"""
-        owner = getattr(drift, "__self__", vehicle)  # a wrapper's drift belongs to another vehicle
-        drift_verified = is_verified(owner) or is_verified(drift)
-        self.drift_verified = drift_verified and self.effect_verified
+        self.drift_compiled = is_compiled(vehicle.drift) and self.effect_compiled
         """Can a transition with drift and effect be compiled?"""
-        self._effect = effect if self.effect_verified else Copying(effect)
-        self._drift: Callable[..., Any] = drift if drift_verified else Copying(drift)
         known, increments = input_channels(vehicle), len(vehicle.increments)
         self.to = [known.index(name) for name in disturbance.forces]
         self.outside = increments + len(vehicle.ambient_flows)
@@ -145,7 +127,7 @@ class Forces:
 
     def on(self, z: np.ndarray, state: np.ndarray, unknown: Sequence[int] = ()) -> np.ndarray:
         """Exogenous input ``(..., f)`` without its white noise; 0 in ``unknown`` components."""
-        effect = self._effect(z, state)
+        effect = self.disturbance.effect(z, state)
         return spread(
             {i: effect[..., j] for j, i in enumerate(self.to) if i not in unknown},
             self.size,
@@ -156,8 +138,8 @@ class Forces:
         """Estimated components of the vehicle a step later, without increments."""
         if self.faulty:
             u = self.vehicle.faulty(u, *self.of_actuators(exogenous))  # type: ignore[attr-defined]
-        after = self._drift(x, u, exogenous[..., len(self.vehicle.increments) : self.outside])
-        return after if isinstance(after, TracedArray) else np.asarray(after, float)
+        flow = exogenous[..., len(self.vehicle.increments) : self.outside]
+        return self.vehicle.drift(x, u, flow)
 
     @cached_property
     def linear(self) -> np.ndarray:
@@ -204,100 +186,27 @@ class Forces:
 # --- a disturbance that does not fit --------------------------------------------------------------
 
 
-def _mistakes(vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
-    """Reasons why a disturbance does not fit a vehicle."""
-    who, known = type(disturbance).__name__, input_channels(vehicle)
-    yield from _mistaken_values(who, disturbance)
+def _check_fit(vehicle: Vehicle, disturbance: Disturbance) -> None:
+    """Refuse a disturbance that was made for another vehicle.
+
+    Raises:
+        ValueError: naming the input channel, the ship or the time step.
+    """
+    who = type(disturbance).__name__
     for name in (*disturbance.forces, *disturbance.white_increments):
-        if name not in known:
-            yield (
+        if name not in input_channels(vehicle):
+            raise ValueError(
                 f"{who} gives {short_repr(name)}, but what acts on this vehicle is"
-                f" {', '.join(known)}"
-            )
-    for name in disturbance.white_increments:
-        if name not in vehicle.increments or name in disturbance.forces:
-            increments = ", ".join(vehicle.increments)
-            yield (
-                f"{who} gives white increments to {name}, which must be an increment ({increments})"
-                " that its effect does not give"
+                f" {', '.join(input_channels(vehicle))}"
             )
     ship = getattr(disturbance, "ship", None)
-    flown = getattr(vehicle, "ship", ship)
     dimensions = attrgetter("length", "beam", "draught", "mass")
-    if ship and dimensions(ship) != dimensions(flown):
-        yield f"{who} was made for another ship than the vehicle's: give it ship=vehicle.ship"
+    if ship and dimensions(ship) != dimensions(getattr(vehicle, "ship", ship)):
+        raise ValueError(
+            f"{who} was made for another ship than the vehicle's: give it ship=vehicle.ship"
+        )
     if disturbance.dt not in (None, vehicle.dt):
-        own, dt = disturbance.dt, vehicle.dt
-        yield f"{who} was made for steps of {own} s, the vehicle's are {dt:g} s: give it dt={dt:g}"
-    yield from _contradictions(who, disturbance)
-    for name in disturbance.names:
-        if name in vehicle.state_names:
-            yield f"{who} calls a component {name!r}, as another is called"
-    yield from _mistakes_of_effect(f"effect of {who}", vehicle, disturbance)
-
-
-def _mistaken_values(who: str, disturbance: Disturbance) -> Iterator[str]:
-    """Attributes of a disturbance that no vehicle can take."""
-    for what in ("forces", "white_increments", "names", "inputs"):
-        given: Any = getattr(disturbance, what) or ()
-        if isinstance(given, str) or len(set(given)) < len(given):
-            yield f"{what} of {who} must be a tuple of different names, got {short_repr(given)}"
-    believed: Any = disturbance.believed
-    if not isinstance(believed, Disturbance | None):
-        yield f"believed of {who} must be a Disturbance, or None, got {short_repr(believed)}"
-    for what, least, wanted in (("input_sd", 0.0, "of at least 0"), ("scale", 1e-300, "above 0")):
-        given = getattr(disturbance, what)
-        sizes = numbers(given or ())
-        if sizes is None or not ((sizes >= least) & np.isfinite(sizes)).all():
-            yield f"{what} of {who} must be numbers {wanted}, got {short_repr(given)}"
-    uniforms = disturbance.uniforms
-    if not is_integer(uniforms) or uniforms < 0:
-        yield (
-            f"uniforms of {who} must be a whole number of at least 0, got {short_repr(uniforms)}"
+        raise ValueError(
+            f"{who} was made for steps of {disturbance.dt} s, the vehicle's are {vehicle.dt:g} s:"
+            f" give it dt={vehicle.dt:g}"
         )
-
-
-def _contradictions(who: str, disturbance: Disturbance) -> Iterator[str]:
-    """Parts of a disturbance that contradict each other, and a process that grows."""
-    for name in disturbance.averaged:
-        if name not in disturbance.forces:
-            yield f"averaged of {who} must name some of its forces, got {short_repr(name)}"
-    owners = [
-        next(c for c in type(disturbance).__mro__ if name in vars(c))
-        for name in ("effect", "effect_at")
-    ]
-    if disturbance.uniforms and owners[0] is not owners[1] and issubclass(*owners):
-        yield (
-            f"{owners[0].__name__} gives another effect, but as a field it acts by effect_at: give"
-            " that instead"
-        )
-    names, white, process = disturbance.names, disturbance.white_increments, disturbance.process
-    possible = *disturbance.forces, *white, *map(change_of, names)
-    for name in disturbance.inputs or ():
-        if name not in possible:
-            yield (
-                f"{who} has the unknown input {short_repr(name)}, which must be one of"
-                f" {', '.join(possible)}"
-            )
-    modulus = np.abs(np.linalg.eigvals(process.transition)).max(initial=0.0)
-    if modulus > 1.0 + 1e-6:
-        yield (
-            f"process of {who} grows by a factor of {modulus:.3g} a step: eigenvalues must be of"
-            " modulus 1 at most"
-        )
-    if len(names) != process.size:
-        yield f"{who} names {len(names)} components of a state that has {process.size}"
-    for what, rows in (("white", len(white)), ("scale", process.size)):
-        given = getattr(disturbance, what)
-        if given is not None and len(given) != rows:
-            yield f"{what} of {who} must have {rows} rows, got {len(given)}"
-
-
-def _mistakes_of_effect(effect: str, vehicle: Vehicle, disturbance: Disturbance) -> Iterator[str]:
-    z, state = np.zeros((2, disturbance.process.size)), np.tile(cruising(vehicle), (2, 1))
-    given = check_values(effect, "z", (2, len(disturbance.forces)), disturbance.effect, z, state)
-    if not isinstance(given, np.ndarray):
-        yield f"{effect} must give an array, got a {type(given).__name__}"
-    elif not np.isfinite(given).all():
-        gave = f"gave {short_repr(given[0].tolist())} for z = 0 and a vehicle that cruises"
-        yield f"{effect} {gave}: it must be real and finite"

@@ -8,11 +8,11 @@ from estimators import LinearModel, NonlinearModel
 from estimators.differences import central_differences, steps
 from estimators.engine import compiled
 from estimators.varying import Schedule, StateMatrix
+from vessel_gym.checks import is_compiled
 from vessel_gym.filter_models.exogenous import change_of
 from vessel_gym.filter_models.parts import Parts, seen_alike
 from vessel_gym.vehicles.integration import incremented as with_increments
 from vessel_gym.vehicles.vehicle import Trims
-from vessel_gym.verified import is_verified
 
 
 def nonlinear_model(parts: Parts, options: dict[str, Any]) -> NonlinearModel:
@@ -42,9 +42,9 @@ def nonlinear_model(parts: Parts, options: dict[str, Any]) -> NonlinearModel:
         return np.concatenate([after, parts.drifted(x, after), *ended], -1)
 
     measurement = parts.expected
-    if forces.drift_verified:
+    if forces.drift_compiled:
         transition = compiled(transition)
-    if forces.effect_verified and all(is_verified(sensor.reads) for sensor in parts.sensors.each):
+    if forces.effect_compiled and all(is_compiled(sensor.reads) for sensor in parts.sensors.each):
         measurement = compiled(measurement)
     if "G" in options:
         options["G"] = _input_matrix(parts, options["G"], options["state_angles"])

@@ -1,6 +1,7 @@
 """States of a filter's model: vehicle, disturbance and sensors' biases."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -58,7 +59,7 @@ class Parts:
         """Vehicle of the forces."""
         return self.forces.vehicle
 
-    @property
+    @cached_property
     def drift(self) -> Process:
         """Joint process of the estimated states of the disturbance, and of the biases."""
         process, square = self.forces.disturbance.process, np.ix_(self.estimated, self.estimated)

@@ -15,7 +15,6 @@ from vessel_gym.sensors.sensor import (
     Known,
     Sensor,
     SensorSuite,
-    check_values,
     columns,
     plain,
 )
@@ -29,7 +28,6 @@ __all__ = [
     "Sensor",
     "SensorSuite",
     "Sensors",
-    "check_values",
     "columns",
     "plain",
 ]  # fmt: skip

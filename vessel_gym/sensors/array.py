@@ -8,16 +8,14 @@ from typing import Any
 import numpy as np
 
 from estimators.checks import short_repr
-from estimators.engine import Compiled, as_word, compiled
+from estimators.engine import as_word, compiled
 from estimators.factory import unknown
 from estimators.threefry import normals, threefry, uniform
 from estimators.varying import StateNoise
-from vessel_gym.checks import all_are, check_names, check_numbers
-from vessel_gym.foreign import copying, refuse_not_finite
+from vessel_gym.checks import all_are, check_names, check_numbers, is_compiled
 from vessel_gym.processes import Process, product
 from vessel_gym.sensor_faults import SensorFault
-from vessel_gym.sensors.sensor import Sensor, check_values
-from vessel_gym.verified import is_verified
+from vessel_gym.sensors.sensor import Sensor
 
 
 class Sensors:
@@ -42,8 +40,7 @@ class Sensors:
         ValueError: for an empty list, for two sensors or biases with one name, for a rate that does
             not divide the number of steps per second, or for a delay of no whole number of steps.
             Also for a fault of an unknown sensor or with a wrong number of channels, and for a
-            sensor's function ``reads`` or ``sd`` that is random, does not broadcast, or does not
-            return one value for each channel.
+            function ``reads`` that does not return one value for each channel.
     """
 
     def __init__(
@@ -122,34 +119,25 @@ class Sensors:
         n = len(self.state_names)
         units = np.eye(n + len(self.exogenous_names))
         gains, called = np.hstack([np.zeros((self.size, len(units))), self.bias_gain]), []
-        for (sensor, own), reads in zip(self._owning, self._reads, strict=True):
+        for sensor, own in self._owning:
             if getattr(sensor.reads, "linear", False) and not callable(sensor.sd):
-                gains[own, : len(units)] = reads(units[:, :n], units[:, n:]).T
+                gains[own, : len(units)] = sensor.reads(units[:, :n], units[:, n:]).T
             else:
-                called.append((own, compiled(reads) if is_verified(sensor.reads) else reads))
+                called.append((own, sensor.reads))
         return gains, called
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Sensors, (self.each, self.state_names, self.exogenous_names, self.dt, self.faults)
 
-    @cached_property
-    def _reads(self) -> list[Callable[[np.ndarray, np.ndarray], np.ndarray]]:
-        """Functions of state and exogenous input, one for each sensor, called on copies."""
-        return [copying(sensor.reads) for sensor in self.each]
-
     @property
-    def verified(self) -> bool:
+    def reads_compiled(self) -> bool:
         """True if all functions that are called in every step are compiled."""
-        return not self._varying and all(isinstance(reads, Compiled) for _, reads in self.called)
+        return not self._varying and all(is_compiled(reads) for _, reads in self.called)
 
     @cached_property
-    def _varying(self) -> list[tuple[str, slice, Callable[[np.ndarray], np.ndarray]]]:
-        """Sensors whose noise depends on the measurement: name, channels and function."""
-        return [
-            (sensor.name, own, copying(sensor.sd))
-            for sensor, own in self._owning
-            if callable(sensor.sd)
-        ]
+    def _varying(self) -> list[tuple[slice, Callable[[np.ndarray], np.ndarray]]]:
+        """Channels whose noise depends on the measurement, and its function."""
+        return [(own, sensor.sd) for sensor, own in self._owning if callable(sensor.sd)]
 
     def of_channel(self, channel: Any) -> Sensor:
         """Sensor to which a channel belongs."""
@@ -179,13 +167,12 @@ class Sensors:
             np.zeros((2, 3, len(names))) for names in (self.state_names, self.exogenous_names)
         )
         for sensor in self.each:
-            expected = (2, 3, len(sensor.channels))
-            check_values(
-                f"reads of {sensor.name}", "states", expected, sensor.reads, state, exogenous
-            )
-            if callable(sensor.sd):
-                check_values(
-                    f"sd of {sensor.name}", "measurements", expected, sensor.sd, np.ones(expected)
+            with np.errstate(all="ignore"):  # it may have no value at rest
+                shape, k = np.shape(sensor.reads(state, exogenous)), len(sensor.channels)
+            if shape != (2, 3, k):
+                raise ValueError(
+                    f"reads of {sensor.name} must give {k} values for each state: {state.shape}"
+                    f" gave {shape}, expected {(2, 3, k)}"
                 )
             for name in sensor.gives or ():
                 if name is not None and name not in self.state_names + self.exogenous_names:
@@ -220,7 +207,7 @@ class Sensors:
             exogenous: ``(..., f)`` exogenous input.
             bias: ``(..., k)`` states of the biases; None for no biases.
         """
-        exact = np.concatenate([reads(state, exogenous) for reads in self._reads], -1)
+        exact = np.concatenate([sensor.reads(state, exogenous) for sensor in self.each], -1)
         return exact if bias is None else product(self.bias_gain, bias, exact)
 
     def read(
@@ -244,10 +231,7 @@ class Sensors:
             Measurements ``(B, p)``, 0 where missing, and the mask ``(B, p)``.
         """
         exact = self.measured(state, exogenous, bias)
-        sd = self.sd_at(exact)
-        if self._varying:
-            self._refuse_sd(sd, exact, steps)
-        return self.corrupted(exact, sd, steps, keys)
+        return self.corrupted(exact, self.sd_at(exact), steps, keys)
 
     def measured(self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray) -> np.ndarray:
         """Result of `exact`, computed faster: one matrix evaluates all linear sensors."""
@@ -294,25 +278,12 @@ class Sensors:
                 values.append(np.where(available[-1], value, 0.0))
         return np.stack(values, -1), np.stack(available, -1)
 
-    def _refuse_sd(self, sd: np.ndarray, exact: np.ndarray, steps: np.ndarray) -> None:
-        """Refuse invalid standard deviations ``(B, p)`` of measurements ``(B, p)``.
-
-        Raises:
-            ValueError: for a negative or NaN one, of a measurement within its sensor's range.
-        """
-        within = ((self._ranges[0] <= exact) & (exact <= self._ranges[1])).T
-        for name, own, _ in self._varying:
-            refuse_not_finite(
-                f"sd of {name}", sd[:, own], steps, ~within[own].all(0), exact[:, own],
-                sound=partial(np.less_equal, 0.0), wanted="0 or more for every measurement",
-            )  # fmt: skip
-
     def sd_at(self, exact: np.ndarray) -> np.ndarray:
         """Standard deviations ``(..., p)`` at the noise-free measurements ``exact (..., p)``."""
         known = np.broadcast_to(self.sd, exact.shape)
         if not self._varying:
             return known
-        varying = {own.start: spread(exact[..., own]) for _, own, spread in self._varying}
+        varying = {own.start: spread(exact[..., own]) for own, spread in self._varying}
         return np.concatenate([varying.get(own.start, known[..., own]) for own in self._own], -1)
 
     def noise(
@@ -326,27 +297,13 @@ class Sensors:
         Args:
             expected: Function from a filter's states and known inputs to expected measurements
                 ``(..., p)``.
-            x: A state ``(n,)`` at which R is checked. If R varies, code that has no state takes R
-                at this one.
+            x: A state ``(n,)``. If R varies, code that has no state takes R at this one.
             u: Known input that belongs to ``x``.
-
-        Raises:
-            ValueError: for a standard deviation that is negative or NaN there.
         """
         if not self._varying:
             return np.diag(self.sd**2)
-        y = expected(x, u)
-        sd = self.sd_at(y)
-        for name, own, _ in self._varying:
-            if not (sd[own] >= 0.0).all():
-                got = (
-                    f"{short_repr(sd[own].tolist())} for the measurement"
-                    f" {short_repr(y[own].tolist())}"
-                )
-                raise ValueError(
-                    f"sd of {name} gave {got}: it must give 0 or more for every measurement"
-                )
-        return StateNoise(partial(self._noise_at, expected), np.nan_to_num(np.diag(sd**2)))
+        here = np.nan_to_num(np.diag(self.sd_at(expected(x, u)) ** 2))
+        return StateNoise(partial(self._noise_at, expected), here)
 
     def _noise_at(
         self, expected: Callable[..., np.ndarray], x: np.ndarray, u: np.ndarray | None
@@ -366,7 +323,7 @@ class Sensors:
                 if name
             )
             if sensor.inverse is not None:
-                known.update(copying(sensor.inverse)(measurements[..., own], known))
+                known.update(sensor.inverse(measurements[..., own], known))
         return known
 
 

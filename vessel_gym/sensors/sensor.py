@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 
 from estimators.checks import numbers, short_repr
+from estimators.engine import compiled
 from vessel_gym.checks import all_are, check_names, check_numbers, function, instance
-from vessel_gym.foreign import copying, repeated
 from vessel_gym.processes import Process, linear
-from vessel_gym.verified import verified
 
 Known = Mapping[str, np.ndarray]
 """States by name, ``(...)`` each, from the measurements of preceding sensors."""
@@ -277,7 +276,7 @@ class SensorSuite:
 def _scaled(factor: float, sd: Any) -> Any:
     if not callable(sd):
         return tuple(factor * each for each in sd)
-    return sd if factor == 1.0 else partial(_scaled_at, factor, copying(sd))
+    return sd if factor == 1.0 else partial(_scaled_at, factor, sd)
 
 
 def _scaled_at(factor: float, sd: Callable[[np.ndarray], np.ndarray], y: np.ndarray) -> np.ndarray:
@@ -298,37 +297,6 @@ without the position fix for a time (`vessel_gym.sensor_faults.lost_fix`).
 """
 
 
-def check_values(
-    who: str,
-    what: str,
-    expected: tuple[int, ...],
-    function: Callable[..., Any],
-    *arguments: np.ndarray,
-) -> Any:
-    """Value of a user's function, which is called twice to check that it repeats itself.
-
-    Raises:
-        ValueError: if the function fails, does not repeat itself, or returns no numbers or another
-            shape than ``expected``.
-    """
-    shape = arguments[0].shape
-    try:
-        values = repeated(who, function, *arguments)
-        got = np.asarray(values).shape
-    except Exception as error:
-        if str(error).startswith(who):
-            raise
-        raise ValueError(
-            f"{who} failed on {what} of shape {shape}: {short_repr(str(error))}"
-        ) from error
-    if numbers(values) is None:
-        raise ValueError(f"{who} must give real numbers, got {short_repr(values)}")
-    if got != expected:
-        each = f"{expected[-1]} values for each {what.removesuffix('s')}"
-        raise ValueError(f"{who} must give {each}: {shape} gave {got}, expected {expected}")
-    return values
-
-
 def columns(indices: Sequence[int]) -> Any:
     """Indices of components; a slice if they are consecutive, so that indexing gives a view."""
     chosen = list(indices)
@@ -339,9 +307,9 @@ def columns(indices: Sequence[int]) -> Any:
 
 def plain(components: Sequence[int]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """Make the argument ``reads`` of a `Sensor` that measures these components of the state."""
-    return linear(partial(_columns, columns(components)))
+    return linear(partial(_columns, chosen=tuple(components)))
 
 
-@verified
-def _columns(chosen: Any, state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
-    return state[..., chosen]
+@compiled
+def _columns(state: np.ndarray, exogenous: np.ndarray, *, chosen: tuple[int, ...]) -> np.ndarray:
+    return state[..., list(chosen)]

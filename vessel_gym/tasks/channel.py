@@ -26,8 +26,9 @@ _PATH = _POINTS + 2 * (WAYPOINTS - 1)
 _ANYWHERE = np.array([-np.inf, np.inf, 0.0])
 
 
+@compiled
 @dataclass(frozen=True)
-class Channel(Track, verified=True):
+class Channel(Track):
     """A channel with lateral margins, along a straight leg or along legs joined by arcs.
 
     The channel begins at the origin. A scenario (the episode's parameters, drawn at reset) is

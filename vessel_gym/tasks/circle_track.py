@@ -30,8 +30,9 @@ def _clothoid(
     return ahead, length * angle * (1.0 / 3.0 - square * (1.0 / 42.0 - square / 1320.0)), angle
 
 
+@compiled
 @dataclass(frozen=True)
-class CircleTrack(Track, TurningCircle, verified=True):
+class CircleTrack(Track, TurningCircle):
     """The commanded track leads into a circle over ground: a straight, a clothoid, rounds.
 
     The track begins at the ship's start. A scenario (the episode's parameters, drawn at reset) is

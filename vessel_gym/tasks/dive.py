@@ -43,8 +43,9 @@ def to_body_axes(vector: Vector, roll: np.ndarray, pitch: np.ndarray, yaw: np.nd
     )
 
 
+@compiled
 @dataclass(frozen=True)
-class Dive(Task, verified=True):
+class Dive(Task):
     """Common part of all dives: path, scenarios and score.
 
     The path is that of `vessel_gym.guidance.dive_path`. A scenario (the episode's parameters, drawn
@@ -301,8 +302,9 @@ class Dive(Task, verified=True):
 # --- six degrees of freedom -----------------------------------------------------------------------
 
 
+@compiled
 @dataclass(frozen=True)
-class SpatialDive(Dive, verified=True):
+class SpatialDive(Dive):
     """Dive with six degrees of freedom; the state is `vessel_gym.vehicles.segorogeni.STATE`."""
 
     where = np.array([6, 7, 8, 10])
@@ -344,8 +346,9 @@ class SpatialDive(Dive, verified=True):
 # --- the vertical plane ---------------------------------------------------------------------------
 
 
+@compiled
 @dataclass(frozen=True)
-class VerticalDive(Dive, verified=True):
+class VerticalDive(Dive):
     """Dive in the vertical plane; the state is `vessel_gym.vehicles.itsunusa.STATE`."""
 
     where = np.array([3, -1, 4, 5])

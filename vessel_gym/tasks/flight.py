@@ -40,8 +40,9 @@ _POSE = (
 )
 
 
+@compiled
 @dataclass(frozen=True)
-class Flight(Task, verified=True):
+class Flight(Task):
     """Flight along a Dubins path round obstacles; the state is `vehicles.puna.STATE`.
 
     A scenario ``(97,)`` (the episode's parameters, drawn at reset) has 16 segments of the path (x,

@@ -11,7 +11,6 @@ from estimators.checks import numbers, short_repr
 from estimators.factory import unknown
 from vessel_gym.sensors import Sensors
 from vessel_gym.vehicles.vehicle import Vehicle
-from vessel_gym.verified import Verified
 
 FARTHEST = 1e5
 """Farthest place [m]; a larger number is an error of the unit or the origin."""
@@ -40,7 +39,7 @@ class Estimate:
     scale: np.ndarray | None = None
 
 
-class Task(Verified):
+class Task:
     """Base class of missions; by default without scenario, guidance, or end before the time limit.
 
     A subclass must define `score` and may override all else. Default observations are the estimate
@@ -64,8 +63,8 @@ class Task(Verified):
     commanding: ClassVar[slice | list[int] | None] = None
     """Columns of the reference that hold the commands.
 
-    A task declared with ``verified=True`` takes the commands from these columns. If it has none,
-    and in other tasks, the commands come from `commanded`.
+    A task whose class is decorated ``@compiled`` takes the commands from these columns. If it has
+    none, and in other tasks, the commands come from `commanded`.
     """
     BOUND = 10.0
     """Observations are scaled to be of order 1 and clipped to +-10."""

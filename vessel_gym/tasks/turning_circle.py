@@ -36,8 +36,9 @@ def dead_reckoned(
     )
 
 
+@compiled
 @dataclass(frozen=True)
-class TurningCircle(Steering, verified=True):
+class TurningCircle(Steering):
     """The commanded heading leads into a steady turn: straight, a ramp of the yaw rate, a circle.
 
     A scenario (the episode's parameters, drawn at reset) is ``(initial heading [rad], commanded yaw

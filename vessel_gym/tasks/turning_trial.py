@@ -25,8 +25,9 @@ Inferred: the thesis prints a switch after one sample (Section 4.3.1).
 """
 
 
+@compiled
 @dataclass(frozen=True)
-class TurningTrial(TurningCircle, verified=True):
+class TurningTrial(TurningCircle):
     """Follow the heading of a trial in which the rudder was put over to ``helm``.
 
     The trial begins on a straight course. A scenario is ``(initial heading [rad], final yaw rate

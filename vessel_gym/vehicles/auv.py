@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from estimators.engine import compiled
 from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
 from vessel_gym.vehicles.files import FromFile, Particulars
 from vessel_gym.vehicles.hydrodynamics import (
@@ -246,8 +247,9 @@ def _inverse(axes: str, inertia: np.ndarray) -> dict[str, np.ndarray]:
     }
 
 
+@compiled
 @dataclass(frozen=True)
-class AUV(FromFile, WholeState, verified=True):
+class AUV(FromFile, WholeState):
     """A torpedo-shaped vehicle in batches: actuators, state, sensors, and filters' model.
 
     The state is velocities through the water, then position and Euler angles. Increments [m/s,

@@ -11,12 +11,12 @@ import numpy as np
 
 from estimators import Schedule, zero_order_hold
 from estimators.checks import finite_array
+from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.processes import interpolated, linear
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.equilibrium import root
-from vessel_gym.verified import verified
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +161,7 @@ COMPASS = Sensor(
 )  # fmt: skip
 
 
-@verified
+@compiled
 @linear
 def _increment(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Yaw increment ``(..., 1)`` by waves and gusts over the step that has ended."""

@@ -13,6 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Schedule
+from estimators.engine import compiled
 from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor
 from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
@@ -20,7 +21,6 @@ from vessel_gym.vehicles.corvette import COMPASS, MOTION_UNIT, linear_matrices
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.ship import Ship
-from vessel_gym.verified import verified
 
 
 @dataclass(frozen=True)
@@ -58,15 +58,16 @@ B = np.array([[-2.6189e-7], [2.4075e-7], [0.0]])
 """Eq. 4.3 to the digit, B of the rudder [rad]; neither the ship's nor consistent in units."""
 
 
-@verified
+@compiled
 @linear
 def _foreseeing(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Heading plus the d of the coming step ``(..., 1)``, eq. 4.5."""
     return state[..., 2:3] + exogenous[..., :1]
 
 
+@compiled
 @dataclass(frozen=True)
-class ThesisCorvette(Ship, verified=True):
+class ThesisCorvette(Ship):
     """The ship in her turning circle trial, and the thesis' filter.
 
     The truth is this package's nonlinear ship, because the recorded trial is not public. The action

@@ -23,7 +23,6 @@ from vessel_gym.system import Trims
 from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters
 from vessel_gym.vehicles.equilibrium import root
 from vessel_gym.vehicles.files import load
-from vessel_gym.verified import verified
 
 STATE = ("u", "w", "q", "x", "z", "theta")
 """Components of the state.
@@ -96,7 +95,7 @@ def itsunusa_rates(
     ], -1)  # fmt: skip
 
 
-@verified
+@compiled
 def _over_ground(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Velocity over ground in body axes ``(..., 2)``."""
     current, (sin_theta, cos_theta) = exogenous[..., 3], sincos(state[..., 5])
@@ -107,8 +106,9 @@ _STEEPEST, _TRIMS = np.deg2rad(45.0), 91
 """Steepest path of the linear model [rad], and number of steady motions from -45 to 45 degrees."""
 
 
+@compiled
 @dataclass(frozen=True)
-class Itsunusa(AUV, verified=True):
+class Itsunusa(AUV):
     """The ITSUNUSA in the vertical plane.
 
     The known input of filters is ``u = (actuators before, actuators after, commanded path angle,

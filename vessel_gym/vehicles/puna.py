@@ -28,7 +28,6 @@ from vessel_gym.vehicles.equilibrium import root
 from vessel_gym.vehicles.files import FromFile, Particulars, load
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, I, PointMass, forces
 from vessel_gym.vehicles.whole_state import WholeState
-from vessel_gym.verified import verified
 
 STATE = ("x", "y", "h", "north", "east", "climb", "phi")
 """Components of the state: position, altitude [m], velocity over ground [m/s], bank [rad]."""
@@ -196,7 +195,7 @@ def airspeed(state: np.ndarray, wind: np.ndarray) -> np.ndarray:
 # --- the vehicle as an environment uses it --------------------------------------------------------
 
 
-@verified
+@compiled
 def _fix(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Position, altitude, ground speed, course over ground and climb ``(..., 6)``."""
     _, _, _, north, east, climb, _ = np.moveaxis(state, -1, 0)
@@ -204,13 +203,12 @@ def _fix(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     return np.concatenate([state[..., :3], course], -1)
 
 
-@verified
+@compiled
 def _through_the_air(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Measurement of the pitot tube ``(..., 1)``."""
     return airspeed(state, exogenous[..., 4:])[..., None]
 
 
-@verified
 def _velocity(measurements: np.ndarray, known: Known) -> Known:
     """Velocity over ground from speed and course of a GNSS."""
     speed, course = measurements[..., 3], measurements[..., 4]
@@ -222,7 +220,6 @@ def _velocity(measurements: np.ndarray, known: Known) -> Known:
     }
 
 
-@verified
 def _along(measurements: np.ndarray, known: Known) -> Known:
     """Mean wind along the course, from the difference of ground speed and airspeed."""
     if "ground speed" not in known:
@@ -233,8 +230,9 @@ def _along(measurements: np.ndarray, known: Known) -> Known:
     return {"mean wind north": along * np.cos(course), "mean wind east": along * np.sin(course)}
 
 
+@compiled
 @dataclass(frozen=True)
-class Puna(FromFile, WholeState, verified=True):
+class Puna(FromFile, WholeState):
     """The PUNA in batches: actuators, state, sensors, and filters' model.
 
     Over a step the wind is constant; increments change velocities and bank at the end of a step.

@@ -217,8 +217,9 @@ def rov_rates(
     ], -1)  # fmt: skip
 
 
+@compiled
 @dataclass(frozen=True)
-class ROV(FromFile, WholeState, verified=True):
+class ROV(FromFile, WholeState):
     """A vehicle with thrusters in batches; state, sensors and water are those of `Segorogeni`.
 
     An action is the thrust of each thruster as a share of its limit. Filters estimate the whole

@@ -19,7 +19,6 @@ from estimators.engine import compiled, sincos
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.vehicles.auv import AUV, UNCERTAIN, AUVParameters
 from vessel_gym.vehicles.files import load
-from vessel_gym.verified import verified
 
 STATE = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
 """Components of the state.
@@ -193,7 +192,7 @@ def segorogeni_rates(
     return np.stack([*accelerations, *rates], -1)
 
 
-@verified
+@compiled
 def _over_ground(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Velocity over ground in body axes ``(..., 3)``."""
     u, v, w = np.moveaxis(state[..., :3], -1, 0)
@@ -209,8 +208,9 @@ def _over_ground(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     ], -1)  # fmt: skip
 
 
+@compiled
 @dataclass(frozen=True)
-class Segorogeni(AUV, verified=True):
+class Segorogeni(AUV):
     """The Segorogeni in six degrees of freedom."""
 
     body: SegorogeniParameters = field(

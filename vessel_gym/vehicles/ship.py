@@ -28,13 +28,13 @@ from vessel_gym.vehicles.corvette_equations import (
 from vessel_gym.vehicles.files import FromFile, load
 from vessel_gym.vehicles.integration import resolving_substeps, runge_kutta
 from vessel_gym.vehicles.whole_state import Simulated
-from vessel_gym.verified import verified
 
 _ESTIMATED = STATE[:6]  # all but roll
 
 
+@compiled
 @dataclass(frozen=True)
-class Ship(FromFile, Simulated, verified=True):
+class Ship(FromFile, Simulated):
     """A ship at sea in batches, whose position is measured and estimated.
 
     The action is the rudder *rate*: with an angle as action, the estimate's noise would saturate
@@ -84,7 +84,7 @@ class Ship(FromFile, Simulated, verified=True):
         return (
             COMPASS,
             Sensor(
-                "rate gyro", ("yaw rate [rad/s]",), linear(partial(_yaw_rate, self.dt)), (2e-3,),
+                "rate gyro", ("yaw rate [rad/s]",), linear(partial(_yaw_rate, dt=self.dt)), (2e-3,),
                 scale=(0.01,), gives=("r",),
             ),
             Sensor(
@@ -215,7 +215,7 @@ def pace(ship: CorvetteParameters) -> float:
     return (ship.length / ship.speed) / (corvette.length / corvette.speed)
 
 
-@verified
-def _yaw_rate(dt: float, state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
+@compiled
+def _yaw_rate(state: np.ndarray, exogenous: np.ndarray, *, dt: float) -> np.ndarray:
     """Yaw rate ``(..., 1)``, with the waves' mean yaw rate over the step that has ended."""
     return state[..., 5:6] + exogenous[..., :1] / dt

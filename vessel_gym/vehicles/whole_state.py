@@ -5,12 +5,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from estimators.engine import compiled
 from vessel_gym.vehicles.actuators import actuated
 from vessel_gym.vehicles.integration import incremented, runge_kutta
-from vessel_gym.verified import Verified
 
 
-class Simulated(Verified, verified=True):
+@compiled
+class Simulated:
     """Equations of motion, integrated by Runge-Kutta, with increments at the end of a step."""
 
     dt: float
@@ -65,7 +66,8 @@ class Simulated(Verified, verified=True):
         )
 
 
-class WholeState(Simulated, verified=True):
+@compiled
+class WholeState(Simulated):
     """A vehicle whose filters estimate its whole state with one exact, nonlinear model.
 
     Actuators start at their values for the cruising vehicle. Increments change components of the

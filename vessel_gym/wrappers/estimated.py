@@ -12,7 +12,6 @@ from estimators import Gaussian, Model
 from estimators.checks import numbers
 from vessel_gym import checks
 from vessel_gym.estimation import EstimatorChoice
-from vessel_gym.foreign import copied
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
 from vessel_gym.wrappers.simulation import sampled_prior
@@ -150,7 +149,7 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         return prior
 
     def _truth(self, seen: Any) -> np.ndarray:
-        return np.asarray(self._state(self.env, copied(seen)))[None]  # the check copies the array
+        return np.asarray(self._state(self.env, seen))[None]  # the check copies the array
 
     def _observed(self, seen: Any) -> Any:
         if isinstance(seen, dict):  # values of any kind may pass

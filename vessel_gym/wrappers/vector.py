@@ -10,7 +10,6 @@ from gymnasium.vector.utils import batch_space
 from estimators import Gaussian, Model
 from estimators.checks import short_repr
 from vessel_gym import checks
-from vessel_gym.foreign import copied
 from vessel_gym.wrappers.watch import Watch, observed_state, time_step
 
 
@@ -99,7 +98,7 @@ class EstimatedObservation(VectorWrapper):
         return self.watch.observe(seen), reward, terminated, truncated, info | self._info(every)
 
     def _truth(self, seen: Any) -> np.ndarray:
-        return np.array(self._state(self.env, copied(seen)), float)
+        return np.array(self._state(self.env, seen), float)
 
     def _info(self, rows: np.ndarray) -> dict[str, Any]:
         happened = self.watch.info()

@@ -29,7 +29,6 @@ from vessel_gym import checks
 from vessel_gym.configuration import OBSERVE
 from vessel_gym.delivery import Delivery
 from vessel_gym.estimation import LATE, Estimation, EstimatorChoice, is_own, own_filter
-from vessel_gym.foreign import copied, repeated
 from vessel_gym.loop import Estimator
 from vessel_gym.reference_filters import DeadReckoning, Oracle
 from vessel_gym.sensor_faults import SensorFault
@@ -194,7 +193,7 @@ class Watch:
         return u.reshape(rows, m)
 
     def _numbers(self, action: Any) -> np.ndarray:
-        known = self._known(copied(action))
+        known = self._known(action)
         u = numbers(known)
         if u is None:
             raise ValueError(
@@ -217,8 +216,6 @@ class Watch:
         action = deepcopy(action_space).sample()  # a copy, so that the space's own state stays
         u = np.atleast_1d(self._numbers(action))
         self.model.check_known_input(u)
-        for name in ("transition", "measurement"):
-            repeated(f"{name} of the model", getattr(self.model, name), self.prior.mean, u)
         return u
 
     def _check_rows(self, observation: Callable[[np.ndarray], Any]) -> None:
@@ -456,7 +453,7 @@ def _expected(sensors: Sensors, x: np.ndarray, u: np.ndarray | None) -> np.ndarr
 
 
 def _channel(model: Model, i: int, state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
-    return np.asarray(model.measurement(copied(state), copied(exogenous)))[..., i : i + 1]
+    return np.asarray(model.measurement(state, exogenous))[..., i : i + 1]
 
 
 def _filter(model: Model, estimator: EstimatorChoice, options: dict[str, Any]) -> Filter:

@@ -390,45 +390,6 @@ def test_a_measurement_that_branches_or_changes_is_measured_as_numpy_has_it():
                 )
 
 
-@pytest.mark.parametrize("rows", [None, 2])
-def test_functions_of_a_wrapper_that_write_where_they_read_change_nothing(rows: int | None):
-    """Not what passes beside an estimate, not an action that is used again, not the state, not the known input."""
-
-    def made(writes: bool) -> Any:
-        def spoilt(value: Any, arrays: list[np.ndarray]) -> Any:
-            for array in arrays if writes else ():
-                array[...] = 3.0
-            return value
-
-        functions: dict[str, Any] = {
-            "state": lambda env, seen: spoilt(np.array(seen), [seen]),
-            "observation": lambda x: spoilt(np.array(x[..., 1:]), [x]),
-            "known_input": lambda action: spoilt(np.array(action), [action]),
-            "passes": [0],
-            "sensors": [
-                Sensor("y", ("y",), lambda x, u: spoilt(np.array(x[..., :1]), [x, u]), (0.1,))
-            ],
-        }
-        model = NonlinearModel(
-            lambda x, u: x + 0.1 * u, lambda x, u: x[..., :1], 0.01 * np.eye(2), [[0.01]]
-        )
-        if rows is None:
-            return EstimatedObservation(Linear(), model, LINEAR_PRIOR, **functions)
-        return EstimatedObservations(
-            SyncVectorEnv([Linear] * rows), model, LINEAR_PRIOR, **functions
-        )
-
-    one, other = made(writes=True), made(writes=False)
-    np.testing.assert_array_equal(one.reset(seed=2)[0], other.reset(seed=2)[0])
-    action = np.full(one.action_space.shape, 0.5, np.float32)
-    for _ in range(5):
-        ours, theirs = one.step(action), other.step(action)
-        np.testing.assert_array_equal(action, 0.5)
-        np.testing.assert_array_equal(ours[0], theirs[0])
-        for name, values in theirs[4].items():
-            np.testing.assert_array_equal(ours[4][name], values)
-
-
 class Loose(Linear):
     """It shows what is beyond the bounds that it names."""
 

@@ -9,10 +9,10 @@ import pytest
 
 from estimators import make
 from tests.vessel_gym.contract import make_core
-from vessel_gym.acceptance import VAGUEST, nominal_flight
 from vessel_gym.disturbances import Air, Fault
 from vessel_gym.envs import PunaUAVEnv, SegorogeniAUVEnv, SigmaCorvetteEnv
 from vessel_gym.envs.auv import PLANE_WATERS, WATERS
+from vessel_gym.input_conditions import VAGUEST, nominal_flight
 
 AUV, PLANE, AIRCRAFT, SHIP = "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0", "SigmaCorvette-v0"
 AIR = PunaUAVEnv.system.disturbances["moderate"]

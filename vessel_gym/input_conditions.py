@@ -1,26 +1,21 @@
-"""Checks of users' vehicles, tasks and filters before an episode, along a nominal trajectory.
+"""Checks of filters before an episode, along a nominal trajectory.
 
 A filter is refused if its measurements do not determine the unknown input, or if a user's own
 filter fails in an ordinary step.
 """
 
-from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from estimators import Filter, Gaussian, LinearModel, NonlinearModel
 from estimators.unknown_input import UnknownInputFilter
 from estimators.varying import resolve
-from vessel_gym.disturbances import Disturbance
 from vessel_gym.filter_models.build import Composition
 from vessel_gym.filter_models.exogenous import Forces, input_channels
 from vessel_gym.filter_models.parts import seen_anywhere
-from vessel_gym.foreign import RETURNED, CheckedMethods, copied, repeated, rows_of
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Vehicle
-from vessel_gym.tasks.task import Task
-from vessel_gym.verified import is_verified
 
 if TYPE_CHECKING:
     from estimators import InputConditions
@@ -30,101 +25,6 @@ VAGUEST = 3.0
 _STEPS, _DEFLECTED = 30, 0.3
 _NEAR = 1e-4
 """Variance of each initial state for the check of a filter, in SI units and radians."""
-
-
-def checked_vehicle(vehicle: Vehicle) -> Any:
-    """The vehicle if verified; otherwise the vehicle with `CheckedMethods`, after one trial step.
-
-    Raises:
-        ValueError: for a function that does not repeat itself, or returns a wrong number of values.
-    """
-    if is_verified(vehicle):
-        return vehicle
-    title, (x, u) = (
-        type(vehicle).__name__,
-        (np.asarray(each, float)[None] for each in vehicle.cruise),
-    )
-    widths = {
-        "state": len(vehicle.state_names),
-        "parameters": len(vehicle.parameter_names),
-        "known input": u.shape[1],
-    }
-    checked = CheckedMethods(vehicle, **widths)
-    _fix_columns(checked, "start", _columns_of_base(vehicle, "start", x), x)
-    state, actuators = checked.start(x)
-    checked.actuate(actuators, np.zeros((1, len(vehicle.action_names))))
-    checked.known_input(actuators, actuators, None)
-    parameters = checked.parameters(0.0, np.zeros((1, vehicle.normals)))
-    ambient_flows = np.zeros((1, len(vehicle.ambient_flows)))
-    exogenous = np.concatenate([np.zeros((1, len(vehicle.increments))), ambient_flows], -1)
-    with np.errstate(all="ignore"):
-        checked.step(state, actuators, actuators, exogenous, parameters)
-    drift, estimated = f"drift of {title}", vehicle.estimated(vehicle.kinds[0])
-    rows_of(drift, repeated(drift, vehicle.drift, x, u, ambient_flows), 1, len(estimated))
-    return checked
-
-
-def checked_task(task: Task, vehicle: Vehicle) -> Any:
-    """The task if verified; otherwise the task with `CheckedMethods`, after a trial start.
-
-    Raises:
-        ValueError: for a function that returns no array, or too few columns.
-        TypeError: for a prior that is no `Gaussian`.
-    """
-    if is_verified(task):
-        return task
-    outside = len(vehicle.increments + vehicle.ambient_flows)
-    checked = CheckedMethods(
-        task, prior=len(vehicle.estimated(vehicle.kinds[0])), exogenous=outside
-    )
-    drawn = np.full((1, task.uniforms), 0.5)
-    base = np.full((1, max(task.uniforms, getattr(_verified_base(task), "uniforms", 0))), 0.5)
-    least = _columns_of_base(task, "scenario", base, {})
-    scenario = _fix_columns(checked, "scenario", least, drawn, {})
-    x, step = np.array(checked.prior(scenario).mean), np.zeros(1, int)
-    if hasattr(task, "exogenous"):
-        checked.exogenous(scenario, step)
-    for name, arguments in (
-        ("reference", (scenario, step, x)),
-        ("commanded", (scenario, step)),
-        ("initial_score_state", (vehicle.start(x)[0], scenario)),
-    ):
-        _fix_columns(checked, name, _columns_of_base(task, name, *arguments), *arguments)
-    return checked
-
-
-def checked_disturbance(disturbance: Disturbance) -> Any:
-    """The disturbance if verified; otherwise the disturbance with `CheckedMethods`."""
-    return (
-        disturbance
-        if is_verified(disturbance)
-        else CheckedMethods(disturbance, effect=len(disturbance.forces))
-    )
-
-
-def _verified_base(part: Any) -> Any:
-    """First verified class from which a user's part derives; None: no such class."""
-    return next((each for each in type(part).__mro__ if is_verified(each)), None)
-
-
-def _columns_of_base(part: Any, name: str, *arguments: Any) -> int:
-    """Columns that a method returns in the verified base class, whose other methods read them."""
-    with suppress(
-        Exception
-    ):  # a subclass may lack what the base computes with; then it defines its own columns
-        given = getattr(_verified_base(part), name)(part, *map(copied, arguments))
-        return int((given[-1] if isinstance(given, tuple) else given).shape[1])
-    return 0
-
-
-def _fix_columns(checked: CheckedMethods, name: str, least: int, *arguments: Any) -> Any:
-    """Result of a method; fix its number of columns, at least ``least``."""
-    given = getattr(checked, name)(*arguments)
-    array = given[-1] if isinstance(given, tuple) else given
-    if array is not None:
-        checked.columns[RETURNED[name][-1]] = max(array.shape[1], least)
-        getattr(checked, name)(*arguments)  # refuses fewer columns
-    return given
 
 
 def check_causal(sensors: Sensors, forces: Forces) -> None:

@@ -1,0 +1,227 @@
+"""Each thing that `check_system` finds, in each method of a toy system's parts."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from contract import OURS, single_class
+from toy_system import POD, SYSTEM, Breeze, Cart, Post
+
+from estimators import compiled
+from vessel_gym import check_system
+from vessel_gym.core import Core
+from vessel_gym.envs import register_environment
+from vessel_gym.processes import Process
+from vessel_gym.system import System
+
+PARTS: dict[str, tuple[type, tuple[str, ...]]] = {
+    "vehicle": (Cart, ("start", "actuate", "known_input", "parameters", "step", "drift")),
+    "disturbance": (Breeze, ("effect", "met", "draw", "effect_at")),
+    "task": (Post, ("scenario", "reference", "commanded", "exogenous", "initial_score_state", "over",
+                    "score", "observe", "observe_state", "observe_mission")),
+    "sensor": (type(POD), ("reads", "sd")),
+}  # fmt: skip
+METHODS = [(part, name) for part, (_, names) in PARTS.items() for name in names]
+
+
+def with_part(part: str, made: Any) -> System:
+    """The toy system with another part."""
+    if part == "disturbance":
+        return replace(SYSTEM, disturbances={"moderate": made})
+    return replace(SYSTEM, **{part: made})
+
+
+def broken(part: str, name: str, wrap: Callable[..., Any]) -> System:
+    """The toy system with one method wrapped: a function of the method and its arguments."""
+    if part == "sensor":
+        method = getattr(POD, name)
+        pod = replace(POD, **{name: lambda *arguments: wrap(method, *arguments)})
+        return replace(SYSTEM, sensors=(*Cart.sensors, pod))
+    base = PARTS[part][0]
+    method = getattr(base, name)
+
+    def wrapped(self: Any, *arguments: Any) -> Any:
+        return wrap(lambda *given: method(self, *given), *arguments)
+
+    members = {"effect_at": Breeze.effect_at} if part == "disturbance" else {}
+    return with_part(part, type("Broken", (base,), members | {name: wrapped})())
+
+
+def each(change: Callable[[Any], Any]) -> Callable[..., Any]:
+    """A wrapper that changes all arrays of a result."""
+
+    def wrap(method: Any, *arguments: Any) -> Any:
+        given = method(*arguments)
+        return tuple(map(change, given)) if isinstance(given, tuple) else change(given)
+
+    return wrap
+
+
+def writing(method: Any, *arguments: Any) -> Any:
+    """A method that writes into its first argument."""
+    arguments[0][...] = 0.0
+    return method(*arguments)
+
+
+def branching(method: Any, *arguments: Any) -> Any:
+    """A method that decides for one vehicle."""
+    return method(*arguments) * (1.0 if arguments[0][:, 0] > 0.0 else 2.0)
+
+
+RNG = np.random.default_rng(0)
+FAULTS: dict[str, tuple[Callable[..., Any], str]] = {
+    "not finite": (each(lambda x: x * np.nan), r" gave .*nan.* it must give finite numbers$"),
+    "no array": (each(lambda x: x.tolist()), " must give arrays of real numbers, got "),
+    "complex": (each(lambda x: x * 1j), " must give arrays of real numbers, got "),
+    "one row": (each(lambda x: x[:1]), " must give .* for each vehicle: for 3 it gave "),
+    "random": (each(lambda x: x + RNG.random()), " gave two values for the same arguments: "),
+    "mixed": (each(lambda x: x + len(x)), " gives a vehicle alone other numbers than in a batch: "),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("env_id", OURS)
+def test_systems_of_the_package_pass(env_id: str) -> None:
+    check_system(single_class(env_id).system)
+
+
+def test_the_toy_system_passes_and_runs() -> None:
+    check_system(SYSTEM)
+    core = Core(SYSTEM, 3)
+    core.start(0)
+    for _ in range(5):
+        core.step(np.zeros((3, 1)))
+    assert np.isfinite(core.observe()).all()
+
+
+@pytest.mark.parametrize(("part", "name"), METHODS)
+def test_a_fault_of_any_method_names_it(part: str, name: str) -> None:
+    wrap, sentence = FAULTS["not finite"]
+    who = "pod" if part == "sensor" else "Broken"
+    with pytest.raises(ValueError, match=f"^{name} of {who}{sentence}"):
+        check_system(broken(part, name, wrap))
+
+
+@pytest.mark.parametrize(("wrap", "sentence"), FAULTS.values(), ids=FAULTS)
+@pytest.mark.parametrize(("part", "name"), [("vehicle", "drift"), ("task", "score")])
+def test_each_fault_is_answered_in_one_sentence(
+    part: str, name: str, wrap: Callable[..., Any], sentence: str
+) -> None:
+    with pytest.raises(ValueError, match=f"^{name} of Broken{sentence}") as caught:
+        check_system(broken(part, name, wrap))
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 300
+
+
+@pytest.mark.parametrize(
+    ("wrap", "advice"),
+    [(writing, "its arguments may only be read"), (branching, "with np.where for if")],
+)
+def test_an_error_within_a_method_comes_with_advice(wrap: Any, advice: str) -> None:
+    with pytest.raises(ValueError, match=f"^step of Broken fails for 3 vehicles .*{advice}"):
+        check_system(broken("vehicle", "step", wrap))
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [(lambda x: x + (type(x) is np.ndarray), "gives other numbers compiled than in NumPy"),
+     (lambda x: x + 0.0 * np.array(x, float), "fails .* leave out @compiled")],
+)  # fmt: skip
+@pytest.mark.parametrize("whole", [True, False])
+def test_compiled_and_numpy_must_agree(change: Any, sentence: str, whole: bool) -> None:
+    def drift(self: Any, x: Any, u: Any, flow: Any) -> Any:
+        return change(Cart.drift(self, x, u, flow))
+
+    cart = type("Broken", (Cart,), {"drift": drift if whole else compiled(drift)})
+    with pytest.raises(ValueError, match=f"^drift of Broken.* {sentence}"):
+        check_system(with_part("vehicle", compiled(cart)() if whole else cart()))
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value"),
+    [("forces", ("gust",)), ("averaged", ("gust",)), ("white_increments", ("breeze",)),
+     ("inputs", ("u increment",)), ("inputs", ("breeze", "breeze")), ("names", ("x",)),
+     ("names", ("a", "b")), ("scale", (1.0, 1.0)), ("white", np.eye(1)),
+     ("process", Process(1.1 * np.eye(1), np.eye(1), np.eye(1)))],
+)  # fmt: skip
+def test_a_disturbance_that_contradicts_itself_is_refused(attribute: str, value: Any) -> None:
+    made = type("Broken", (Breeze,), {attribute: value})()
+    with pytest.raises(ValueError, match=f"^{attribute} of Broken "):
+        check_system(with_part("disturbance", made))
+
+
+def test_an_effect_that_a_field_does_not_use_is_refused() -> None:
+    made = type("Broken", (Breeze,), {"effect": lambda self, z, state: 2.0 * z})()
+    with pytest.raises(ValueError, match=r"^effect of Broken is not used, .* by effect_at: "):
+        check_system(with_part("disturbance", made))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "kind"),
+    [("prior", None, TypeError), ("sizes", {"guided": 1}, ValueError)],
+)
+def test_a_prior_and_sizes_must_fit(name: str, value: Any, kind: type[Exception]) -> None:
+    task = type("Broken", (Post,), {name: lambda self, *arguments: value})()
+    with pytest.raises(kind, match=f"^{name} of Broken must give "):
+        check_system(with_part("task", task))
+
+
+def test_a_negative_deviation_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^sd of pod must give numbers of at least 0$"):
+        check_system(broken("sensor", "sd", each(np.negative)))
+
+
+def test_an_end_without_a_reason_is_refused() -> None:
+    ends = broken(
+        "task", "score", lambda method, *given: (lambda r, e, s: (r, e + 7, s))(*method(*given))
+    )
+    with pytest.raises(ValueError, match=r"^score of Broken must give numbers of end_reasons"):
+        check_system(ends)
+
+
+def test_registration_checks_the_system() -> None:
+    with pytest.raises(ValueError, match=r"^step of Broken gave"):
+        register_environment(broken("vehicle", "step", FAULTS["not finite"][0]))
+    assert SYSTEM.name not in gym.registry
+
+
+# --- at run time ----------------------------------------------------------------------------------
+
+
+def flown(system: System, **options: Any) -> Core:
+    """Three environments after six steps."""
+    core = Core(system, 3, **options)
+    core.start(0)
+    for _ in range(6):
+        core.step(np.full((3, 1), 0.5))
+        core.observe()
+    return core
+
+
+def from_step_two(method: Any, *arguments: Any) -> Any:
+    """A method that breaks in the second row once the cart has moved."""
+    given = method(*arguments)
+    first = given[0] if isinstance(given, tuple) else given
+    first = np.where(
+        (np.arange(len(first)) == 1) & (np.abs(arguments[0][..., 0]) > 0.3), np.nan, first.T
+    ).T
+    return (first, *given[1:]) if isinstance(given, tuple) else first
+
+
+@pytest.mark.parametrize(("part", "name"), [("vehicle", "step"), ("task", "score")])
+def test_what_is_not_finite_is_refused_at_its_step(part: str, name: str) -> None:
+    sentence = rf"^{name} of Broken gave .*nan.* at step \d in row 1: it must give finite numbers$"
+    with pytest.raises(ValueError, match=sentence):
+        flown(broken(part, name, from_step_two), estimator="truth")
+
+
+def test_a_diverged_vehicle_is_no_error_of_its_methods() -> None:
+    fleeing = broken(
+        "vehicle", "step", lambda method, *given: 1e100 * (1.0 + np.abs(method(*given)))
+    )
+    with np.errstate(all="ignore"):
+        core = flown(fleeing, estimator="dead-reckoning")
+    assert not np.isfinite(core.now.state).all()
+    assert np.isfinite(core.now.belief.mean).all()

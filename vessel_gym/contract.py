@@ -1,0 +1,294 @@
+"""Check of a system of one's own, as Gymnasium's ``check_env`` checks environments.
+
+::
+
+    from vessel_gym import check_system
+
+    check_system(system)  # silent, or one sentence: what is wrong, and what to do
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from estimators import Gaussian
+from estimators.checks import frozen, short_repr
+from estimators.engine import Compiled, compiled
+from vessel_gym.checks import is_compiled
+from vessel_gym.disturbances import Disturbance
+from vessel_gym.filter_models.exogenous import change_of, input_channels
+from vessel_gym.system import Estimate, System, Task, Vehicle
+
+_ROWS = 3
+_SAME = 1e-9
+"""Largest difference between two ways to compute a number, relative to the largest entry."""
+_Shape = tuple[int | None, ...]
+_ANY: _Shape = (None,)
+_NUMBER: _Shape = ()
+"""Shapes of a row of a result: any number of columns, and one number."""
+
+
+def check_system(system: System) -> None:
+    """Try each method of a system's parts on three vehicles, and say what is wrong with it.
+
+    The parts are the vehicle, the disturbances, the sensors and the task. A method must give a row
+    for each vehicle, the row that it gives a vehicle alone, and finite numbers. It must repeat
+    itself and leave its arguments as they are. A method that is compiled, or of a class that is,
+    must give what it gives in NumPy.
+
+    Raises:
+        ValueError: in one sentence, for the first fault found.
+        TypeError: for a prior that is no `estimators.Gaussian`.
+    """
+    state, actuators, exogenous = _check_vehicle(system.vehicle, system.task)
+    for disturbance in system.disturbances.values():
+        _check_disturbance(disturbance, system.vehicle, state)
+    for sensor in system.nominal_sensors:
+        channels, title = (len(sensor.channels),), sensor.name
+        (y,) = _checked(f"reads of {title}", sensor.reads, [state, exogenous], channels)
+        if callable(sensor.sd):
+            (sd,) = _checked(f"sd of {title}", sensor.sd, [y], channels)
+            if (sd < 0.0).any():
+                raise ValueError(f"sd of {title} must give numbers of at least 0")
+    _check_task(system.task, system.vehicle, state, actuators, exogenous)
+
+
+# --- the parts ------------------------------------------------------------------------------------
+
+
+def _uniforms(columns: int) -> np.ndarray:
+    """Random numbers in [0, 1], a row for each vehicle."""
+    return np.random.default_rng(0).uniform(size=(_ROWS, columns))
+
+
+def _check_vehicle(vehicle: Vehicle, task: Task) -> tuple[np.ndarray, ...]:
+    """Check a vehicle; states, actuators and exogenous inputs of three vehicles."""
+    cruise, u = (np.asarray(each, float) for each in vehicle.cruise)
+    size, width = len(vehicle.state_names), len(vehicle.parameter_names)
+    x = cruise + 0.01 * _uniforms(len(cruise))
+    state, before = _tried(vehicle, "start", [x], (size,), _ANY)
+    action = _uniforms(len(vehicle.action_names))
+    (after,) = _tried(vehicle, "actuate", [before, action], before.shape[1:])
+    commanded = task.commanded(_scenario(task), np.zeros(_ROWS, int))
+    (known,) = _tried(vehicle, "known_input", [before, after, commanded], u.shape)
+    what, normals = f"parameters of {type(vehicle).__name__}", _uniforms(vehicle.normals)
+    (parameters,) = _checked(what, lambda u: vehicle.parameters(0.1, u), [normals], (width,))
+    first = len(vehicle.increments)
+    exogenous = 0.01 * _uniforms(first + len(vehicle.ambient_flows))
+    (state,) = _tried(vehicle, "step", [state, before, after, exogenous, parameters], (size,))
+    _tried(vehicle, "drift", [x, known, exogenous[:, first:]], cruise.shape)
+    return state, after, exogenous
+
+
+def _check_disturbance(disturbance: Disturbance, vehicle: Vehicle, state: np.ndarray) -> None:
+    """Check attributes and methods of a disturbance."""
+    for sentence in _contradictions(disturbance, vehicle):
+        raise ValueError(sentence)
+    shape, k = (len(disturbance.forces),), disturbance.process.size
+    root = disturbance.process.start_root
+    z = _uniforms(root.shape[1]) @ root.T
+    _tried(disturbance, "effect", [z, state], shape)
+    _tried(disturbance, "met", [z, state, state + 0.01], (k,))
+    if disturbance.uniforms:
+        (constants,) = _tried(disturbance, "draw", [_uniforms(disturbance.uniforms)], _ANY)
+        time = np.arange(_ROWS) * vehicle.dt
+        _tried(disturbance, "effect_at", [constants, time, z, state], shape)
+
+
+def _contradictions(disturbance: Disturbance, vehicle: Vehicle) -> Iterator[str]:
+    """Sentences about attributes of a disturbance that contradict each other or the vehicle."""
+    who, names, process = type(disturbance).__name__, disturbance.names, disturbance.process
+    forces, white = disturbance.forces, disturbance.white_increments
+    for attribute, known in (
+        ("forces", input_channels(vehicle)), ("averaged", forces),
+        ("white_increments", [name for name in vehicle.increments if name not in forces]),
+        ("inputs", (*forces, *white, *map(change_of, names))),
+    ):  # fmt: skip
+        given: Any = getattr(disturbance, attribute) or ()
+        if not {*given} <= {*known} or len({*given}) < len(given):
+            wanted = f"a tuple of different names from {', '.join(known)}"
+            yield f"{attribute} of {who} must be {wanted}, got {short_repr(given)}"
+    if {*names} & {*vehicle.state_names}:
+        yield f"names of {who} must differ from the vehicle's states, got {short_repr(names)}"
+    for attribute, size in ("names", process.size), ("scale", process.size), ("white", len(white)):
+        given = getattr(disturbance, attribute)
+        if given is not None and len(given) != size:
+            yield f"{attribute} of {who} must have {size} entries, got {short_repr(given)}"
+    owners = [
+        next(each for each in type(disturbance).__mro__ if name in vars(each))
+        for name in ("effect", "effect_at")
+    ]
+    if disturbance.uniforms and owners[0] is not owners[1] and issubclass(*owners):
+        yield f"effect of {who} is not used, as a field acts by effect_at: override that"
+    modulus = np.abs(np.linalg.eigvals(process.transition)).max(initial=0.0)
+    if modulus > 1.0 + 1e-6:
+        yield f"process of {who} grows by a factor of {modulus:.3g} a step: 1 is the most"
+
+
+def _scenario(task: Task) -> np.ndarray:
+    """Scenarios of three vehicles."""
+    what, uniforms = f"scenario of {type(task).__name__}", _uniforms(task.uniforms)
+    return _checked(what, lambda u: task.scenario(u, {}), [uniforms], _ANY)[0]
+
+
+def _check_task(
+    task: Task, vehicle: Vehicle, state: np.ndarray, actuators: np.ndarray, exogenous: np.ndarray
+) -> None:
+    """Check the methods of a task."""
+    scenario, tried, who = _scenario(task), partial(_tried, task), type(task).__name__
+    step = np.arange(1, 1 + _ROWS)
+    prior = task.prior(scenario)
+    if not isinstance(prior, Gaussian):
+        raise TypeError(f"prior of {who} must give a Gaussian, got {short_repr(prior)}")
+    n = len(vehicle.estimated(vehicle.kinds[0]))
+    (x,) = _checked(f"the mean of prior of {who}", lambda: prior.mean, [], (n,))
+    (reference,) = tried("reference", [scenario, step, x], _ANY)
+    if task.commanded(scenario, step) is not None:
+        tried("commanded", [scenario, step], _ANY)
+    if hasattr(task, "exogenous"):
+        tried("exogenous", [scenario, step], exogenous.shape[1:])
+    (score_state,) = tried("initial_score_state", [state, scenario], _ANY)
+    (over,) = tried("over", [scenario, reference], _NUMBER)
+    scored = [
+        state, exogenous, scenario, reference, over, actuators,
+        _uniforms(len(vehicle.action_names)), score_state,
+    ]  # fmt: skip
+    _, end, _ = tried("score", scored, _NUMBER, _NUMBER, score_state.shape[1:])
+    if not np.isin(end, np.arange(len(task.end_reasons))).all():
+        raise ValueError(
+            f"score of {who} must give numbers of end_reasons, whole and below"
+            f" {len(task.end_reasons)}, got {short_repr(end.tolist())}"
+        )
+    flow = exogenous[:, len(vehicle.increments) :]
+    _check_observations(task, x, flow, [scenario, reference, actuators], step)
+
+
+def _check_observations(
+    task: Task, x: np.ndarray, flow: np.ndarray, seen: list[np.ndarray], step: np.ndarray
+) -> None:
+    """Check the parts of an observation, and that they have the sizes that the task says."""
+    scenario, _, actuators = seen
+    who, compiles = type(task).__name__, is_compiled(task)
+
+    def observe(x: np.ndarray, flow: np.ndarray, *seen: np.ndarray) -> np.ndarray:
+        return task.observe(Estimate(x, flow), *seen)
+
+    def observe_state(x: np.ndarray, flow: np.ndarray, scenario: np.ndarray) -> np.ndarray:
+        return task.observe_state(Estimate(x, flow), scenario)
+
+    given = x, flow, *seen
+    (state,) = _checked(f"observe_state of {who}", observe_state, given[:3], _ANY)
+    (guided,) = _checked(f"observe of {who}", observe, given, _ANY, compiles=compiles)
+    (mission,) = _tried(task, "observe_mission", [scenario, step, actuators], _ANY)
+    sizes, last = task.sizes(0, x.shape[1]), mission.shape[1]
+    found = {"guided": guided.shape[1], "unguided": state.shape[1] + last, "mission": last}
+    if not found.items() <= sizes.items():
+        raise ValueError(f"sizes of {who} must give {found}, got {short_repr(sizes)}")
+
+
+# --- a method -------------------------------------------------------------------------------------
+
+
+def _tried(
+    part: object, name: str, arguments: Sequence[Any], *shapes: _Shape
+) -> tuple[np.ndarray, ...]:
+    """Results of a part's method, checked."""
+    return _checked(f"{name} of {type(part).__name__}", getattr(part, name), arguments, *shapes)
+
+
+def _checked(
+    what: str, method: Callable[..., Any], arguments: Sequence[Any], *shapes: _Shape,
+    compiles: bool | None = None,
+) -> tuple[np.ndarray, ...]:  # fmt: skip
+    """Results of a method for three vehicles, checked as `check_system` says.
+
+    Args:
+        what: Name of the method, for error messages.
+        method: Function of arrays.
+        arguments: Arrays with a row for each vehicle, or None.
+        shapes: _Shape of a row of each result.
+        compiles: Is the method compiled? None: if it, or its class, is decorated so.
+    """
+    plain = method.function if isinstance(method, Compiled) else method
+    found = _results(what, plain, arguments, shapes)
+    _compare(
+        found, _results(what, plain, arguments, shapes), 0.0,
+        f"{what} gave two values for the same arguments: it must depend on these alone, without"
+        " random numbers, clocks or counters of its own",
+    )  # fmt: skip
+    for row in range(_ROWS) if arguments else ():
+        one = slice(row, row + 1)
+        alone = [each if each is None else each[one] for each in arguments]
+        _compare(
+            tuple(each[one] for each in found), _results(what, plain, alone, shapes), _SAME,
+            f"{what} gives a vehicle alone other numbers than in a batch: rows must share nothing,"
+            " so compute along the last axis, as by np.sum(x, -1)",
+        )  # fmt: skip
+    if is_compiled(method) if compiles is None else compiles:
+        axes = [0 if each is None else each.ndim - 1 for each in arguments]
+        traced = method if isinstance(method, Compiled) else compiled(method, axes=axes)
+        _compare(
+            found, _results(f"{what}, compiled,", traced, arguments, shapes), _SAME,
+            f"{what} gives other numbers compiled than in NumPy: it is traced once, so it must"
+            " depend on its arguments and constants alone; or leave out @compiled",
+        )  # fmt: skip
+    return found
+
+
+def _results(
+    what: str, method: Callable[..., Any], arguments: Sequence[Any], shapes: tuple[_Shape, ...]
+) -> tuple[np.ndarray, ...]:
+    """Results of a method of read-only arguments, an array of finite numbers of each shape.
+
+    Raises:
+        ValueError: if the method fails, or a result is another one.
+    """
+    given: list[Any] = [None if each is None else frozen(np.array(each)) for each in arguments]
+    rows = len(given[0]) if given else _ROWS
+    try:
+        with np.errstate(all="ignore"):
+            returned = method(*given)
+    except Exception as error:
+        advice = "write it for any number of rows, with np.where for if and & for and"
+        if "read-only" in str(error):
+            advice = "its arguments may only be read, so compute a new array"
+        if what.endswith("compiled,"):
+            advice = "use what docs/engine.md lists, or leave out @compiled"
+        reason = f"{type(error).__name__}: {short_repr(str(error))}"
+        raise ValueError(f"{what} fails for {rows} vehicles ({reason}): {advice}") from error
+    results = returned if isinstance(returned, tuple) else (returned,)
+    if len(results) != len(shapes):
+        raise ValueError(f"{what} must give {len(shapes)} arrays, got {short_repr(returned)}")
+    for array, shape in zip(results, shapes, strict=True):
+        if not (isinstance(array, np.ndarray) and array.dtype.kind in "fiub"):
+            raise ValueError(f"{what} must give arrays of real numbers, got {short_repr(array)}")
+        wanted = (rows, *(array.shape[-1:] if shape == _ANY else shape))
+        if array.shape != wanted or (shape == _ANY and array.ndim != 2):
+            numbers = "one number" if shape == _NUMBER else "a row"
+            numbers += f" of {shape[0]} numbers" if shape not in (_ANY, _NUMBER) else ""
+            raise ValueError(
+                f"{what} must give {numbers} for each vehicle: for {rows} it gave shape"
+                f" {array.shape}"
+            )
+        if not np.isfinite(array).all():
+            raise ValueError(
+                f"{what} gave {short_repr(array.tolist())} in ordinary motion: it must give finite"
+                " numbers"
+            )
+    return tuple(results)
+
+
+def _compare(
+    one: tuple[np.ndarray, ...], other: tuple[np.ndarray, ...], tolerance: float, sentence: str
+) -> None:
+    """Refuse results that differ by more than ``tolerance`` of the largest entry.
+
+    Raises:
+        ValueError: with the sentence.
+    """
+    for a, b in zip(one, other, strict=True):
+        scale = np.abs(b).max(initial=1.0)
+        if not (np.abs(1.0 * a - b) <= tolerance * scale).all():
+            raise ValueError(sentence)
