@@ -282,9 +282,9 @@ class Core:
             with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
                 parts = np.concatenate(self._observed(), -1)
                 observation = np.clip(parts, -task.BOUND, task.BOUND)
-        if not is_compiled(task):
-            name = f"the observation of {type(task).__name__}"
-            refuse_not_finite(name, observation, now.steps, None, now.belief.mean, now.state)
+            if not is_compiled(task):
+                name = f"the observation of {type(task).__name__}"
+                refuse_not_finite(name, observation, now.steps, None, now.belief.mean, now.state)
         return observation.astype(np.float32, "C")
 
     def _observed(self) -> list[np.ndarray]:

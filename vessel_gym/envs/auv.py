@@ -6,6 +6,7 @@ from typing import Any
 
 from vessel_gym.disturbances import Disturbance, SurfaceWater, Water
 from vessel_gym.envs.shared import tuning
+from vessel_gym.sharing import shared
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import SpatialDive, VerticalDive
 from vessel_gym.vehicles.auv import AUVParameters
@@ -48,7 +49,12 @@ def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
         ValueError: for an error in the file; the message names its line.
         OSError: if the file cannot be read.
     """
-    body: Any = load(vessel, AUVParameters)
+    return _of_body(load(vessel, AUVParameters), name)
+
+
+@shared
+def _of_body(body: Any, name: str) -> System:
+    """`auv_system` of parameters."""
     if isinstance(body, ItsunusaParameters):
         share = body.cruise_speed / 1.5
         plane = VerticalDive(

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from vessel_gym.disturbances import Air
 from vessel_gym.envs.shared import tuning
+from vessel_gym.sharing import shared
 from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.files import load
@@ -32,7 +33,12 @@ def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0")
         ValueError: for an error in the file; the message names its line.
         OSError: if the file cannot be read.
     """
-    body = load(vessel, PunaParameters)
+    return _of_body(load(vessel, PunaParameters), name)
+
+
+@shared
+def _of_body(body: PunaParameters, name: str) -> System:
+    """`fixed_wing_system` of parameters."""
     share = (body.cruise_speed / 20.0) ** 2  # a turn at the same bank is so much wider
     task = Flight(
         body,

@@ -14,7 +14,6 @@ from vessel_gym.checks import one_of
 from vessel_gym.configuration import Options
 from vessel_gym.core import Core
 from vessel_gym.filter_models.build import BESIDE_BIASES, OF_UNKNOWN_INPUTS, Composition
-from vessel_gym.verified import verified
 
 
 def observation_space(core: Core) -> Box:
@@ -60,7 +59,6 @@ def first_seed(env: gym.Env | gym.vector.VectorEnv, core: Core) -> int | None:
     return None if seed == -1 else seed  # -1: np_random was set from outside
 
 
-@verified
 def tuning(name: str, composition: Composition) -> dict[str, Any]:
     """Options of filters: the variance of the unknown input, and the radius of `robust-kf`."""
     if name == "robust-kf":

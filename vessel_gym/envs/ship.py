@@ -10,6 +10,7 @@ import numpy as np
 from vessel_gym.checks import instance
 from vessel_gym.envs.shared import tuning
 from vessel_gym.seaway import Seaway
+from vessel_gym.sharing import shared
 from vessel_gym.system import System
 from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
@@ -47,6 +48,12 @@ def ship_system(
     """
     instance("name", name, str)
     ship = vessel if isinstance(vessel, CorvetteParameters) else load(vessel, CorvetteParameters)
+    return _of_ship(ship, name)
+
+
+@shared
+def _of_ship(ship: CorvetteParameters, name: str) -> System:
+    """`ship_system` of parameters."""
     task = CircleTrack(ship, pace(ship))
     return System(
         name=name,
