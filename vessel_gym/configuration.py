@@ -167,15 +167,12 @@ class Configuration:
         delivery: Faults and delays of measurements.
         estimators: The estimator and, with ``raw``, that of raw measurements.
         mission: The task's part of a step.
-        whole_steps: World, estimator and mission as one program, without and with the arrays of
-            ``info``; empty if they cannot be one.
         shown: Stage that returns the arrays of ``info``.
         estimation: Estimator and its model.
         raw: Estimation from raw measurements, if they are observed with guidance; otherwise None.
         observe_mode: One of `OBSERVE`.
         prior_index: Indices of the true state's components in the filter's widest model.
         perfect: Sum of rewards of a perfect episode, and reward of a further step.
-        nominal: Parameters ``(1, k)`` of the filter's model.
 
     Raises:
         ValueError: as `Options`.
@@ -197,7 +194,6 @@ class Configuration:
         if options.guidance and raw:
             wide = {"model": vehicle.kinds[0]}  # raw guidance is equal for all estimators
             self.raw = build(system, "measurement", wide, *rest)
-        self.observation_size = self._observation_size()
         self.action_size = len(vehicle.action_names)
         self.perfect = (
             float(system.task.perfect),
@@ -213,20 +209,37 @@ class Configuration:
         self.unknown_input = UnknownInput.of(world, self.estimation.inputs)
         true = self.true_state, self.unknown_input
         self.shown = Stage(partial(info_arrays, *true), compiled=True, own=len(INFO))
-        prior_size = len(self.prior_index)
-        self.draws = Draws.of(world, system.task.uniforms, prior_size, options.mismatch)
         self.delivery = Delivery(world.sensors)
         both = (self.estimation, "belief"), (self.raw, "raw")
         self.estimators = [
             Estimator(each, field, partial(_oracle, *true)) for each, field in both if each
         ]
-        parts = world, self.estimation, self.mission
-        self.whole_steps: Sequence[WholeStep] = ()
-        if self.raw is None and WholeStep.serves(*parts):
-            self.whole_steps = tuple(_whole_step(*parts, info) for info in (False, True))
-        self.nominal = np.array(world.vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
 
-    def _observation_size(self) -> int:
+    @cached_property
+    def whole_steps(self) -> Sequence[WholeStep]:
+        """World, estimator and mission as one program, without and with the arrays of ``info``.
+
+        Empty if they cannot be one.
+        """
+        parts = self.world, self.estimation, self.mission
+        if self.raw is not None or not WholeStep.serves(*parts):
+            return ()
+        return tuple(_whole_step(*parts, info) for info in (False, True))
+
+    @cached_property
+    def nominal(self) -> np.ndarray:
+        """Parameters ``(1, k)`` of the filter's model."""
+        vehicle = self.system.vehicle
+        return np.array(self.world.vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
+
+    @cached_property
+    def draws(self) -> Draws:
+        """Random numbers of an episode's start."""
+        size, mismatch = len(self.prior_index), self.options.mismatch
+        return Draws.of(self.world, self.system.task.uniforms, size, mismatch)
+
+    @cached_property
+    def observation_size(self) -> int:
         """Number of components of an observation."""
         seen = observed(self.observe_mode, bool(self.options.guidance))
         sizes = self.system.task.sizes(self.sensors.size, len(self.composition.names))

@@ -1,9 +1,9 @@
 """Equations as NumPy functions: traced once, derived exactly, compiled in a fraction of a second.
 
 See docs/engine.md. `compiled` compiles a function of arrays ``(..., n)``, which can use `along`,
-`lookup`, `sincos` and others in addition to NumPy's functions; `trace` makes programs of filters and
-of whole steps. This package imports only `estimators.checks`. Other code imports the names below,
-from here, and nothing from its modules.
+`lookup`, `sincos` and others in addition to NumPy's functions; `trace` makes programs of filters
+and of whole steps. This package imports only `estimators.checks`. Other code imports the names
+below, from here, and nothing from its modules.
 """
 
 from estimators.engine import linear
