@@ -22,9 +22,9 @@ from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor, Sensors
 from vessel_gym.sharing import shared
 from vessel_gym.start import Draws
-from vessel_gym.state import Stage, State
+from vessel_gym.state import Changes, Stage, State
 from vessel_gym.system import System, Task, Vehicle
-from vessel_gym.truth import INFO, TrueState, UnknownInput, info_arrays
+from vessel_gym.truth import INFO, SCORED, TrueState, UnknownInput, info_arrays
 from vessel_gym.whole_step import WholeStep
 from vessel_gym.world import World
 
@@ -167,7 +167,6 @@ class Configuration:
         delivery: Faults and delays of measurements.
         estimators: The estimator and, with ``raw``, that of raw measurements.
         mission: The task's part of a step.
-        shown: Stage that returns the arrays of ``info``.
         estimation: Estimator and its model.
         raw: Estimation from raw measurements, if they are observed with guidance; otherwise None.
         observe_mode: One of `OBSERVE`.
@@ -208,7 +207,6 @@ class Configuration:
         self.true_state = TrueState.of(world, self.composition)
         self.unknown_input = UnknownInput.of(world, self.estimation.inputs)
         true = self.true_state, self.unknown_input
-        self.shown = Stage(partial(info_arrays, *true), compiled=True, own=len(INFO))
         self.delivery = Delivery(world.sensors)
         both = (self.estimation, "belief"), (self.raw, "raw")
         self.estimators = [
@@ -225,6 +223,20 @@ class Configuration:
         if self.raw is not None or not WholeStep.serves(*parts):
             return ()
         return tuple(_whole_step(*parts, info) for info in (False, True))
+
+    @cached_property
+    def shown(self) -> Stage:
+        """Stage that returns ``info``."""
+        return Stage(self._shown, compiled=True, own=len(INFO) + len(SCORED))
+
+    def _shown(self, now: State) -> Changes:
+        """Arrays of ``info``."""
+        (perfect, each), belief = self.perfect, now.belief
+        shares = now.total / np.maximum(perfect, each * now.steps)
+        score = np.minimum(np.maximum(shares, 0.0), 1.0)
+        scored = belief.healthy, score, now.end, now.end == self.success
+        arrays = info_arrays(self.true_state, self.unknown_input, now)
+        return arrays | dict(zip(SCORED, scored, strict=True))
 
     @cached_property
     def nominal(self) -> np.ndarray:

@@ -18,6 +18,7 @@ from vessel_gym.start import DRAWN, draw, filter_prior, seeds_of
 from vessel_gym.state import State
 from vessel_gym.system import System
 from vessel_gym.tasks.task import Estimate
+from vessel_gym.truth import SCORED
 from vessel_gym.whole_step import Moment
 
 _FEW = 64
@@ -344,25 +345,21 @@ class Core:
             rows: Mask ``(B,)`` of the rows to copy; other rows hold 0. None for all.
             moment: What `advance` has just returned, whose arrays nobody else has.
         """
-        last = self.last
         if moment is None:
             info = self.happened()
-            info["healthy"] = self.now.belief.healthy.copy()
         else:
-            info = moment.info()
+            info, last = moment.info(), self.last
             if self.num_envs == 1:
                 info = {name: values[None] for name, values in info.items()}
-            info["healthy"] = np.ones(self.num_envs, bool)
-        info |= {
-            "score": self.score, "end": last.end.copy(),
-            "is_success": last.end == self.config.success,
-        }  # fmt: skip
+            healthy, success = np.ones(self.num_envs, bool), last.end == self.config.success
+            scored = healthy, self.score, last.end.copy(), success
+            info |= zip(SCORED, scored, strict=True)
         if rows is None:
             return info
         return {name: _only(rows, values) for name, values in info.items()}
 
     def happened(self) -> dict[str, np.ndarray]:
-        """The last step's record in arrays of the caller's, without its healthy rows and score."""
+        """The last step's record in arrays of the caller's, one row for each environment."""
         config, now = self.config, self.now
         happened = config.shown.changes(now)
         if now.faults is not None:

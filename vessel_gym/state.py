@@ -190,8 +190,8 @@ class Stages:
 
 
 def _arrays_of(belief: Any) -> dict[str, np.ndarray]:
-    """Mean and covariance of the state, and the mean of the unknown input."""
+    """Arrays of a belief that stages may read."""
     if belief is None:
         return {}
-    arrays = {"mean": belief.mean, "cov": belief.cov}
+    arrays = {"mean": belief.mean, "cov": belief.cov, "healthy": belief.healthy}
     return arrays | ({} if belief.input_mean is None else {"input_mean": belief.input_mean})

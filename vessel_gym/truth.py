@@ -16,6 +16,8 @@ INFO = (
     "covariance", "input_estimate", "parameters",
 )  # fmt: skip
 """Arrays of the record that ``info`` shows."""
+SCORED = "healthy", "score", "end", "is_success"
+"""What else it shows."""
 
 
 class TrueState(NamedTuple):

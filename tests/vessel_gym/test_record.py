@@ -65,9 +65,10 @@ def test_one_program_gives_the_bits_of_the_stages(env_id: str, estimator: str | 
         assert moment is not None
         together, apart = moment.record(), core._stages(action, None, None)
         core.now = apart
-        for name, array in core.happened().items():
-            shown = moment.info()[name]
-            np.testing.assert_array_equal(shown, array[0] if rows == 1 else array, name)
+        expected = core.happened()
+        for name, shown in moment.info().items():
+            array = expected[name][0] if rows == 1 else expected[name]
+            np.testing.assert_array_equal(shown, array, name)
             assert shown.flags.writeable
         for name, array in vars(apart).items():
             if isinstance(array, np.ndarray):

@@ -11,6 +11,7 @@ from vessel_gym.checks import checked_action, is_integer
 from vessel_gym.core import Core
 from vessel_gym.envs.shared import action_space, check_arguments, first_seed, observation_space
 from vessel_gym.system import System
+from vessel_gym.truth import SCORED
 from vessel_gym.whole_step import Moment
 
 
@@ -118,12 +119,8 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
             self._renderer = None
 
     def _info(self) -> dict[str, Any]:
-        core, config, now = self.core, self.core.config, self.core.now
-        info: dict[str, Any] = {name: values[0] for name, values in core.happened().items()}
-        number, total, steps = now.end.item(0), now.total.item(0), now.steps.item(0)
-        info["healthy"], info["score"] = now.belief.healthy.item(0), config.score_of(total, steps)
-        info["end"], info["is_success"] = number, number == config.success
-        return info
+        info = {name: values[0] for name, values in self.core.happened().items()}
+        return info | {name: info[name].item() for name in SCORED}
 
     def _record(self, begin: bool = False) -> None:
         if self._renderer is None:

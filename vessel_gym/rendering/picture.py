@@ -47,7 +47,7 @@ class Picture:
     def record(self) -> None:
         """Append the core's present state to the history."""
         core = self._core
-        present = core.happened() | {"action": core.now.action, "score": core.score}
+        present = core.happened() | {"action": core.now.action}
         for key, moments in self._history.items():
             moments.append(present[key][self._row].copy())
 
