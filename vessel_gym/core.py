@@ -108,17 +108,16 @@ class Core:
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
         action, moment = checked_action(action, shape, ended), None
-        given = self._given(measurements, self.num_envs)
-        if given is None and self._together:
+        if measurements is None and self._together:
             own = action[0] if self.num_envs == 1 else action
             moment = self.config.whole_steps[info](self.last, own)
-        self.last = self._stages(action, given, ended) if moment is None else moment
+        if moment is None:
+            given = self._given(measurements, self.num_envs)
+            self.last = self._stages(action, given, ended)
+        else:
+            self.last = moment
         self._record = None
         return moment
-
-    def end_of(self, row: int) -> int:
-        """Number of the end reason of one environment."""
-        return int(self.last.end.item(row))
 
     @property
     def now(self) -> State:

@@ -73,6 +73,10 @@ class State:
     end: Any = None  # (B,) number of the end reason
     observation: Any = None  # (B, k)
 
+    def end_of(self, row: int) -> int:
+        """Number of the end reason of one environment."""
+        return int(self.end[row])
+
     def but(self, **changes: Any) -> "State":
         """A record with other values in some fields."""
         other = object.__new__(State)

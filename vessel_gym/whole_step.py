@@ -47,10 +47,11 @@ class Moment(NamedTuple):
 
     def seen(self) -> tuple[np.ndarray, float, float, int, int]:
         """Observation, reward, sum of rewards, end and number of steps of one environment."""
-        places, (numbers, *others) = self.program.places, self.found
+        found, (observation, reward, total, end, steps) = self.found, self.program.places
+        numbers = found[0]
         return (
-            numbers[places.observation], numbers.item(places.reward), numbers.item(places.total),
-            others[places.end].item(), others[places.steps].item(),
+            numbers[observation], numbers.item(reward), numbers.item(total), found[end].item(),
+            found[steps].item(),
         )  # fmt: skip
 
     @property
@@ -68,15 +69,19 @@ class Moment(NamedTuple):
         """Sums of rewards ``(B,)``."""
         return np.atleast_1d(self.found[0][..., self.program.places.total])
 
+    def end_of(self, row: int) -> int:
+        """Number of the end reason of one environment."""
+        return int(self.found[self.program.places.end].item(row))
+
     @property
     def end(self) -> np.ndarray:
         """Numbers of the end reasons ``(B,)``."""
-        return np.atleast_1d(self.found[1 + self.program.places.end])
+        return np.atleast_1d(self.found[self.program.places.end])
 
     @property
     def steps(self) -> np.ndarray:
         """Numbers of steps ``(B,)``."""
-        return np.atleast_1d(self.found[1 + self.program.places.steps])
+        return np.atleast_1d(self.found[self.program.places.steps])
 
     @property
     def over(self) -> np.ndarray:
@@ -89,7 +94,7 @@ class Moment(NamedTuple):
 
 
 class _Places(NamedTuple):
-    """Places among the numbers, and of ends and steps among the other results."""
+    """Places among the numbers, and of ends and steps among the results."""
 
     observation: slice
     reward: int
@@ -197,9 +202,9 @@ class WholeStep:
         self._fixed = [name for name in apart if name not in {*self.others, *_GIVEN}]
         self._end_of_fixed, self.first_info = 1 + len(self._fixed), 1 + len(self.others)
         self._healthy = 1 + self.others.index("belief.healthy")
-        first, at = self.layout.first, self.others.index
+        first, end, steps = self.layout.first, *map(self.others.index, ("end", "steps"))
         observation = slice(first["observation"], first["observation"] + self._observed)
-        self.places = _Places(observation, first["reward"], first["total"], at("end"), at("steps"))
+        self.places = _Places(observation, first["reward"], first["total"], 1 + end, 1 + steps)
         values, names = ["action", *self._fixed, "", *self.others], ["", *apart]
         self._read = itemgetter(*(values.index(names[i]) for i in self._program.arguments))
 

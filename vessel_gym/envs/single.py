@@ -84,12 +84,12 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         After its end an episode does not change, with reward 0, until the next reset.
         """
         core = self.core
-        if core.end_of(0):
+        if core.last.end_of(0):
             checked_action(action, self._shape)
             return core.observe()[0], 0.0, True, False, self._info()
         moment = core.advance(action, self._shape)
         if moment is None:
-            reward, end = core.now.reward.item(0), core.end_of(0)
+            reward, end = core.now.reward.item(0), core.last.end_of(0)
             step = core.observe()[0], reward, end > 0, False, self._info()
         else:
             step = self._seen(moment)
