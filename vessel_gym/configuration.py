@@ -225,11 +225,11 @@ class Configuration:
         return tuple(_whole_step(*parts, info) for info in (False, True))
 
     @cached_property
-    def shown(self) -> Stage:
+    def info(self) -> Stage:
         """Stage that returns ``info``."""
-        return Stage(self._shown, compiled=True, own=len(INFO) + len(SCORED))
+        return Stage(self._info, compiled=True, own=len(INFO) + len(SCORED))
 
-    def _shown(self, now: State) -> Changes:
+    def _info(self, now: State) -> Changes:
         """Arrays of ``info``."""
         (perfect, each), belief = self.perfect, now.belief
         shares = now.total / np.maximum(perfect, each * now.steps)

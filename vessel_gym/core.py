@@ -65,12 +65,11 @@ class Core:
         self._together = bool(self.config.whole_steps) and num_envs <= _FEW
         self.seeds: list[int] = []
         zeros = np.zeros(num_envs, int)
-        self._record: State | None = None
         self.last: State | Moment = State(episode=zeros, over=zeros.astype(bool), end=zeros)
 
     def __getstate__(self) -> dict[str, Any]:
         """The attributes, with the record in place of a program's results."""
-        return vars(self) | {"last": self.now, "_record": None}
+        return vars(self) | {"last": self.now}
 
     # --- step -------------------------------------------------------------------------------------
 
@@ -116,7 +115,6 @@ class Core:
             self.last = self._stages(action, given, ended)
         else:
             self.last = moment
-        self._record = None
         return moment
 
     @property
@@ -126,11 +124,9 @@ class Core:
         Steps replace it and leave its arrays as they are, so that a record which is put back is
         stepped again with equal results.
         """
-        if isinstance(self.last, State):
-            return self.last
-        if self._record is None:
-            self._record = self.last.record()
-        return self._record
+        if not isinstance(self.last, State):
+            self.last = self.last.record()
+        return self.last
 
     @now.setter
     def now(self, now: State) -> None:
@@ -360,7 +356,7 @@ class Core:
     def happened(self) -> dict[str, np.ndarray]:
         """The last step's record in arrays of the caller's, one row for each environment."""
         config, now = self.config, self.now
-        happened = config.shown.changes(now)
+        happened = config.info.changes(now)
         if now.faults is not None:
             happened["sensor_faults"] = config.delivery.active(now)
         return happened

@@ -10,8 +10,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
 
-import numpy as np
-
 from estimators.engine.elementary import EXPANSIONS
 from estimators.engine.program import KINDS, Instruction, Program
 from estimators.engine.tracer import Tracer, cast, constant, within
@@ -50,10 +48,6 @@ def literal(value: Any, kind: str, width: int) -> str:
     else:
         text = str(int(value))
     return text if width == 1 else f"splat ({type_of(kind, 1)} {text})"
-
-
-LITERAL = (0.0, 1.0, -1.0, 0.5, -0.5, 2.0, np.inf, -np.inf)
-"""Floats that are literals in the code; other constants are read from memory."""
 
 
 class Module:

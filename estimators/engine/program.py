@@ -17,6 +17,8 @@ KINDS = {
     "u": np.dtype(np.uint64),
     "b": np.dtype(bool),
 }
+LITERAL = (0.0, 1.0, -1.0, 0.5, -0.5, 2.0, np.inf, -np.inf)
+"""Floats that are literals in the code; other constants are read from memory."""
 _LONGEST = 100_000  # values of a program; LLVM needs a second for 20,000
 
 

@@ -61,13 +61,13 @@ def test_training_flies_its_own_seeds_and_no_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int, memory: str
 ):
     flown: list[tuple[int, ...]] = []
-    original = Core.step
+    original = Core.advance
 
     def step(core: Core, *args: Any, **kwargs: Any) -> Any:
         flown.append(tuple(core.seeds))
         return original(core, *args, **kwargs)
 
-    monkeypatch.setattr(Core, "step", step)
+    monkeypatch.setattr(Core, "advance", step)
     train(ENV, tmp_path / "agent", seed=seed, steps=STEPS, memory=memory)
     first, rows = training_seed(seed), TINY["n_envs"]
     assert len(flown) == STEPS // rows
