@@ -38,7 +38,7 @@ class Layout:
         parts = {}
         for name, shape in self._shapes.items():
             start = self.first[name]
-            part = np.ascontiguousarray(numbers[:, start : start + prod(shape)])
+            part = numbers[:, start : start + prod(shape)].copy()  # for the strides of one row, too
             parts[name] = part.reshape(len(numbers), *shape)
             parts[name].setflags(write=False)
         return parts
