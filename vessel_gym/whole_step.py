@@ -21,7 +21,7 @@ _FIXED = "parameters", "scenario", "episode_constants"
 """Floats of the record that no step changes."""
 _GIVEN = "action", "noise_before", "exogenous_before"
 """Floats of the record that are arguments of a step, or follow from those before it."""
-_ROW = itemgetter(0)
+_ROW = itemgetter((0, ...))  # of one environment, also of one number an environment
 
 
 class Moment(NamedTuple):

@@ -105,7 +105,7 @@ FAMILIES = {
     "auv": ("SegorogeniAUV-v0", "ItsunusaAUV-v0"),
     "fixed_wing": ("PunaUAV-v0",),
 }
-MOST = {"vessel_gym": 66, "estimators": 37}
+MOST = {"vessel_gym": 66, "estimators": 35}
 """Modules that a first use may import; a channel's route takes five of them."""
 
 
