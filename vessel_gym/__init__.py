@@ -19,6 +19,7 @@ if _file := shadowing("estimators"):
     )
 
 __version__ = "1.0.0"
+__all__ = ["__version__", "check_system"]
 
 for _where, _name, _steps in (
     ("", "SigmaCorvette", 600), ("", "SegorogeniAUV", 500), ("", "ItsunusaAUV", 600),
@@ -40,3 +41,8 @@ def __getattr__(name: str) -> Any:
     from vessel_gym.contract import check_system
 
     return check_system
+
+
+def __dir__() -> list[str]:
+    """Public names."""
+    return __all__

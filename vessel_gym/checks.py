@@ -200,3 +200,16 @@ def refuse_not_finite(
             f"{method} gave {short_repr(values[row].tolist())} at step {steps[row]} in row {row}:"
             " it must give finite numbers"
         )
+
+
+def refuse_other_ends(task: Any, end: np.ndarray) -> None:
+    """Refuse ends ``(B,)`` that are no numbers of a task's end reasons.
+
+    Raises:
+        ValueError: naming the task.
+    """
+    if not np.isin(end, np.arange(len(task.end_reasons))).all():
+        raise ValueError(
+            f"score of {type(task).__name__} must give numbers of end_reasons, whole and below"
+            f" {len(task.end_reasons)}, got {short_repr(end.tolist())}"
+        )

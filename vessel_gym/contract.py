@@ -16,7 +16,7 @@ import numpy as np
 from estimators import Gaussian
 from estimators.checks import frozen, short_repr
 from estimators.engine import Compiled, compiled
-from vessel_gym.checks import is_compiled
+from vessel_gym.checks import is_compiled, refuse_other_ends
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.filter_models.exogenous import change_of, input_channels
 from vessel_gym.system import Estimate, System, Task, Vehicle
@@ -47,9 +47,9 @@ def check_system(system: System) -> None:
         _check_disturbance(disturbance, system.vehicle, state)
     for sensor in system.nominal_sensors:
         channels, title = (len(sensor.channels),), sensor.name
-        (y,) = _checked(f"reads of {title}", sensor.reads, [state, exogenous], channels)
+        y = _checked_twice(f"reads of {title}", sensor.reads, [state, exogenous], channels)
         if callable(sensor.sd):
-            (sd,) = _checked(f"sd of {title}", sensor.sd, [y], channels)
+            sd = _checked_twice(f"sd of {title}", sensor.sd, [y], channels)
             if (sd < 0.0).any():
                 raise ValueError(f"sd of {title} must give numbers of at least 0")
     _check_task(system.task, system.vehicle, state, actuators, exogenous)
@@ -78,7 +78,7 @@ def _check_vehicle(vehicle: Vehicle, task: Task) -> tuple[np.ndarray, ...]:
     first = len(vehicle.increments)
     exogenous = 0.01 * _uniforms(first + len(vehicle.ambient_flows))
     (state,) = _tried(vehicle, "step", [state, before, after, exogenous, parameters], (size,))
-    _tried(vehicle, "drift", [x, known, exogenous[:, first:]], cruise.shape)
+    _tried_twice(vehicle, "drift", [x, known, exogenous[:, first:]], cruise.shape)
     return state, after, exogenous
 
 
@@ -89,8 +89,8 @@ def _check_disturbance(disturbance: Disturbance, vehicle: Vehicle, state: np.nda
     shape, k = (len(disturbance.forces),), disturbance.process.size
     root = disturbance.process.start_root
     z = _uniforms(root.shape[1]) @ root.T
-    _tried(disturbance, "effect", [z, state], shape)
-    _tried(disturbance, "met", [z, state, state + 0.01], (k,))
+    _tried_twice(disturbance, "effect", [z, state], shape)
+    _tried_twice(disturbance, "met", [z, state, state + 0.01], (k,))
     if disturbance.uniforms:
         (constants,) = _tried(disturbance, "draw", [_uniforms(disturbance.uniforms)], _ANY)
         time = np.arange(_ROWS) * vehicle.dt
@@ -139,11 +139,11 @@ def _check_task(
     """Check the methods of a task."""
     scenario, tried, who = _scenario(task), partial(_tried, task), type(task).__name__
     step = np.arange(1, 1 + _ROWS)
-    prior = task.prior(scenario)
+    prior = task.prior(frozen(scenario))
     if not isinstance(prior, Gaussian):
         raise TypeError(f"prior of {who} must give a Gaussian, got {short_repr(prior)}")
-    n = len(vehicle.estimated(vehicle.kinds[0]))
-    (x,) = _checked(f"the mean of prior of {who}", lambda: prior.mean, [], (n,))
+    n, what = len(vehicle.estimated(vehicle.kinds[0])), f"the mean of prior of {who}"
+    (x,) = _checked(what, lambda scenario: task.prior(scenario).mean, [scenario], (n,))
     (reference,) = tried("reference", [scenario, step, x], _ANY)
     if task.commanded(scenario, step) is not None:
         tried("commanded", [scenario, step], _ANY)
@@ -156,11 +156,7 @@ def _check_task(
         _uniforms(len(vehicle.action_names)), score_state,
     ]  # fmt: skip
     _, end, _ = tried("score", scored, _NUMBER, _NUMBER, score_state.shape[1:])
-    if not np.isin(end, np.arange(len(task.end_reasons))).all():
-        raise ValueError(
-            f"score of {who} must give numbers of end_reasons, whole and below"
-            f" {len(task.end_reasons)}, got {short_repr(end.tolist())}"
-        )
+    refuse_other_ends(task, end)
     flow = exogenous[:, len(vehicle.increments) :]
     _check_observations(task, x, flow, [scenario, reference, actuators], step)
 
@@ -198,6 +194,21 @@ def _tried(
     return _checked(f"{name} of {type(part).__name__}", getattr(part, name), arguments, *shapes)
 
 
+def _tried_twice(part: object, name: str, arguments: Sequence[Any], shape: _Shape) -> None:
+    """Check a part's method, with one leading axis and with two."""
+    _checked_twice(f"{name} of {type(part).__name__}", getattr(part, name), arguments, shape)
+
+
+def _checked_twice(
+    what: str, method: Callable[..., Any], arguments: Sequence[Any], shape: _Shape
+) -> np.ndarray:
+    """Result of a method, checked with one leading axis and with two."""
+    (found,) = _checked(what, method, arguments, shape)
+    plain = method.function if isinstance(method, Compiled) else method
+    _check_axes(what, plain, arguments, found)
+    return found
+
+
 def _checked(
     what: str, method: Callable[..., Any], arguments: Sequence[Any], *shapes: _Shape,
     compiles: bool | None = None,
@@ -218,14 +229,18 @@ def _checked(
         f"{what} gave two values for the same arguments: it must depend on these alone, without"
         " random numbers, clocks or counters of its own",
     )  # fmt: skip
-    for row in range(_ROWS) if arguments else ():
-        one = slice(row, row + 1)
-        alone = [each if each is None else each[one] for each in arguments]
+    kept = tuple(each.copy() for each in found)
+    for rows in [slice(None, None, -1), *(slice(row, row + 1) for row in range(_ROWS))]:
+        some = [each if each is None else each[rows] for each in arguments]
         _compare(
-            tuple(each[one] for each in found), _results(what, plain, alone, shapes), _SAME,
+            tuple(each[rows] for each in kept), _results(what, plain, some, shapes), _SAME,
             f"{what} gives a vehicle alone other numbers than in a batch: rows must share nothing,"
             " so compute along the last axis, as by np.sum(x, -1)",
         )  # fmt: skip
+    _compare(
+        found, kept, 0.0,
+        f"{what} writes into an array that it has given before: it must give a new one each time",
+    )  # fmt: skip
     if is_compiled(method) if compiles is None else compiles:
         axes = [0 if each is None else each.ndim - 1 for each in arguments]
         traced = method if isinstance(method, Compiled) else compiled(method, axes=axes)
@@ -237,6 +252,25 @@ def _checked(
     return found
 
 
+def _check_axes(
+    what: str, method: Callable[..., Any], arguments: Sequence[Any], found: np.ndarray
+) -> None:
+    """Refuse a method of a filter's model that takes one leading axis alone."""
+    advice = f"{what} must take any leading axes, as filters try vehicles at several points"
+    twice = [each if each is None else frozen(np.stack([each, each])) for each in arguments]
+    try:
+        with np.errstate(all="ignore"):
+            results = np.asarray(method(*twice))
+    except Exception as error:
+        reason = f"{type(error).__name__}: {short_repr(str(error))}"
+        raise ValueError(f"{advice}: index from behind, by x[..., i] ({reason})") from error
+    if results.shape != (2, *found.shape):
+        raise ValueError(
+            f"{advice}: for {(2, *found.shape[:1])} vehicles it gave shape {results.shape}"
+        )
+    _compare((results[0], results[1]), (found, found), _SAME, f"{advice}: index from behind")
+
+
 def _results(
     what: str, method: Callable[..., Any], arguments: Sequence[Any], shapes: tuple[_Shape, ...]
 ) -> tuple[np.ndarray, ...]:
@@ -246,7 +280,7 @@ def _results(
         ValueError: if the method fails, or a result is another one.
     """
     given: list[Any] = [None if each is None else frozen(np.array(each)) for each in arguments]
-    rows = len(given[0]) if given else _ROWS
+    rows = len(given[0])
     try:
         with np.errstate(all="ignore"):
             returned = method(*given)

@@ -9,7 +9,13 @@ from gymnasium.error import ResetNeeded
 from estimators import Gaussian, RandomKeys
 from estimators.checks import short_repr
 from estimators.linalg import shared_root
-from vessel_gym.checks import checked_action, is_compiled, is_integer, refuse_not_finite
+from vessel_gym.checks import (
+    checked_action,
+    is_compiled,
+    is_integer,
+    refuse_not_finite,
+    refuse_other_ends,
+)
 from vessel_gym.checks import options as checked_options
 from vessel_gym.configuration import Configuration, Options
 from vessel_gym.delivery import Measurements, injected
@@ -149,6 +155,8 @@ class Core:
             values, seen = getattr(now, field), now.belief.mean
             if values is not None:
                 refuse_not_finite(method, values, now.steps, ended, now.state, seen)
+        if config.scoring_methods:
+            refuse_other_ends(config.system.task, now.end)
         return now
 
     # --- reset ------------------------------------------------------------------------------------

@@ -190,15 +190,16 @@ def build(
         raise ValueError(_unknown(estimator, accepted(system, sensors, disturbance)))
     assumptions = Assumptions.of(options.pop("assume", None))
     built = _shared if isinstance(estimator, str) else _built  # a user's function may change
-    return built(system, estimator, (*options.items(),), assumptions, sensors, disturbance)
+    items = (*((name, value, type(value)) for name, value in options.items()),)  # 1.0 is no 1
+    return built(system, estimator, items, assumptions, sensors, disturbance)
 
 
 def _built(
-    system: System, estimator: EstimatorChoice, items: tuple[tuple[str, Any], ...],
+    system: System, estimator: EstimatorChoice, items: tuple[tuple[str, Any, type], ...],
     assumptions: Assumptions, sensors: Sensors, disturbance: Disturbance,
 ) -> Estimation:  # fmt: skip
     """Estimator of an environment, under assumptions and with the items of its options."""
-    options, own = dict(items), callable(estimator)
+    options, own = {name: value for name, value, _ in items}, callable(estimator)
     late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
     if estimator == "truth":  # its assumptions are the world's
         assumptions = Assumptions()

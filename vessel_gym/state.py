@@ -151,7 +151,7 @@ class Stage:
     def changes(self, now: State) -> Changes:
         """The arrays."""
         if not self.compiled:
-            return self.function(now)
+            return {name: _read_only(each) for name, each in self.function(now).items()}
         if self._read is None:
             self._trace(now)
         arrays = self._read(now)
@@ -177,6 +177,14 @@ class Stage:
 
         self._program = trace(function, rows, sealed=True, own=self._own)
         self._read = attrgetter(*map(list(held).__getitem__, self._program.arguments))
+
+
+def _read_only(value: Any) -> Any:
+    """A view of an array, so that no method writes into what another has given."""
+    if isinstance(value, np.ndarray):
+        value = value.view()
+        value.setflags(write=False)
+    return value
 
 
 class Stages:

@@ -71,6 +71,23 @@ def branching(method: Any, *arguments: Any) -> Any:
     return method(*arguments) * (1.0 if arguments[0][:, 0] > 0.0 else 2.0)
 
 
+def refilling() -> Callable[..., Any]:
+    """A wrapper that puts all results into one array, which it gives again and again."""
+    kept: dict[Any, np.ndarray] = {}
+
+    def refill(x: np.ndarray) -> np.ndarray:
+        buffer = kept.setdefault(x.shape, np.empty(x.shape))
+        buffer[...] = x
+        return buffer
+
+    return each(refill)
+
+
+def of_one_axis(method: Any, *arguments: Any) -> Any:
+    """A method that counts the axes from the front."""
+    return method(*arguments) if arguments[0].ndim == 2 else arguments[0][:, :1]
+
+
 RNG = np.random.default_rng(0)
 FAULTS: dict[str, tuple[Callable[..., Any], str]] = {
     "not finite": (each(lambda x: x * np.nan), r" gave .*nan.* it must give finite numbers$"),
@@ -113,6 +130,42 @@ def test_each_fault_is_answered_in_one_sentence(
         check_system(broken(part, name, wrap))
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 300
+
+
+def test_a_result_that_is_written_again_is_refused() -> None:
+    with pytest.raises(ValueError, match="^actuate of Broken writes into an array that it has"):
+        check_system(broken("vehicle", "actuate", refilling()))
+
+
+@pytest.mark.parametrize(
+    ("part", "name"), [("vehicle", "drift"), ("disturbance", "effect"), ("sensor", "reads")]
+)
+def test_what_filters_call_takes_any_leading_axes(part: str, name: str) -> None:
+    with pytest.raises(ValueError, match=f"^{name} of .* must take any leading axes"):
+        check_system(broken(part, name, of_one_axis))
+
+
+def test_an_end_without_a_reason_is_refused_in_a_step() -> None:
+    def score(self: Any, *arguments: Any) -> Any:
+        reward, end, state = Post.score(self, *arguments)
+        return reward, end + 7 * (arguments[0][..., 0] > 1e3), state
+
+    core = Core(with_part("task", type("Broken", (Post,), {"score": score})()), 2)
+    core.start(0)
+    core.step(np.zeros((2, 1)))
+    core.now = core.now.but(state=core.now.state + 1e4)
+    with pytest.raises(ValueError, match=r"^score of Broken must give numbers of end_reasons"):
+        core.step(np.zeros((2, 1)))
+
+
+@pytest.mark.parametrize("wrap", [FAULTS["random"][0], FAULTS["mixed"][0]])
+def test_a_prior_must_repeat_itself_row_by_row(wrap: Callable[..., Any]) -> None:
+    def prior(self: Any, scenario: Any) -> Any:
+        given = Post.prior(self, scenario)
+        return replace(given, mean=wrap(lambda mean: mean, given.mean))
+
+    with pytest.raises(ValueError, match=r"^the mean of prior of Broken g[ai]ve"):
+        check_system(with_part("task", type("Broken", (Post,), {"prior": prior})()))
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,6 @@ from vessel_gym.tasks.turning_circle import TurningCircle
 
 HEADING, RATE, CURVATURE, SPEED = range(4)
 """Columns of a scenario."""
-RATE_FINALLY = 3
-"""Column of a reference with the final yaw rate, besides `vessel_gym.tasks.track`."""
 _ABSURD = 1e9  # m: the square of a diverged position stays finite
 
 
