@@ -21,7 +21,7 @@ each_auv = pytest.mark.parametrize("auv", AUVS.values(), ids=AUVS)
     + [(AUVS["segorogeni"], WITH_REMUS.vector())],
     ids=[*AUVS, "REMUS"],
 )
-def test_the_inertia_is_symmetric_positive_definite_and_inverted_once(auv: AUV, c: np.ndarray):
+def test_inertia_is_symmetric_positive_definite_and_inverted(auv: AUV, c: np.ndarray):
     M, axes = auv.inertia(c), auv.axes
     np.testing.assert_array_equal(M, M.T)
     assert np.linalg.eigvalsh(M).min() > 0.0
@@ -96,6 +96,20 @@ def test_the_current_dies_away_in_200_s_and_keeps_its_size(water: Water):
     np.testing.assert_allclose(water.process.start_cov, variance, rtol=1e-14)
     fresh = water.process.root @ water.process.root.T
     np.testing.assert_allclose(decay**2 * variance + fresh, variance, rtol=0, atol=1e-17)
+
+
+@each_auv
+def test_fins_move_at_their_rate_and_thrust_lags(auv: AUV):
+    vehicle, body = auv.vehicle, auv.vehicle.body
+    start = np.array([0.05, 0.0, 2.0])[-len(vehicle.action_names) :]
+    action = np.array([1.0, -0.5, 1.0])[-len(start) :]
+    goal, actuators = action * body.fin_limit - start, start[None]
+    for k in range(1, 11):
+        actuators = vehicle.actuate(actuators, action[None])
+        moved = np.sign(goal) * np.minimum(0.1 * body.fin_rate * k, np.abs(goal))
+        np.testing.assert_allclose(actuators[0, :-1], (start + moved)[:-1], rtol=1e-12)
+        rest = (body.thrust_limit - 2.0) * np.exp(-0.1 * k / body.thrust_lag)
+        assert actuators[0, -1] == pytest.approx(body.thrust_limit - rest, rel=1e-12)
 
 
 # --- what filters are told ------------------------------------------------------------------------

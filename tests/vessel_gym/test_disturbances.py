@@ -16,7 +16,6 @@ from scipy.stats import chi2
 
 from vessel_gym.disturbances import Air, Disturbance, Fault, Sea, SurfaceWater, Water
 from vessel_gym.filter_models.exogenous import Forces
-from vessel_gym.processes import root_of
 from vessel_gym.sensors.sensor import Bias
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.ship import Ship
@@ -31,19 +30,6 @@ def transition_and_noise(disturbance: Disturbance) -> tuple[np.ndarray, np.ndarr
     return process.advance(np.eye(process.size)).T, process.root @ process.root.T
 
 
-def run(sea: Sea, seed: int, rows: int, steps: int) -> np.ndarray:
-    """Independent records ``(steps, rows, 5)``."""
-    rng, process = np.random.default_rng(seed), sea.process
-    states = np.empty((steps, rows, 5))
-    states[0] = rng.standard_normal((rows, 5)) @ root_of(process.start_cov).T
-    for k in range(1, steps):
-        states[k] = (
-            process.advance(states[k - 1])
-            + rng.standard_normal((rows, process.normals)) @ process.root.T
-        )
-    return states
-
-
 def yaw_increment_var(sea: Sea) -> float:
     """Stationary variance of the yaw increment that a sea gives a ship in a step."""
     return Forces(Ship(dt=sea.dt), sea).increment_cov.item()
@@ -56,15 +42,6 @@ def assert_variance(samples: np.ndarray, variance: float):
 
 
 # --- exact ----------------------------------------------------------------------------------------
-
-
-@every_sea
-def test_a_step_keeps_the_stationary_covariance(sea):
-    A, Q = transition_and_noise(sea)
-    P = sea.process.start_cov
-    np.testing.assert_allclose(A @ P @ A.T + Q, P, rtol=0, atol=1e-12)
-    size = np.sqrt(np.outer(np.diag(P), np.diag(P)))  # rad2 are small: relative too
-    np.testing.assert_allclose((A @ P @ A.T + Q) / size, P / size, rtol=0, atol=1e-12)
 
 
 @every_sea
@@ -83,7 +60,7 @@ def test_the_stationary_covariance_is_what_the_sizes_say(sea):
     ("name", "sd", "digit"),
     [("calm", 5e-4, 1e-4), ("moderate", 3.6e-3, 1e-4), ("rough", 9e-3, 1e-3)],
 )
-def test_the_yaw_increment_of_a_step_has_the_size_that_was_chosen(name, sd, digit):
+def test_yaw_increment_of_a_step_has_its_chosen_size(name, sd, digit):
     sea = SEAS[name]
     assert np.sqrt(yaw_increment_var(sea)) == pytest.approx(sd, abs=0.5 * digit)
     P = sea.process.start_cov
@@ -92,7 +69,7 @@ def test_the_yaw_increment_of_a_step_has_the_size_that_was_chosen(name, sd, digi
     )
 
 
-def test_the_unknown_input_is_the_yaw_rate_of_waves_and_gusts_over_a_step():
+def test_unknown_input_is_yaw_rate_of_waves_and_gusts():
     state = np.random.default_rng(0).normal(size=(4, 3, 5))
     exogenous = SEAS["rough"].effect(state, np.zeros((4, 3, 6)))
     assert exogenous.shape == (4, 3, 3)
@@ -100,7 +77,7 @@ def test_the_unknown_input_is_the_yaw_rate_of_waves_and_gusts_over_a_step():
     np.testing.assert_array_equal(exogenous[..., 1:], state[..., 3:])
 
 
-def test_a_gust_decays_with_its_time_constant_and_a_current_with_its_own():
+def test_gust_and_current_decay_with_their_time_constants():
     sea = Sea(
         wave=0.01, peak=0.8, gust=0.01, current=0.5, gust_time=12.0, current_time=800.0, dt=0.4
     )
@@ -124,37 +101,6 @@ def test_the_wave_yaw_rate_is_the_rate_of_the_wave_yaw_angle():
 
 
 # --- statistical ----------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-@every_sea
-def test_the_spectrum_of_the_wave_yaw_rate_peaks_at_the_peak_frequency(sea):
-    rows, steps = 1000, 1024
-    rate = run(sea, seed=3, rows=rows, steps=steps)[:, :, 1]
-    window = np.hanning(steps)[:, None]
-    power = (np.abs(np.fft.rfft(window * rate, axis=0)) ** 2).mean(1)
-    power = np.convolve(power, np.ones(3) / 3, mode="same")
-    omega = 2 * np.pi * np.fft.rfftfreq(steps, sea.dt)
-    # 5 % off the peak the spectrum is 0.8 of it; the average of 1000 rows is good to 3 %, so that
-    # the highest of some 500 bins lies outside by chance in less than 1e-6 of all seeds (6.5
-    # standard deviations).
-    assert omega[np.argmax(power)] == pytest.approx(sea.peak, rel=0.05)
-
-
-@pytest.mark.slow
-def test_the_spectrum_of_the_wave_yaw_rate_has_the_width_of_its_damping():
-    sea = SEAS["rough"]
-    rows, steps = 2000, 1024
-    rate = run(sea, seed=4, rows=rows, steps=steps)[:, :, 1]
-    power = (np.abs(np.fft.rfft(np.hanning(steps)[:, None] * rate, axis=0)) ** 2).mean(1)
-    omega = 2 * np.pi * np.fft.rfftfreq(steps, sea.dt)
-    # Half power at w0 (sqrt(1 + lambda^2) +- lambda), against the power at w0.
-    at_peak = np.interp(sea.peak, omega, power)
-    low, high = (np.interp(sea.peak * (np.sqrt(1.01) + s * 0.1), omega, power) for s in (-1, 1))
-    # A ratio of two averages of 2000 has a standard deviation of 3.2 % of itself; five of them,
-    # both sides, twice: 1.2e-6.
-    for power_at_half in (low, high):
-        assert power_at_half / at_peak == pytest.approx(0.5, rel=5 * np.sqrt(2 / rows))
 
 
 # --- under water ----------------------------------------------------------------------------------
@@ -264,8 +210,18 @@ BY_STEP = {
 so that the place of a field of waves is not among them."""
 
 
+@pytest.mark.parametrize("name", sorted(BY_STEP.keys() - {"fault"}))
+def test_a_step_keeps_the_stationary_covariance(name: str):
+    disturbance = BY_STEP[name][0]
+    A, Q = transition_and_noise(disturbance)
+    P = disturbance.process.start_cov
+    np.testing.assert_allclose(A @ P @ A.T + Q, P, rtol=0, atol=1e-12)
+    size = np.sqrt(np.outer(np.diag(P), np.diag(P)))  # rad2 are small: relative too
+    np.testing.assert_allclose((A @ P @ A.T + Q) / size, P / size, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize("pair", BY_STEP.values(), ids=BY_STEP)
-def test_what_two_half_steps_add_has_the_distribution_of_what_one_step_adds(
+def test_two_half_steps_add_as_one_step(
     pair: tuple[Disturbance, Disturbance],
 ):
     (A, Q), (half_A, half_Q) = map(transition_and_noise, pair)
@@ -284,7 +240,7 @@ def test_what_two_half_steps_add_has_the_distribution_of_what_one_step_adds(
     "bias",
     [Bias(("offset",), start=(0.1,), pace=(0.02,)), Bias(("offset",), start=(0.1,), time=30.0)],
 )
-def test_what_two_half_steps_add_to_a_bias_has_the_distribution_of_what_one_step_adds(bias: Bias):
+def test_two_half_steps_add_to_a_bias_as_one_step(bias: Bias):
     whole, half = bias.process(0.1), bias.process(0.05)
     (A, Q), (half_A, half_Q) = (
         (each.transition, each.root @ each.root.T) for each in (whole, half)
@@ -294,7 +250,7 @@ def test_what_two_half_steps_add_to_a_bias_has_the_distribution_of_what_one_step
 
 
 @pytest.mark.parametrize("name", ["corvette", "mariner"])
-def test_what_the_models_of_a_ship_leave_out_in_two_half_steps_is_that_in_one(name: str):
+def test_two_half_steps_of_ship_process_noise_are_one_step(name: str):
     whole, half = (Ship(load(name), dt).process_sd for dt in (0.5, 0.25))
     np.testing.assert_allclose(2.0 * half**2, whole**2, rtol=1e-12)
 
@@ -308,7 +264,7 @@ def block_diagonal(*matrices: np.ndarray) -> np.ndarray:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("env_id", OURS)
-def test_what_is_new_in_a_step_has_its_covariance_and_remembers_nothing(env_id: str):
+def test_noise_of_a_step_is_white_with_its_covariance(env_id: str):
     rows, steps = 500, 40
     core = make_core(env_id, rows, seed=11, estimator="truth", disturbance="rough")
     core.reset()
@@ -322,8 +278,10 @@ def test_what_is_new_in_a_step_has_its_covariance_and_remembers_nothing(env_id: 
         core.config.sensors.bias,
     )
     cov = block_diagonal(white @ white.T, process.root @ process.root.T, bias.root @ bias.root.T)
-    scale = np.sqrt(np.diag(cov))
-    sample = np.stack(noise) / scale
+    scale, new = np.sqrt(np.diag(cov)), np.stack(noise)
+    assert not new[..., scale == 0.0].any()  # water that a current carries moves by it alone
+    drawn = np.flatnonzero(scale)
+    cov, scale, sample = cov[np.ix_(drawn, drawn)], scale[drawn], new[..., drawn] / scale[drawn]
     n = rows * steps
     # a correlation of 20,000 pairs has a standard deviation of at most 1.5 / sqrt(20,000): 7 of
     # them
@@ -331,21 +289,17 @@ def test_what_is_new_in_a_step_has_its_covariance_and_remembers_nothing(env_id: 
     np.testing.assert_allclose(
         np.einsum("tri,trj->ij", sample, sample) / n, cov / np.outer(scale, scale), atol=band
     )
-    assert np.abs(np.einsum("tri,trj->ij", sample[1:], sample[:-1])).max() / n < band
+    assert (np.abs(np.einsum("tri,trj->ij", sample[1:], sample[:-1])) / n < band).all()
     neighbours = sample[:, 1:], sample[:, :-1]
-    assert np.abs(np.einsum("tri,trj->ij", *neighbours)).max() / n < band
+    assert (np.abs(np.einsum("tri,trj->ij", *neighbours)) / n < band).all()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("env_id", OURS)
-def test_a_disturbance_has_its_stationary_sizes_from_the_first_step_on(env_id: str):
+def test_disturbance_is_stationary_from_the_first_step(env_id: str):
     core = make_core(env_id, 2000, seed=12, estimator="truth", disturbance="rough")
     core.reset()
     process = core.config.world.forces.disturbance.process
-    np.testing.assert_allclose(
-        process.transition @ process.start_cov @ process.transition.T + process.root @ process.root.T,
-        process.start_cov, rtol=1e-9, atol=1e-12,
-    )  # fmt: skip
     for step in range(31):
         if step in (0, 1, 30):
             for component, variance in zip(
@@ -353,12 +307,13 @@ def test_a_disturbance_has_its_stationary_sizes_from_the_first_step_on(env_id: s
                 np.diag(process.start_cov),
                 strict=True,
             ):
-                assert_variance(component, variance)
+                if variance:  # the place of water that a current carries is 0 at first
+                    assert_variance(component, variance)
         core.step(np.zeros((2000, core.config.action_size)))
 
 
 @pytest.mark.parametrize("env_id", OURS)
-def test_what_acts_is_the_effect_of_the_disturbance_and_what_shakes(env_id: str):
+def test_exogenous_input_is_effect_and_white_increments(env_id: str):
     core = make_core(env_id, 3, seed=13, estimator="truth", disturbance="rough")
     core.reset()
     disturbance, names = (

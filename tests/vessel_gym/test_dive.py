@@ -14,7 +14,7 @@ from estimators import Gaussian
 from vessel_gym.core import Core
 from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv
 from vessel_gym.filter_models.exogenous import Forces
-from vessel_gym.guidance.dive_path import arc_to, follow, path_point
+from vessel_gym.guidance.dive_path import arc_to, path_point
 from vessel_gym.sensors import SUITES, Sensors
 from vessel_gym.start import joint_prior
 from vessel_gym.system import Estimate, System
@@ -120,7 +120,7 @@ def test_goals_are_drawn_evenly_from_their_box(system: System):
 
 
 @DIVES
-def test_every_goal_that_may_be_drawn_may_be_asked_for(system: System):
+def test_every_goal_of_the_box_may_be_requested(system: System):
     task = system.task
     for corner in np.ndindex(3, 3, 3):
         goal = np.array(task.goal) + np.array(task.goal_spread) * (np.array(corner) - 1.0)
@@ -131,7 +131,7 @@ def test_every_goal_that_may_be_drawn_may_be_asked_for(system: System):
 
 
 @pytest.mark.parametrize("goal", ["deep", (1.0, 2.0), (10.0, np.nan, 3.0), [{}]], ids=repr)
-def test_a_goal_that_is_no_place_is_refused(goal: Any):
+def test_goal_must_be_three_finite_numbers(goal: Any):
     with pytest.raises(ValueError, match=r"^goal must be") as why:
         SPATIAL.task.scenario(np.zeros((1, 3)), {"goal": goal})
     assert (
@@ -153,7 +153,7 @@ BAD_GOALS = [
 @pytest.mark.parametrize(
     ("system", "goal", "sentence"), BAD_GOALS, ids=lambda value: str(value)[:30]
 )
-def test_a_goal_that_the_vehicle_cannot_dive_to_is_refused_with_the_limit(
+def test_goal_beyond_a_limit_is_refused_with_the_limit(
     system: System, goal: tuple[float, float, float], sentence: str
 ):
     with pytest.raises(ValueError, match=f"^{sentence}$"):
@@ -164,7 +164,7 @@ def test_a_goal_that_the_vehicle_cannot_dive_to_is_refused_with_the_limit(
 
 
 @DIVES
-def test_the_prior_lies_level_at_the_beginning_of_the_path_at_cruising_speed(system: System):
+def test_prior_is_level_at_path_start_at_cruising_speed(system: System):
     task, scenario = system.task, scenarios(system.task, 3)
     prior, n = task.prior(scenario), states(task)
     np.testing.assert_array_equal(prior.mean, state(task, np.zeros((3, 3))))
@@ -184,7 +184,7 @@ def test_the_prior_lies_level_at_the_beginning_of_the_path_at_cruising_speed(sys
 
 
 @DIVES
-def test_filters_are_told_the_actuators_before_and_after_a_step(system: System):
+def test_known_input_holds_actuators_before_and_after_a_step(system: System):
     before, after = np.arange(4.0).reshape(2, 2), 10.0 + np.arange(4.0).reshape(2, 2)
     told = system.vehicle.known_input(
         before, after, system.task.commanded(scenarios(system.task, 2), np.zeros(2))
@@ -192,7 +192,7 @@ def test_filters_are_told_the_actuators_before_and_after_a_step(system: System):
     np.testing.assert_array_equal(told[:, :4], [[0, 1, 10, 11], [2, 3, 12, 13]])
 
 
-def test_filters_in_the_plane_are_told_the_angle_of_the_path_where_one_cruises():
+def test_known_input_holds_the_path_angle_at_cruising_speed():
     system = VERTICAL
     scenario, step = scenarios(system.task, 2), np.array([0, 200])
     told = system.vehicle.known_input(
@@ -206,16 +206,6 @@ def test_filters_in_the_plane_are_told_the_angle_of_the_path_where_one_cruises()
     assert system.vehicle.known_input(np.zeros((1, 2)), np.zeros((1, 2)), None)[0, 4] == 0.0
 
 
-@DIVES
-def test_the_reference_is_where_the_believed_position_is_on_the_path(system: System):
-    task, scenario = system.task, scenarios(system.task, 6)
-    rng = np.random.default_rng(2)
-    mean = rng.normal(0.0, 1.0, (6, states(task))) * 5.0
-    reference = believed(task, mean, scenario)
-    assert reference.shape == (6, 8)
-    np.testing.assert_array_equal(reference, follow(task.position(mean), scenario, task.ahead))
-
-
 # --- what the agent sees --------------------------------------------------------------------------
 
 
@@ -227,21 +217,24 @@ def body_axes(task: Dive, x: np.ndarray) -> Rotation:
 
 
 def random_states(task: Dive, rng: np.random.Generator, rows: int = 300) -> np.ndarray:
-    """States anywhere about the path, with any attitude."""
+    """States anywhere about the path, with any attitude, at the poles of the Euler angles, too."""
     x = rng.normal(0.0, 1.0, (rows, states(task)))
     x[:, 0] += task.auv.cruise_speed
+    poles = np.array([1.55, -1.55, np.pi / 2, -np.pi / 2, 1.6])
     if isinstance(task, VerticalDive):
         x[:, 3] += rng.uniform(-10.0, 80.0, rows)
         x[:, 4] += rng.uniform(-3.0, 25.0, rows)
         x[:, 5] = rng.uniform(-1.5, 1.5, rows)
+        x[:5, 5] = poles
     else:
         x[:, 6:9] += rng.uniform([-5.0, -5.0, -2.0], [15.0, 25.0, 8.0], (rows, 3))
         x[:, 9:12] = rng.uniform([-3.0, -1.5, -9.0], [3.0, 1.5, 9.0], (rows, 3))
+        x[:5, 10] = poles
     return x
 
 
 @DIVES
-def test_vectors_in_the_observation_are_those_of_a_rotation_of_their_own(system: System):
+def test_observed_vectors_are_rotated_into_body_axes(system: System):
     task, rng = system.task, np.random.default_rng(3)
     x, scenario = random_states(task, rng), scenarios(task, 300, 3)
     reference = believed(task, x, scenario)
@@ -272,7 +265,7 @@ def test_vectors_in_the_observation_are_those_of_a_rotation_of_their_own(system:
 
 
 @DIVES
-def test_the_other_errors_and_estimates_are_what_their_names_say(system: System):
+def test_observed_errors_and_estimates_are_as_named(system: System):
     task, rng, names = system.task, np.random.default_rng(4), system.vehicle.state_names
     x, scenario = random_states(task, rng), scenarios(task, 300, 4)
     reference = believed(task, x, scenario)
@@ -302,35 +295,8 @@ def test_the_other_errors_and_estimates_are_what_their_names_say(system: System)
     )
 
 
-def test_the_heading_error_has_no_seam():
-    """Headings may have turned any number of times; a hair off straight astern, the sign alone is free."""
-    task, scenario = SPATIAL.task, scenarios(SPATIAL.task, 1)
-    for turns in (-3, 0, 2):
-        for error in (-3.1, -0.2, 0.0, 0.2, 3.1, np.pi - 1e-9, -np.pi + 1e-9):
-            x = state(task, [[0.0, 0.0, 0.0]], heading=2.0 * np.pi * turns - error)
-            seen = task.named(
-                task.observe(belief(x), scenario, believed(task, x, scenario), trim(task))
-            )
-            assert abs(seen["heading error"][0]) <= np.pi * (1 + 1e-12)
-            assert seen["heading error"][0] == pytest.approx(error, abs=1e-8)
-
-
 @DIVES
-@pytest.mark.parametrize("pitch", [1.55, -1.55, np.pi / 2, -np.pi / 2, 1.6])
-def test_near_the_pole_of_the_euler_angles_lengths_are_kept(system: System, pitch: float):
-    task, rng, scenario = system.task, np.random.default_rng(7), scenarios(system.task, 50, 7)
-    x = random_states(task, rng, 50)
-    x[:, 5 if isinstance(task, VerticalDive) else 10] = pitch
-    reference = believed(task, x, scenario)
-    observation = task.observe(belief(x), scenario, reference, trim(task, 50))
-    assert np.isfinite(observation).all()
-    seen = task.named(observation)
-    length = np.sqrt(sum(seen[name] ** 2 for name in seen if name.startswith("look")))
-    np.testing.assert_allclose(length, np.linalg.norm(reference[:, 5:8], axis=-1), rtol=1e-9)
-
-
-@DIVES
-def test_standard_deviations_are_those_of_the_state_and_of_order_one_at_the_start(system: System):
+def test_observed_standard_deviations_are_one_at_the_start(system: System):
     task = system.task
     core = Core(system, 2, "ekf", observe="mean+std")
     core.seed(0)
@@ -365,7 +331,7 @@ def test_actuators_are_seen_relative_to_their_limits(system: System):
 
 
 @DIVES
-def test_raw_measurements_come_with_their_mask_and_the_course_and_no_estimate(system: System):
+def test_raw_observation_is_measurements_mask_and_course(system: System):
     task, sensors = system.task, sensors_of(system)
     p = sensors.size
     scenario, rng = scenarios(task, 3, 9), np.random.default_rng(9)
@@ -436,7 +402,7 @@ def cruise(task: Dive, scenario: np.ndarray, slower: float = 1.0) -> np.ndarray:
 
 
 @DIVES
-def test_a_perfect_flight_earns_nearly_one_and_no_flight_earns_more(system: System):
+def test_perfect_dive_scores_one_and_a_faster_one_no_more(system: System):
     task = system.task
     for scenario in scenarios(task, 5, 10):
         rewards, end, score_state = fly(task, scenario, along(scenario, cruise(task, scenario)))
@@ -449,48 +415,6 @@ def test_a_perfect_flight_earns_nearly_one_and_no_flight_earns_more(system: Syst
             assert (
                 fly(task, scenario, along(scenario, cruise(task, scenario, faster)))[0].sum() <= 1.0
             )
-
-
-@DIVES
-def test_every_reward_and_every_sum_of_them_lies_between_zero_and_one(system: System):
-    task, rows, rng = system.task, 400, np.random.default_rng(11)
-    scenario = scenarios(task, rows, 11)
-    position = np.zeros((rows, 3))
-    score_state, total = task.initial_score_state(state(task, position), scenario), np.zeros(rows)
-    live, largest = np.ones(rows, bool), 0.0
-    for _ in range(300):
-        s = np.maximum(follow(position, scenario, 0.0)[:, 0] + rng.normal(0.3, 0.5, rows), -3.0)
-        x, y, z, heading, _ = path_point(s, scenario).T
-        aside = rng.normal(0.0, 0.3, rows) * isinstance(task, SpatialDive)
-        position = np.stack(
-            [
-                x - aside * np.sin(heading),
-                y + aside * np.cos(heading),
-                z + rng.normal(0, 0.3, rows),
-            ],
-            -1,
-        )
-        actuators = trim(task, rows)
-        actuators[:, -1] = rng.uniform(0.0, task.auv.thrust_limit, rows)
-        reference = believed(
-            task, state(task, position + rng.normal(0.0, 0.3, (rows, 3))), scenario
-        )
-        reward, end, score_state = score(
-            task,
-            state(task, position),
-            scenario,
-            reference,
-            actuators,
-            0.0 * actuators,
-            score_state,
-        )
-        assert reward.min() >= 0.0
-        total += np.where(live, reward, 0.0)
-        largest = max(largest, reward.max())
-        live &= end == 0
-    assert total.max() <= 1.0
-    assert not live.all()
-    assert largest > 0.05
 
 
 @DIVES
@@ -514,7 +438,7 @@ def test_distance_from_the_path_costs_what_is_documented(system: System):
 
 @pytest.mark.slow
 @DIVES
-def test_every_metre_pays_once_and_the_same(system: System):
+def test_every_metre_pays_the_same(system: System):
     task, scenario = system.task, scenarios(system.task, 1, 13)[0]
     length = scenario[1]
     for step in (0.02, 0.1, 0.2):
@@ -522,16 +446,10 @@ def test_every_metre_pays_once_and_the_same(system: System):
         rewards, _, score_state = fly(task, scenario, along(scenario, s))
         np.testing.assert_allclose(rewards, task.TRACKING * step / length, rtol=1e-6)
         assert score_state[0] == pytest.approx(s[-1])
-    there = np.arange(0.0, 0.6 * length, 0.1)
-    shuttle = np.concatenate([there, there[::-1], there, there[::-1], there])
-    rewards, _, score_state = fly(task, scenario, along(scenario, shuttle))
-    assert rewards.sum() == pytest.approx(task.TRACKING * there[-1] / length)
-    assert (rewards[len(there) :] == 0.0).all()
-    assert score_state[0] == pytest.approx(there[-1])
 
 
 @DIVES
-def test_a_leap_pays_for_no_more_than_a_vehicle_may_cover_in_a_step(system: System):
+def test_a_leap_pays_for_the_fastest_step_only(system: System):
     task, scenario = system.task, scenarios(system.task, 1, 14)[0]
     most = task.FASTEST * task.auv.cruise_speed * task.dt
     rewards, _, score_state = fly(
@@ -542,7 +460,7 @@ def test_a_leap_pays_for_no_more_than_a_vehicle_may_cover_in_a_step(system: Syst
 
 
 @DIVES
-def test_what_lies_behind_the_start_is_not_paid_for_twice(system: System):
+def test_path_behind_the_start_does_not_pay(system: System):
     """A vehicle that begins ahead of the path's beginning has those metres behind it; one behind gets nothing more."""
     task, scenario = system.task, scenarios(system.task, 1, 15)[0]
     for first in (-2.0, -0.5, 0.0, 0.7):
@@ -626,7 +544,7 @@ def test_ending_early_forgoes_the_rest(system: System):
 
 
 @DIVES
-def test_arriving_is_by_belief_and_paid_by_truth(system: System):
+def test_arrival_is_by_estimate_and_paid_by_truth(system: System):
     """The dive goes on while the vehicle believes to have some way to go, and ends when it believes to be there."""
     task, scenario = system.task, scenarios(system.task, 1, 17)[0]
     goal = path_point(scenario[1], scenario)
@@ -701,7 +619,7 @@ def test_arriving_pays_by_the_energy_of_a_cruise_over_that_used(system: System):
 
 
 @DIVES
-def test_steady_cruising_is_the_cheapest_speed_but_for_a_few_per_cent(system: System):
+def test_cruising_speed_is_the_cheapest_within_three_percent(system: System):
     """Slower takes hotel load for longer, faster takes power: drag is quadratic, the speed goes as its root."""
     task = system.task
     assert task.power(trim(task))[0] == pytest.approx(1.0)
@@ -729,7 +647,7 @@ def ended(task: Dive, position: Any, scenario: np.ndarray, pitch: float = 0.0) -
 
 
 @DIVES
-def test_each_failure_ends_the_dive_with_its_reason_and_not_before(system: System):
+def test_each_failure_ends_the_dive_at_its_limit(system: System):
     task, scenario = system.task, scenarios(system.task, 1, 19)[0]
     middle, length, depth = 0.5 * scenario[1], scenario[1], scenario[2]
     slope = path_point(middle, scenario)[4]
@@ -766,7 +684,7 @@ def test_each_failure_ends_the_dive_with_its_reason_and_not_before(system: Syste
 
 
 @DIVES
-def test_believing_to_have_arrived_decides_whatever_else_happens(system: System):
+def test_estimated_arrival_overrides_every_other_end(system: System):
     """The mission is over then; where the vehicle truly is says whether it was a success."""
     task, scenario = system.task, scenarios(system.task, 1, 20)[0]
     there = believed(
@@ -783,40 +701,7 @@ def test_believing_to_have_arrived_decides_whatever_else_happens(system: System)
 
 
 @DIVES
-def test_the_score_reads_position_and_pitch_of_the_truth_and_nothing_else(system: System):
-    task, rng, names = system.task, np.random.default_rng(21), system.vehicle.state_names
-    truth = random_states(task, rng, 200)
-    read = np.isin(names, ("x", "y", "z", "theta"))
-    other = np.where(read, truth, rng.normal(size=truth.shape))
-    scenario = scenarios(task, 200, 21)
-    reference, score_state = (
-        believed(task, truth + 0.1, scenario),
-        remembered(task, np.abs(rng.normal(size=(200, 2)))),
-    )
-    actuators = trim(task, 200)
-    acting = np.zeros((200, 8)), rng.normal(size=(200, 8))
-    one, two = (
-        task.score(
-            values,
-            exogenous,
-            scenario,
-            reference,
-            task.over(scenario, reference),
-            actuators,
-            0.0 * actuators,
-            score_state,
-        )
-        for values, exogenous in zip((truth, other), acting, strict=True)
-    )
-    for a, b in zip(one, two, strict=True):
-        np.testing.assert_array_equal(a, b)
-    np.testing.assert_array_equal(
-        task.initial_score_state(truth, scenario), task.initial_score_state(other, scenario)
-    )
-
-
-@DIVES
-def test_fins_that_dither_cost_without_bound_and_resting_fins_nothing(system: System):
+def test_dithering_fins_cost_and_resting_fins_do_not(system: System):
     """A third of a rudder's price: all fins that turn by a share of the full rate and back at each step."""
     task, scenario = system.task, scenarios(system.task, 1, 25)[0]
     s = cruise(task, scenario)[:60]

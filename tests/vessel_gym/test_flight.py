@@ -65,7 +65,7 @@ AHEAD = np.array([20.0, 60.0])  # m
 @pytest.mark.parametrize(
     "goal", [(500.0, 300.0, 3.0), (700.0, 0.0, 0.0), (300.0, -400.0, -2.0)], ids=str
 )
-def test_beside_the_path_progress_error_and_heading_are_those_of_the_place(goal: Any):
+def test_locate_finds_progress_offset_and_heading(goal: Any):
     path = plan([0.0, 0.0, 0.3], goal, 130.0, [(250.0, 50.0, 40.0)], 20.0)
     s = np.linspace(1.0, path.length - 1.0, 300)
     pose = path.pose(s)
@@ -119,7 +119,7 @@ def test_rows_of_length_0_have_no_effect():
         )
 
 
-def test_where_the_path_crosses_itself_the_course_decides():
+def test_heading_decides_at_a_crossing():
     again = 200.0 + 150.0 * np.pi + 100.0
     for off in (-3.0, 0.0, 3.0):
         pose = np.array([[100.0 + off, off, 0.1], [100.0 + off, off, -0.5 * np.pi - 0.1]])
@@ -128,7 +128,7 @@ def test_where_the_path_crosses_itself_the_course_decides():
         assert second[0] == pytest.approx(again - off)
 
 
-def test_who_remembers_the_progress_is_led_by_no_crossing():
+def test_progress_window_decides_at_a_crossing():
     for low, high, expected in (
         (50.0, 150.0, 100.0),
         (700.0, 900.0, 300.0 + 150.0 * np.pi),
@@ -191,7 +191,7 @@ def test_a_scene_between_given_poses_keeps_clear_of_obstacles(goal: Any):
         assert (approach(path, obstacles[:, :2]) >= obstacles[:, 2] + TASK.margin).all()
 
 
-def test_a_scene_can_be_asked_for():
+def test_a_scene_may_be_requested():
     obstacles = [(300.0, 10.0, 50.0), (500.0, -90.0, 30.0)]
     options = {
         "start": (10.0, 20.0, 0.1),
@@ -215,7 +215,6 @@ def test_a_scene_can_be_asked_for():
 BAD = [
     ({"speed": 3.0}, r"unknown reset option 'speed': choose from start, goal, obstacles, altitude"),
     ({"start": (0.0, np.nan, 0.0)}, r"start must be three finite numbers, metres x and y and a heading in rad, got .*"),
-    ({"goal": "north"}, r"goal must be three finite numbers, .* got 'north'"),
     ({"goal": (2000.0, 0.0, 0.0)}, r"the path to the goal must be 130 to 1440 m long, got 20\d\d m"),
     ({"obstacles": 3.0}, r"obstacles must be rows \(x, y, radius\), metres, got 3\.0"),
     ({"obstacles": [(1.0, 2.0, -3.0)]}, r"obstacles must lie within .* and have radii above 0, got .*"),
@@ -229,9 +228,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("options", "sentence"), BAD, ids=lambda value: str(value)[:40])
-def test_a_scene_that_cannot_be_flown_is_refused_in_one_sentence(
-    options: dict[str, Any], sentence: str
-):
+def test_infeasible_scene_is_refused_in_one_sentence(options: dict[str, Any], sentence: str):
     with pytest.raises(ValueError, match=f"^{sentence}$"):
         TASK.scenario(np.full((2, TASK.uniforms), 0.5), options)
 
@@ -269,7 +266,7 @@ def seen_at(truth: np.ndarray, scenario: np.ndarray) -> dict[str, np.ndarray]:
     return TASK.named(TASK.observe(known, scenario, reference, cruise))
 
 
-def test_on_the_path_nothing_is_to_be_done():
+def test_on_the_path_every_observed_error_is_zero():
     for scenario in scenarios(20, 1):
         s = 0.37 * scenario[5 * SEGMENTS]
         seen = seen_at(on_path(scenario, s), scenario[None])
@@ -404,7 +401,7 @@ def test_every_end_has_its_reason():
     assert ending(scenario, base, there) == "missed the goal"
 
 
-def test_what_stalls_is_the_airspeed_and_not_the_speed_over_ground():
+def test_stall_is_by_airspeed_not_ground_speed():
     scenario = scenarios(1, 7)
     truth = on_path(scenario[0], 300.0)
     along, against = STILL.copy(), STILL.copy()

@@ -187,14 +187,12 @@ START, GOAL, DISC = [0.0, 0.0, 0.0], [20.0, 0.0, 0.0], [10.0, 0.0, 2.0]
     [
         (([10.0, 1.0, 0.0], GOAL, 1.0, [[5.0, 9.0, 1.0], DISC]), "start is 1 m inside obstacle 1"),
         ((START, [12.5, 0.0, 0.0], 1.0, [DISC], 1.0), "goal is 0.5 m inside obstacle 0 or its margin: move the goal"),
-        ((START, GOAL, 0.0, [DISC]), "turn radius must be positive"),
         (([np.nan, 0.0, 0.0], GOAL, 1.0, [DISC]), "start must be finite"),
         ((START, GOAL, 1.0, [[np.inf, 0.0, 1.0]]), "obstacle 0 must have finite numbers"),
         ((START, GOAL, 1.0, [DISC, [10.0, 0.0, -2.0]]), "obstacle 1 must have .* a radius of 0 or more"),
         ((START, GOAL, 1.0, [["x", 0.0, 1.0]]), "obstacles must be an array of real numbers, got"),
         ((START, GOAL, 1.0, DISC), r"rows \(x, y, radius\)"),
         ((START, GOAL, 1.0, [DISC], -0.1), "margin must be finite and 0 or more"),
-        ((np.zeros((2, 3)), GOAL, 1.0, [DISC]), "one pose"),
     ],
 )  # fmt: skip
 def test_bad_input_is_refused_in_a_sentence(arguments, message):

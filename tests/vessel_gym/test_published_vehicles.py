@@ -108,7 +108,7 @@ def swings(rates: Rates, degrees: float) -> tuple[float, float]:
     return overshoots(rates, U0, degrees)
 
 
-def test_the_reference_gives_the_turning_circle_that_fossen_prints():
+def test_mariner_reference_gives_fossens_turning_circle():
     """Fossen (2011), section 12.2: mariner.m at -15 deg after 100 s ahead; radius 711 m, advance 943 m.
 
     Read as he reads it. It says that the coefficients here are the printed ones.
@@ -148,13 +148,13 @@ def test_the_mariner_turns_as_its_published_equations_do(degrees: int):
 
 
 @pytest.mark.parametrize("degrees", [10, 20])
-def test_the_mariner_s_zig_zag_is_that_of_its_published_equations(degrees: int):
+def test_mariner_zigzags_as_its_published_equations(degrees: int):
     np.testing.assert_allclose(swings(OURS, degrees), swings(symmetric, degrees), rtol=0.20)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("degrees", [10, 20, 35])
-def test_as_mariner_m_reads_its_equations_the_mariner_begins_to_turn_the_same(degrees: int):
+def test_mariner_begins_to_turn_as_in_mariner_m(degrees: int):
     """Until much speed is lost, in advance and overshoots: its tactical diameter at hard helm is a quarter larger."""
     assert circle(OURS, degrees).advance == pytest.approx(
         circle(instantaneous, degrees).advance, rel=0.10
@@ -165,7 +165,7 @@ def test_as_mariner_m_reads_its_equations_the_mariner_begins_to_turn_the_same(de
         )
 
 
-def test_the_page_on_vehicles_has_the_mariner_s_table_as_it_is_computed():
+def test_page_shows_the_computed_mariner_table():
     text = (Path(__file__).parents[2] / "docs" / "vehicles.md").read_text(encoding="utf-8")
     rows = re.findall(
         r"^\| (turning circle|zig-zag), (\d+).*?\|.*?\| (.*?) \| (.*?) \|$", text, re.M

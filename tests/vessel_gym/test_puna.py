@@ -20,7 +20,6 @@ C = BODY.vector()
 VEHICLE = Puna()
 SENSORS = sensors_of(VEHICLE)
 DEG = np.pi / 180.0
-MIRROR = np.array([1, -1, 1, 1, 1, -1, -1, 1, -1, 1])
 MISSILE = PointMass(
     1005.0, 0.3376, (-1.9431, -0.1499, 0.2359), (21.9, 0.0), (3.312e-9, -1.142e-4, 1.224)
 )
@@ -161,26 +160,6 @@ def test_velocity_changes_by_thrust_lift_drag_and_weight():
     np.testing.assert_allclose(rates[:, 6], 2.0 * (controls[:, 2] - phi), rtol=1e-12)
 
 
-def test_the_equations_are_those_of_the_literature_in_wind_axes():
-    """Beard & McLain (2012), ch. 9: a point mass that turns coordinated."""
-    states, controls = (
-        random_states(np.random.default_rng(24), 200),
-        random_controls(np.random.default_rng(26), 200),
-    )
-    (V, gamma, _, phi), (thrust, alpha, _) = states[:, 3:7].T, controls.T
-    pressure = 0.5 * np.polyval(BODY.density, states[:, 2]) * V**2 * BODY.area
-    along = thrust * np.cos(alpha) - pressure * np.polyval(BODY.drag, alpha)
-    across = pressure * np.polyval(BODY.lift, alpha) + thrust * np.sin(alpha)
-    expected = np.stack([
-        along / BODY.mass - BODY.gravity * np.sin(gamma),
-        (across * np.cos(phi) / BODY.mass - BODY.gravity * np.cos(gamma)) / V,
-        across * np.sin(phi) / (BODY.mass * V * np.cos(gamma)),
-    ], -1)  # fmt: skip
-    np.testing.assert_allclose(
-        axes_rates(states, controls, C)[:, 3:6], expected, rtol=0, atol=1e-11
-    )
-
-
 def test_the_density_is_that_of_the_standard_atmosphere():
     h = np.linspace(-100.0, 1000.0, 12)
     standard = 1.225 * (1.0 - 0.0065 * h / 288.15) ** 4.25588  # ISO 2533
@@ -201,52 +180,6 @@ def test_without_thrust_and_drag_energy_is_conserved():
     assert np.ptp(after[:, 3]) > 1.0  # it went up and down
 
 
-def test_drag_only_takes_energy_and_thrust_only_gives_it():
-    states = random_states(np.random.default_rng(3), 200)
-    states[:, 7:] = 0.0
-    controls = random_controls(np.random.default_rng(4), 200)
-
-    def power(controls: np.ndarray) -> np.ndarray:
-        rates = axes_rates(states, controls, C)
-        return BODY.mass * (states[:, 3] * rates[:, 3] + BODY.gravity * rates[:, 2])
-
-    glide = power(controls * [0, 1, 1])
-    assert glide.max() < 0.0
-    np.testing.assert_allclose(
-        power(controls) - glide,
-        controls[:, 0] * np.cos(controls[:, 1]) * states[:, 3],
-        rtol=0,
-        atol=1e-9,
-    )
-
-
-def test_port_mirrors_starboard():
-    rng = np.random.default_rng(5)
-    states, controls = random_states(rng, 200), random_controls(rng, 200)
-    mirrored = axes_rates(states * MIRROR, controls * [1, 1, -1], C)
-    np.testing.assert_allclose(
-        mirrored, axes_rates(states, controls, C) * MIRROR, rtol=1e-12, atol=1e-13
-    )
-
-
-def test_no_direction_is_special():
-    """Turning course, position and wind turns the whole flight."""
-    rng = np.random.default_rng(6)
-    states, control, angle = random_states(rng, 50), np.tile(random_controls(rng, 50), 2), 0.7
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-
-    def turned(x: np.ndarray) -> np.ndarray:
-        x = x.copy()
-        x[:, :2], x[:, 7:9] = x[:, :2] @ turn.T, x[:, 7:9] @ turn.T
-        x[:, 5] += angle
-        return x
-
-    after = axes_step(turned(states), control, C, 1.0, 10)
-    np.testing.assert_allclose(
-        after, turned(axes_step(states, control, C, 1.0, 10)), rtol=0, atol=1e-9
-    )
-
-
 # --- where the equations have poles ---------------------------------------------------------------
 
 
@@ -254,7 +187,7 @@ def test_no_direction_is_special():
     "gamma", [np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, np.pi / 2 + 1e-9, np.pi, 5.0]
 )
 @pytest.mark.parametrize("speed", [0.0, 1e-12, 0.5, 20.0])
-def test_straight_up_or_down_and_at_rest_nothing_is_infinite(gamma, speed):
+def test_vertical_flight_and_rest_stay_finite_and_bounded(gamma, speed):
     rng = np.random.default_rng(8)
     axes = random_states(rng, 20)
     axes[:, 3], axes[:, 4] = speed, gamma
@@ -272,15 +205,6 @@ def test_straight_up_or_down_and_at_rest_nothing_is_infinite(gamma, speed):
         assert np.isfinite(SENSORS.exact(states, exogenous(VEHICLE, winds))).all()
 
 
-def test_a_stalled_aircraft_drops_its_nose_and_flies_again():
-    state, control = level_flight(20.0, altitude=300.0)
-    state[3], state[4] = 1.0, 1.4
-    for _ in range(100):
-        state = axes_step(state, np.tile(control, 2), C, 0.1, 1)
-    assert state[3] > 8.0
-    assert abs(wrap(state[4])) < np.pi / 2
-
-
 def test_a_tail_slide_turns_into_a_dive_with_the_same_velocity():
     state = np.array([0.0, 0.0, 100.0, 0.3, np.pi / 2, 0.2, 0.0, 1.0, 0.0, 0.0])
     after = axes_step(state, np.zeros(6), C, 0.1, 1)
@@ -289,26 +213,6 @@ def test_a_tail_slide_turns_into_a_dive_with_the_same_velocity():
 
 
 # --- gusts ----------------------------------------------------------------------------------------
-
-
-def test_head_wind_adds_airspeed_side_wind_turns_and_updraft_raises_the_flow():
-    """At one velocity over ground, the gust alone makes the difference."""
-    flying, air = np.zeros((3, len(STATE))), np.zeros((3, 6))
-    flying[:, STATE.index("north")] = 20.0
-    air[0, AIR.names.index("gust north")], air[1, AIR.names.index("gust east")] = -1.0, 1.0
-    air[2, AIR.names.index("gust down 1")] = -1.0
-    wind = AIR.effect(air, flying)
-    head, side, updraft = in_wind_axes(flying, wind)
-    np.testing.assert_allclose(
-        airspeed(flying, wind), [21.0, np.hypot(20, 1), np.hypot(20, 1)], rtol=1e-12
-    )
-    np.testing.assert_allclose(head[3:6], [21.0, 0.0, 0.0], rtol=1e-12, atol=1e-15)
-    np.testing.assert_allclose(
-        side[3:6], [np.hypot(20, 1), 0.0, -np.arctan(1 / 20)], rtol=1e-12, atol=1e-15
-    )
-    np.testing.assert_allclose(
-        updraft[3:6], [np.hypot(20, 1), -np.arctan(1 / 20), 0.0], rtol=1e-12, atol=1e-15
-    )
 
 
 def test_a_steady_wind_shifts_the_track_and_nothing_else():
@@ -332,7 +236,7 @@ def test_a_steady_wind_shifts_the_track_and_nothing_else():
 # --- the step -------------------------------------------------------------------------------------
 
 
-def test_one_step_is_converged_in_half_a_minute_of_full_reversals():
+def test_one_step_is_converged_in_full_reversals():
     state, control = level_flight(20.0, altitude=100.0)
     coarse, fine, actuators, slopes = state, state, control[None], []
     for k in range(300):
@@ -366,7 +270,7 @@ def test_trimmed_flight_stays_as_it_is(speed, altitude):
     np.testing.assert_allclose(after[:2], [60.0 * speed, 0.0], rtol=0, atol=1e-7)
 
 
-def test_what_no_wing_or_propeller_can_do_is_refused():
+def test_infeasible_level_flight_is_refused():
     with pytest.raises(ValueError, match="no level flight at 8 m/s: lift"):
         trim(8.0, BODY)
     with pytest.raises(ValueError, match=r"no level flight at 45 m/s: it takes 17\.\d N"):
@@ -406,7 +310,7 @@ def test_a_level_coordinated_turn_has_the_radius_of_its_bank(speed, bank):
     assert track[-1, 5] == pytest.approx(np.sign(bank) * 2.0 * np.pi, rel=1e-6)
 
 
-def test_the_bank_limit_holds_the_published_circle_in_a_tail_wind():
+def test_bank_limit_holds_the_published_circle_in_tail_wind():
     in_still_air, in_tail_wind = np.arctan(np.array([20.0, 23.8]) ** 2 / (9.81 * 100.0)) / DEG
     assert in_still_air == pytest.approx(22.2, abs=0.05)
     assert in_tail_wind == pytest.approx(30.0, abs=0.05)
@@ -424,21 +328,10 @@ def test_all_thrust_climbs_at_20_degrees():
     assert rates[3] == pytest.approx(0.2, abs=0.2)
 
 
-def test_thrust_drives_angle_of_attack_climbs_and_bank_turns_to_starboard():
-    state, control = level_flight(20.0)
-    rest = axes_rates(state, control, C)
-    np.testing.assert_allclose(rest[3:6], 0.0, rtol=0, atol=1e-9)
-    assert axes_rates(state, control + [1.0, 0.0, 0.0], C)[3] > 0.1
-    assert axes_rates(state, control + [0.0, 0.02, 0.0], C)[4] > 0.1
-    banked = axes_step(state, np.tile(control + [0.0, 0.0, 0.3], 2), C, 1.0, 10)
-    assert banked[5] > 0.05
-    assert banked[6] == pytest.approx(0.3 * (1.0 - np.exp(-2.0)), rel=1e-4)
-
-
 # --- the paper's own form -------------------------------------------------------------------------
 
 
-def test_at_no_angle_of_attack_the_paper_s_form_is_the_flight_in_a_vertical_plane():
+def test_paper_form_without_angle_of_attack_is_planar_flight():
     states, controls = (
         random_states(np.random.default_rng(11), 100),
         random_controls(np.random.default_rng(12), 100),
@@ -451,7 +344,7 @@ def test_at_no_angle_of_attack_the_paper_s_form_is_the_flight_in_a_vertical_plan
     )
 
 
-def test_the_paper_s_form_is_its_equation_1_with_lift_along_the_body_and_drag_along_the_velocity():
+def test_paper_form_is_equation_1_with_lift_along_the_body():
     rng = np.random.default_rng(13)
     gamma, v, x, h = rng.uniform([-1.0, 10.0, 0.0, 0.0], [1.0, 30.0, 100.0, 200.0], (50, 4)).T
     T, alpha = rng.uniform([0.0, -0.1], [16.0, 0.2], (50, 2)).T
@@ -480,7 +373,7 @@ def test_the_paper_s_form_is_its_equation_1_with_lift_along_the_body_and_drag_al
     )  # brakes twice
 
 
-def test_the_missile_of_the_published_constants_cannot_fly_at_the_paper_s_speed():
+def test_published_missile_cannot_fly_at_20_m_s():
     weight = MISSILE.mass * MISSILE.gravity
     pressure = 0.5 * MISSILE.density[2] * MISSILE.area
     assert weight / (pressure * 20.0**2) == pytest.approx(
@@ -512,14 +405,10 @@ AROUND = (
 """What filters estimate besides the aircraft's own state."""
 
 
-def test_the_start_is_the_prior_s_trimmed_for_20_m_s():
-    x = np.random.default_rng(14).normal(size=(4, 7))
-    state, actuators = VEHICLE.start(x)
-    np.testing.assert_array_equal(state, x)
+def test_the_start_is_trimmed_for_20_m_s():
+    _, actuators = VEHICLE.start(np.zeros((4, 7)))
     np.testing.assert_allclose(actuators, np.tile(level_flight(20.0)[1], (4, 1)))
-    state += 1.0
-    actuators += 1.0
-    assert (state != x).all()  # copies
+    actuators += 1.0  # a copy
     np.testing.assert_allclose(BODY.cruise, level_flight(20.0)[1])
 
 
@@ -576,36 +465,14 @@ def test_the_state_in_wind_axes_is_what_it_was_made_of():
     np.testing.assert_allclose(airspeed(own, states[:, 7:]), states[:, 3], rtol=0, atol=1e-10)
 
 
-def test_straight_up_straight_down_and_at_rest_a_step_is_finite_and_no_wing_bears_more_than_it_may():
-    state, still = np.zeros((4, 7)), np.zeros(3)
-    state[:, 5], state[:, 2] = [20.0, -20.0, 0.0, 1e-9], 100.0
-    control = np.tile([10.0, 0.2, 0.5], 2)
-    for _ in range(50):
-        state = puna_step(state, control, still, C, 0.1, 1)
-        assert np.isfinite(state).all()
+def test_wing_load_is_limited():
     fast = np.zeros((1, 7))
     fast[:, 3] = 200.0
-    moved = puna_step(fast, np.tile([0.0, 0.2, 0.0], 2), still, C, 0.01, 1)
+    moved = puna_step(fast, np.tile([0.0, 0.2, 0.0], 2), np.zeros(3), C, 0.01, 1)
     assert moved[0, 5] == pytest.approx((200.0 - 9.81) * 0.01, rel=0.02)
 
 
-def test_the_wind_decays_and_the_bias_stays_but_for_what_enters():
-    rng = np.random.default_rng(27)
-    air, bias = rng.normal(size=(6, 6)), rng.normal(size=(6, 3))
-    decayed = AIR.process.advance(air)
-    np.testing.assert_allclose(decayed[:, :2], np.exp(-0.1 / 200.0) * air[:, :2], rtol=1e-12)
-    np.testing.assert_allclose(
-        decayed[:, 2:4], np.exp(-0.1 * 20.0 / 200.0) * air[:, 2:4], rtol=1e-12
-    )
-    # (1 + sqrt(3) T s) / (1 + T s)^2: critically damped, z1' = z2 and z2' = -z1 - 2 z2 in units of
-    # T = 50 m / (20 m/s)
-    t = 0.1 * 20.0 / 50.0
-    damped = np.exp(-t) * np.array([[1.0 + t, t], [-t, 1.0 - t]])
-    np.testing.assert_allclose(decayed[:, 4:], air[:, 4:] @ damped.T, rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(SENSORS.bias.advance(bias), bias)
-
-
-def test_sensors_read_velocity_over_ground_the_bias_of_the_gnss_and_the_rest_as_it_is():
+def test_puna_sensors_read_ground_velocity_and_gnss_bias():
     rng = np.random.default_rng(16)
     states = random_states(rng, 50)
     own, bias = own_state(states), rng.normal(size=(50, 3))
@@ -618,9 +485,10 @@ def test_sensors_read_velocity_over_ground_the_bias_of_the_gnss_and_the_rest_as_
         [np.ones((50, 4)), states[:, 7:]]
     )  # increments act later and are not seen
     np.testing.assert_allclose(SENSORS.exact(own, incremented, bias), plain, rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(SENSORS.bias.advance(bias), bias)
 
 
-def test_in_a_wind_along_the_course_exact_measurements_give_back_the_state():
+def test_exact_measurements_give_the_state_in_along_wind():
     states = random_states(np.random.default_rng(17), 20)
     states[:, 3] = np.maximum(states[:, 3], 12.0)
     along = np.random.default_rng(25).uniform(-3.0, 3.0, 20)
@@ -640,7 +508,7 @@ def test_in_a_wind_along_the_course_exact_measurements_give_back_the_state():
     np.testing.assert_array_equal(d, np.zeros((20, 4)))
 
 
-def test_whatever_is_read_gives_a_state():
+def test_extreme_measurements_give_finite_states():
     measurements = np.array(
         [[0.0] * 9, [1e3, -1e3, 1e3, -5.0, 4.0, 30.0, -10.0, -3.0, 2.0], [1e300] * 9, [-1e300] * 9]
     )

@@ -1,14 +1,23 @@
-"""What the reward of a ship weighs, by flights in moderate seas: place, steering without bound, and estimates."""
+"""What rewards weigh: states that they read, place, steering without bound, and estimates; what does not pay."""
 
 from collections.abc import Callable
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
+from heading_ship import HEADING_SHIP
 
 from agents.controllers import make_controller
 from vessel_gym.core import Core
-from vessel_gym.envs import SigmaCorvetteEnv
+from vessel_gym.envs import (
+    ItsunusaAUVEnv,
+    PunaUAVEnv,
+    SegorogeniAUVEnv,
+    SigmaChannelEnv,
+    SigmaCorvetteEnv,
+)
+from vessel_gym.system import System
 from vessel_gym.tasks.helm import smoothness
 
 TASK = SigmaCorvetteEnv.system.task
@@ -60,17 +69,13 @@ def dithered(amplitude: float, period: int) -> tuple[float, float, float]:
     return flown(helm=helm)
 
 
-def test_a_good_autopilot_on_the_truth_is_worth_most_of_a_perfect_step():
-    assert steered()[0] > 0.6
-
-
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_fifty_metres_beside_the_track_are_worth_next_to_nothing(side: float):
+def test_fifty_metres_off_the_track_score_nearly_nothing(side: float):
     assert flown(beside=50.0 * side)[0] <= 0.15 / 3.0
 
 
 @pytest.mark.parametrize("hysteresis", [0.0, 0.2, 0.5])
-def test_a_rudder_that_only_changes_sides_at_full_rate_is_not_worth_it(hysteresis: float):
+def test_bang_bang_steering_scores_little(hysteresis: float):
     last = np.ones((ROWS, 1))
 
     def helm(k: int, action: np.ndarray) -> np.ndarray:
@@ -81,22 +86,24 @@ def test_a_rudder_that_only_changes_sides_at_full_rate_is_not_worth_it(hysteresi
 
 
 @pytest.mark.parametrize(("amplitude", "period"), [(0.04, 2), (0.11, 4)])
-def test_to_triple_the_reversals_costs_a_twentieth(amplitude: float, period: int):
+def test_triple_reversals_cost_a_twentieth(amplitude: float, period: int):
     score, _, reversals = dithered(amplitude, period)
     assert 3.0 * steered()[2] <= reversals <= 3.7 * steered()[2]
     assert score <= steered()[0] - 0.05
 
 
-def test_the_more_the_rudder_travels_at_the_same_place_the_lower_the_score():
+def test_score_falls_with_rudder_travel():
     flights = [steered(), *(dithered(amplitude, 4) for amplitude in (0.05, 0.1, 0.2, 0.4, 0.8))]
     scores, travels, _ = zip(*flights, strict=True)
     assert (np.diff(travels) > 0.0).all()
     assert (np.diff(scores) < 0.0).all()
 
 
-def test_the_less_an_estimate_is_worth_the_more_the_rudder_travels():
+def test_score_falls_with_worse_estimates():
     flights = [steered(estimator) for estimator in ("truth", "kf-umv-ui", "ekf", "measurement")]
     scores, travels, _ = zip(*flights, strict=True)
+    assert scores[0] > 0.6
+    assert scores[1] > 0.5
     assert (np.diff(travels) > 0.0).all()
     assert (np.diff(scores) < 0.0).all()
 
@@ -113,3 +120,127 @@ def test_effort_costs_without_bound_and_rest_nothing():
     np.testing.assert_allclose(1.0 / turned - 1.0, (1.25 + 4.0) * np.abs(rate[:, 0]))
     both = smoothness(np.array([[1.0, 0.0]]), np.array([[1.0, 0.0]]), 2.0)
     np.testing.assert_allclose(1.0 / both - 1.0, 1.25)
+
+
+# --- every task -----------------------------------------------------------------------------------
+
+COURSE = ("x", "y", "psi", "u", "v", "current north", "current east", "wave sway")
+READ = [
+    (SegorogeniAUVEnv.system, ("x", "y", "z", "theta")), (ItsunusaAUVEnv.system, ("x", "z", "theta")),
+    (HEADING_SHIP, ("psi", "r")), (SigmaChannelEnv.system, COURSE), (SigmaCorvetteEnv.system, (*COURSE, "r")),
+    (PunaUAVEnv.system, ("x", "y", "h", "north", "east", "climb", "wind north", "wind east", "wind down")),
+]  # fmt: skip
+by_name = {"ids": lambda value: getattr(value, "name", None)}
+
+
+@pytest.mark.parametrize(("system", "read"), READ, **by_name)
+def test_score_reads_these_states_and_nothing_else(system: System, read: tuple[str, ...]):
+    task, vehicle, core, rng = (
+        system.task,
+        system.vehicle,
+        Core(system, 50),
+        np.random.default_rng(4),
+    )
+    core.start(0)
+    for _ in range(10):
+        before = core.now.score_state.copy()
+        core.step(rng.uniform(-1.0, 1.0, (50, core.config.action_size)))
+    now, names = core.now, (vehicle.state_names, vehicle.increments + vehicle.ambient_flows)
+    acting = now.state, now.exogenous
+    others = [
+        np.where(np.isin(name, read), x, rng.normal(size=x.shape))
+        for name, x in zip(names, acting, strict=True)
+    ]
+    rest = (
+        now.scenario,
+        now.reference,
+        np.zeros(50, bool),
+        now.actuators,
+        now.action,
+        before,
+    )
+    scores = task.score(*acting, *rest), task.score(*others, *rest)
+    assert scores[0][0].any()
+    for one, other in zip(*scores, strict=True):
+        np.testing.assert_array_equal(one, other)
+    start = [task.initial_score_state(x, now.scenario) for x in (acting[0], others[0])]
+    np.testing.assert_array_equal(*start)
+
+
+# --- what does not pay on a track -----------------------------------------------------------------
+
+
+def sailed(
+    system: System, policy: Callable[[int, Core], np.ndarray], disturbance: str
+) -> tuple[float, set[str]]:
+    """Mean score and ends of sixteen ships on the truth."""
+    core = Core(system, 16, estimator="truth", disturbance=disturbance)
+    core.start(list(range(10_000, 10_016)))
+    total, ends = np.zeros(16), np.zeros(16, int)
+    for k in range(system.task.horizon):
+        now = core.step(policy(k, core))
+        total += now.reward * (ends == 0)
+        ends = np.where(ends == 0, now.end, ends)
+    return total.mean() / system.task.perfect, set(np.array(system.task.end_reasons)[ends])
+
+
+IDLE: dict[str, Any] = {
+    "hard over inwards": lambda k, core: np.sign(core.now.scenario[:, 1:2]),
+    "hard over outwards": lambda k, core: -np.sign(core.now.scenario[:, 1:2]),
+    "hands off": lambda k, core: np.zeros((16, 1)),
+    "weaving": lambda k, core: np.full((16, 1), 1.0 if k // 14 % 2 == 0 else -1.0),
+}
+
+
+@pytest.mark.parametrize("policy", sorted(IDLE))
+@pytest.mark.parametrize(
+    ("system", "disturbance", "most"),
+    [
+        (SigmaCorvetteEnv.system, "moderate", 0.06), (SigmaCorvetteEnv.system, "rough", 0.06),
+        (SigmaChannelEnv.system, "moderate", 0.1), (SigmaChannelEnv.system, "rough quartering", 0.1),
+    ],
+    **by_name,
+)  # fmt: skip
+def test_nothing_but_keeping_to_the_track_pays(
+    system: System, disturbance: str, most: float, policy: str
+):
+    score, ends = sailed(system, IDLE[policy], disturbance)
+    assert score <= most
+    assert system.name != "SigmaChannel" or ends == {"aground"}
+
+
+@pytest.mark.parametrize(
+    ("disturbance", "least"),
+    [("calm", 0.85), ("moderate", 0.75), ("rough", 0.55), ("moderate quartering", 0.45)],
+)
+def test_the_autopilot_arrives(disturbance: str, least: float):
+    controller = make_controller("autopilot", SigmaChannelEnv.system)
+    controller.reset(16)
+    score, ends = sailed(
+        SigmaChannelEnv.system, lambda k, core: controller.act(core.observe()), disturbance
+    )
+    assert ends == {"arrived"}
+    assert score > least
+
+
+CHANNEL = SigmaChannelEnv.system.task
+
+
+@pytest.mark.parametrize(
+    ("system", "most"),
+    [
+        (SigmaChannelEnv.system, 3.0 * CHANNEL.dt * TASK.ship.speed / (CHANNEL.leg * TASK.ship.length)),
+        (SigmaCorvetteEnv.system, 200 * 0.06),
+    ],
+    **by_name,
+)  # fmt: skip
+def test_loitering_does_not_pay(system: System, most: float):
+    """A ship that is put back again and again to where she began is on the track, and gets no further."""
+    core = Core(system, 8, estimator="truth", disturbance="calm")
+    core.start(0)
+    state = core.now.state.copy()
+    total = np.zeros(8)
+    for _ in range(200):
+        total += core.step(np.zeros((8, 1))).reward
+        core.now.state = state.copy()
+    assert total.max() < most

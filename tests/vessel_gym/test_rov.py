@@ -119,7 +119,7 @@ def test_the_vehicle_turns_over_as_its_rotation_matrix_does():
         np.testing.assert_allclose(np.array(states)[:, :9], exact[:, :9], rtol=0, atol=error)
 
 
-def test_euler_angles_are_those_of_the_attitude_nearest_to_the_old_ones():
+def test_euler_angles_are_nearest_to_the_previous_ones():
     """At the pole, too, where roll and yaw are not determined alone."""
     states, near = STATES.copy(), STATES + RNG.normal(scale=0.3, size=STATES.shape)
     states[:20, 10] = np.pi / 2.0 * np.sign(states[:20, 10])
@@ -136,30 +136,7 @@ def test_euler_angles_are_those_of_the_attitude_nearest_to_the_old_ones():
     np.testing.assert_allclose(shown, STATES, rtol=0, atol=1e-13)
 
 
-def test_the_generalised_force_of_a_unit_thrust_is_the_thruster_s_direction_and_moment():
-    half = np.sqrt(0.5)
-    ahead = [half, -half, 0.0, 0.085 * half, 0.085 * half, -(0.156 + 0.111) * half]
-    np.testing.assert_allclose(BODY.allocation[:, 0], ahead, atol=1e-15)
-    np.testing.assert_allclose(
-        BODY.allocation[:, 4], [0.0, 0.0, -1.0, -0.218, 0.12, 0.0], atol=1e-15
-    )
-    assert np.linalg.matrix_rank(BODY.allocation) == 6  # the vehicle is fully actuated
-    longer = replace(
-        BODY, directions=tuple((3.0 * x, 3.0 * y, 3.0 * z) for x, y, z in BODY.directions)
-    )
-    np.testing.assert_allclose(longer.allocation, BODY.allocation, atol=1e-15)
-
-
-@pytest.mark.parametrize("pair", [(0, 1), (2, 3), (4, 5), (6, 7)])
-def test_a_symmetric_pair_of_thrusters_gives_no_sway_roll_or_yaw(pair: tuple[int, int]):
-    thrusts = np.zeros(8)
-    thrusts[list(pair)] = 10.0
-    np.testing.assert_allclose((BODY.allocation @ thrusts)[[1, 3, 5]], 0.0, atol=1e-14)
-    thrusts[pair[1]] = 0.0  # either of them alone does
-    assert np.abs((BODY.allocation @ thrusts)[[1, 3, 5]]).max() > 1.0
-
-
-def test_without_thrust_energy_only_decreases_and_without_damping_it_is_constant():
+def test_rov_energy_decreases_and_is_constant_undamped():
     def power(c: np.ndarray) -> np.ndarray:
         states = with_quaternion(STATES)
         rates = rov_rates(states, np.zeros(6), CURRENTS, c)
@@ -177,7 +154,7 @@ def test_without_thrust_energy_only_decreases_and_without_damping_it_is_constant
     np.testing.assert_allclose(power(undamped), 0.0, atol=1e-10)
 
 
-def test_neutrally_buoyant_and_upright_the_vehicle_rests_without_thrust_and_rights_itself():
+def test_neutral_upright_rov_rests_and_rights_itself():
     vehicle = ROV(replace(BODY, buoyancy_excess=0.0))
     state, thrusts = vehicle.start(np.zeros((1, 12)))
     c = vehicle.body.vector()[None]
@@ -190,26 +167,13 @@ def test_neutrally_buoyant_and_upright_the_vehicle_rests_without_thrust_and_righ
     )  # quadratic damping of roll alone dies out slowly
 
 
-def test_the_shipped_vehicle_sinks_at_the_speed_whose_drag_is_its_excess_of_weight():
+def test_rov_sinks_where_drag_balances_excess_weight():
     vehicle, state = ROV(), np.zeros((1, 12))
     for _ in range(300):
         state = vehicle.moved(state, *np.zeros((2, 1, 8)), STILL[None], C[None])
     assert state[0, 2] == pytest.approx(
         brentq(lambda w: 33.0 * w + 190.0 * w**2 - 0.98, 0.0, 1.0), rel=1e-9
     )
-
-
-@pytest.mark.parametrize("axis", range(6))
-def test_the_steady_speed_is_that_at_which_damping_takes_all_of_the_force(axis: int):
-    vehicle = ROV(replace(BODY, z_g=0.0, buoyancy_excess=0.0))
-    tau = np.zeros(6)
-    tau[axis] = (40.0, 40.0, 40.0, 0.5, 0.5, 0.5)[axis]
-    thrusts, state = (np.linalg.pinv(BODY.allocation) @ tau)[None], np.zeros((1, 12))
-    for _ in range(100):
-        state = vehicle.moved(state, thrusts, thrusts, STILL[None], vehicle.body.vector()[None])
-    linear, quadratic = -C[6 + axis], -C[12 + axis]
-    speed = (-linear + np.sqrt(linear**2 + 4.0 * quadratic * tau[axis])) / (2.0 * quadratic)
-    np.testing.assert_allclose(state[0, :6], np.eye(6)[axis] * speed, rtol=1e-6, atol=1e-6)
 
 
 def test_thrust_follows_its_command_with_its_lag_up_to_its_limit():

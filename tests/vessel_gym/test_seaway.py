@@ -16,7 +16,6 @@ from vessel_gym.core import Core
 from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.envs.ship import ship_system
 from vessel_gym.seaway import Seaway
-from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import (
     COEFFICIENTS,
     STATE,
@@ -65,9 +64,7 @@ def response(sea: Seaway, w: np.ndarray, beta: float, speed: float) -> np.ndarra
 
 @pytest.mark.parametrize("speed", [7.0, 15.4])
 @pytest.mark.parametrize("beta", DEG * np.array([0.0, 57.0, 90.0, 143.0, 180.0]))
-def test_a_ship_that_sails_through_the_field_answers_each_wave_at_the_frequency_at_which_she_meets_it(
-    beta, speed
-):
+def test_ship_answers_each_wave_at_its_encounter_frequency(beta, speed):
     """Against the sum over the waves drawn of `wave_response`, in a current that carries ship and waves."""
     sea, t, psi, current = (
         replace(ROUGH, direction=0.4),
@@ -154,7 +151,7 @@ def test_a_sea_of_components_has_its_significant_height():
     assert 4.0 * surface.std() == pytest.approx(ROUGH.height, rel=0.02)
 
 
-def test_the_field_is_one_of_place_and_time_whatever_ship_and_filter_do():
+def test_wave_field_is_a_function_of_place_and_time():
     """Two cores of one seed, with different estimators, sensors and helms, meet the same sea where they are."""
     chosen = (
         {"estimator": "ekf"},
@@ -212,7 +209,7 @@ def test_a_current_carries_the_water():
     assert np.abs(way).min() > 0.01
 
 
-def test_the_bands_of_filters_keep_their_variance_wherever_the_ship_is():
+def test_filter_wave_bands_keep_their_variance_everywhere():
     """Z stays standard normal as it rotates, and so does what a ship sees of it from wherever she is."""
     sea = MODERATE.modelled
     process = sea.process
@@ -257,7 +254,7 @@ def test_a_sea_has_its_significant_height_and_peak():
 
 
 @pytest.mark.parametrize("beta", [0.3, 1.2, 0.5 * np.pi, 2.4])
-def test_wave_loads_are_those_of_the_water_s_motion_averaged_along_the_hull(beta):
+def test_wave_loads_average_water_motion_along_the_hull(beta):
     """Against quadrature of the velocity of the water and of its gradient (least squares) along the hull."""
     w, half = 0.9, 0.5 * SHIP.length
     k = w**2 / GRAVITY
@@ -337,7 +334,7 @@ def test_wave_loads_are_as_large_as_those_of_strip_theory(direction, period):
         assert ratio == pytest.approx(1.0, abs=0.3)
 
 
-def test_abeam_the_waves_roll_the_ship_in_the_phase_in_which_they_push_and_yaw_her():
+def test_beam_waves_roll_in_phase_with_sway_and_yaw():
     """Strip theory for the naval vessel at rest: sway, roll, yaw 90, 90, 90 to 84, 88, 77 degrees up to 1.14 rad/s."""
     for ship in (VERES_VESSEL, SHIP, MARINER):
         sway, yaw, roll = wave_loads(ship, np.sqrt(GRAVITY / ship.length), 0.5 * np.pi)
@@ -347,7 +344,7 @@ def test_abeam_the_waves_roll_the_ship_in_the_phase_in_which_they_push_and_yaw_h
 
 
 @pytest.mark.parametrize("ship", [SHIP, MARINER], ids=["corvette", "mariner"])
-def test_however_long_a_step_is_the_waves_move_her_as_far_as_in_continuous_time(ship):
+def test_wave_motion_does_not_depend_on_the_step(ship):
     """A calm head sea, which the Mariner meets at 3.8 rad a step; its waves here are regular.
 
     A roll moment that is held loses sinc(w_e dt / 2) of a wave that is met less than half a time a
@@ -406,7 +403,7 @@ def test_the_wind_of_a_rough_sea_needs_about_a_degree_of_rudder():
     assert 0.3 * DEG < max(helm) < 1.1 * DEG
 
 
-def test_wind_and_drift_push_to_leeward_and_not_at_all_from_ahead():
+def test_wind_and_drift_push_to_leeward_and_not_from_ahead():
     for beta in (0.5, 1.5, 2.5):
         assert (
             slow_loads(ROUGH, beta, 12.0)["sway force"]
@@ -427,7 +424,7 @@ def test_wind_and_drift_push_to_leeward_and_not_at_all_from_ahead():
 @pytest.mark.parametrize(
     ("sea", "leeway"), [(MODERATE, 0.195), (ROUGH, 0.360)], ids=["moderate", "rough"]
 )
-def test_filters_are_told_the_leeway_of_a_ship_that_her_rudder_holds_across_the_wind(sea, leeway):
+def test_assumed_leeway_is_that_of_a_held_ship_in_beam_wind(sea, leeway):
     """She sails for ten minutes under a heading autopilot in wind and drift alone."""
     c, heading, state, integral = SHIP.vector(), 0.5 * np.pi, np.zeros(len(STATE)), 0.0
     state[2], state[3] = heading, SHIP.speed
@@ -451,7 +448,7 @@ def hard_over(side: float) -> np.ndarray:
     return sailed(SHIP, side * np.minimum(SHIP.rudder_rate * time, 35.0 * DEG), 0.1)
 
 
-def test_at_constant_revolutions_the_steady_turn_is_tighter_than_the_tactical_diameter():
+def test_steady_turn_is_tighter_than_tactical_diameter():
     states = hard_over(1.0)
     turned = np.argmax(states[:, 2] >= np.pi)
     tactical = states[turned, 1] / SHIP.length
@@ -472,22 +469,6 @@ def test_she_rolls_into_a_turn_at_first_and_then_out_of_it(side):
     assert roll.min() < roll[-1] - 1.0  # overshoots on her way there
 
 
-def test_roll_swings_with_its_own_period_and_dies_away():
-    state = np.zeros(8)
-    state[6] = 2.0 * DEG
-    c, dt = SHIP.vector().copy(), 0.02
-    c[COEFFICIENTS.index("thrust")] = 0.0
-    rolls = []
-    for _ in range(2000):
-        state = corvette_step(state, np.zeros(2), np.zeros(7), c, dt, 1)
-        rolls.append(state[6])
-    rolls = np.array(rolls)
-    crossings = np.flatnonzero((rolls[:-1] > 0.0) & (rolls[1:] <= 0.0))
-    damped = SHIP.roll_period / np.sqrt(1.0 - 0.071**2)
-    assert np.diff(crossings).mean() * dt == pytest.approx(damped, rel=5e-3)
-    assert np.abs(rolls[-400:]).max() < 0.2 * 2.0 * DEG
-
-
 def test_nomotos_figures_lie_by_those_of_a_frigate_of_her_size():
     nomoto = nomoto_linear(SHIP)  # K' 2.0, T' 2.4 for van Amerongen's 100 m frigate
     assert 1.6 < nomoto.K < 2.6
@@ -497,21 +478,10 @@ def test_nomotos_figures_lie_by_those_of_a_frigate_of_her_size():
         assert re.search(printed, (Path(__file__).parents[2] / place).read_text(encoding="utf-8"))
 
 
-def test_constant_thrust_is_the_limit_of_propellers_without_slope():
-    """A ship file that says nothing of propellers has constant thrust, and a slipstream in proportion to the speed."""
-    thesis = load("corvette-thesis", CorvetteParameters)
-    turns = steady_turns(thesis)
-    c, i = thesis.vector(), 80
-    state = np.array([0.0, 0.0, 0.0, turns.speed[i], turns.sway[i], turns.yaw_rate[i], 0.0, 0.0])
-    rates = corvette_rates(state, turns.rudder[i : i + 1], np.zeros(7), c)
-    assert np.abs(rates[3:6]).max() < 1e-8
-    assert c[COEFFICIENTS.index("thrust_rise")] == c[COEFFICIENTS.index("race")] == 0.0
-
-
 # --- in the loop ----------------------------------------------------------------------------------
 
 
-def test_filters_are_told_of_a_sea_of_no_direction_and_hold_its_current():
+def test_filters_assume_a_sea_without_direction():
     core = Core(CORVETTE, 2)
     composition = core.config.composition
     assert composition.inputs == ("yaw increment",)

@@ -27,7 +27,6 @@ SENSORS = sensors_of(VEHICLE)
 AUV = AUVS["segorogeni"]
 STILL = np.zeros(2)  # no current
 DEG = np.pi / 180.0
-MIRROR = np.array([1, -1, 1, -1, 1, -1, 1, -1, 1, -1, 1, -1])
 
 
 def random_states(rng: np.random.Generator, n: int) -> np.ndarray:
@@ -51,18 +50,6 @@ def test_the_vehicle_floats_up_by_its_excess_of_buoyancy():
     assert BODY.mass == pytest.approx(18.49, abs=0.005)
     assert BODY.buoyancy - BODY.mass * 9.81 == pytest.approx(1.0)
     assert BODY.buoyancy - 15.0 * 9.81 == pytest.approx(35.0, abs=0.5)  # the printed mass
-
-
-def test_the_printed_inverse_inertia_is_that_of_no_body():
-    printed = np.array([
-        [0.162, -0.0024, 0.8989, 0.0011, 0.0980, 0.0001],
-        [-0.0012, -0.8175, -0.0206, -0.0431, -0.0024, 0.0969],
-        [1.8855, -0.0418, -1.0230, -0.0036, -0.2205, 0.0024],
-        [-0.0518, 0.8865, 0.0511, 1.0468, 0.0088, -0.1050],
-        [15.9131, -0.3634, -17.0743, -0.0425, -1.8611, 0.0213],
-        [-0.0128, 15.7327, 0.1966, 0.8288, 0.0240, -0.8641],
-    ])  # fmt: skip
-    assert (np.linalg.eigvals(printed).real < 0.0).sum() == 2
 
 
 # --- the compiled equations -----------------------------------------------------------------------
@@ -150,20 +137,6 @@ def test_the_printed_lift_gives_energy_to_a_vehicle_going_astern():
     assert AUV.power(states, rates, C).max() > 0.1
 
 
-def test_port_mirrors_starboard_but_for_the_propeller_s_torque():
-    rng = np.random.default_rng(4)
-    states, controls, currents = (
-        random_states(rng, 200),
-        random_controls(rng, 200),
-        random_currents(rng, 200),
-    )
-    c = AUV.changed(propeller_torque=0.0)
-    mirrored = segorogeni_rates(states * MIRROR, controls * [-1, 1, 1], currents * [1, -1], c)
-    rates = segorogeni_rates(states, controls, currents, c)
-    np.testing.assert_allclose(mirrored, rates * MIRROR, rtol=1e-12, atol=1e-13)
-    assert segorogeni_rates(np.zeros(12), np.array([0.0, 0.0, 4.0]), STILL, C)[3] < 0.0
-
-
 # --- kinematics -----------------------------------------------------------------------------------
 
 
@@ -172,7 +145,7 @@ def attitude(state: np.ndarray) -> Rotation:
     return Rotation.from_euler("ZYX", state[..., [11, 10, 9]])
 
 
-def test_position_moves_with_the_velocity_in_earth_axes_and_the_current():
+def test_position_rate_is_earth_velocity_plus_current():
     rng = np.random.default_rng(7)
     states, currents = random_states(rng, 100), random_currents(rng, 100)
     rates = segorogeni_rates(states, np.zeros(3), currents, C)
@@ -266,20 +239,6 @@ def test_level_flight_is_stable(speed):
     assert np.linalg.eigvals(A).real.max() < -0.05
 
 
-def test_two_substeps_are_converged_in_a_hard_turn_and_dive():
-    state, control = level_flight(1.0)
-    coarse, fine, actuators = state, state, control[None]
-    for k in range(150):
-        action = np.array([[1.0, 0.5, 1.0]]) * (1.0 if k < 75 else -1.0)
-        after = VEHICLE.actuate(actuators, action)
-        moving = np.concatenate([actuators, after], -1)[0]
-        coarse, fine = (
-            segorogeni_step(x, moving, STILL, C, 0.1, n) for x, n in ((coarse, 2), (fine, 20))
-        )
-        actuators = after
-        np.testing.assert_allclose(coarse, fine, rtol=0, atol=5e-5)
-
-
 def steady_turn(rudder: float) -> np.ndarray:
     """The state after a minute of rudder from level flight at 1 m/s."""
     state, control = level_flight(1.0)
@@ -294,56 +253,14 @@ def test_the_vehicle_turns_as_tightly_as_the_course_asks(rudder, radius):
     assert turn[1] < 0.0  # drifting outwards
 
 
-def test_positive_rudder_turns_to_starboard_positive_stern_plane_dives_and_thrust_drives():
-    ahead = np.zeros(12)
-    ahead[0] = 1.0
-    rest = segorogeni_rates(ahead, np.zeros(3), STILL, C)
-    assert segorogeni_rates(ahead, np.array([0.1, 0.0, 0.0]), STILL, C)[5] > rest[5]
-    assert segorogeni_rates(ahead, np.array([0.0, 0.1, 0.0]), STILL, C)[4] < rest[4]
-    assert segorogeni_rates(ahead, np.array([0.0, 0.0, 1.0]), STILL, C)[0] > rest[0]
-    adrift = segorogeni_step(np.zeros(12), np.zeros(6), STILL, C, 60.0, 1200)
-    assert adrift[8] < -1.0  # it comes up
-    tilted = np.zeros(12)
-    tilted[9], tilted[10] = 0.2, 0.1
-    assert (segorogeni_rates(tilted, np.zeros(3), STILL, C)[3:5] < 0.0).all()
-
-
 # --- the vehicle in an environment ----------------------------------------------------------------
 
 
-def test_the_start_is_the_prior_s_with_the_paper_s_rudder():
-    x = np.random.default_rng(12).normal(size=(4, 12))
-    state, actuators = VEHICLE.start(x)
-    np.testing.assert_array_equal(state, x)
+def test_the_start_has_the_paper_s_rudder():
+    _, actuators = VEHICLE.start(np.zeros((4, 12)))
     np.testing.assert_allclose(actuators, np.tile([5 * DEG, 0.0, BODY.cruise_thrust], (4, 1)))
-    state += 1.0
-    assert (state != x).all()  # a copy
     _, (_, _, thrust) = level_flight(1.0)
     assert BODY.cruise_thrust == pytest.approx(thrust, rel=0.1)
-
-
-def test_fins_turn_at_their_rate_up_to_their_limit():
-    actuators, track = np.array([[0.05, 0.0, 2.0]]), []
-    for _ in range(10):
-        actuators = VEHICLE.actuate(actuators, np.array([[1.0, -0.5, 0.0]]))
-        track.append(actuators[0, :2])
-    steps = np.arange(1, 11)
-    np.testing.assert_allclose(
-        np.array(track)[:, 0], np.minimum(0.05 + 0.1 * steps, 20 * DEG), rtol=1e-12
-    )
-    np.testing.assert_allclose(
-        np.array(track)[:, 1], np.maximum(-0.1 * steps, -10 * DEG), rtol=1e-12
-    )
-
-
-def test_thrust_lags_exponentially():
-    actuators = np.array([[0.0, 0.0, 2.0], [0.0, 0.0, 2.0]])
-    action = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])
-    for _ in range(7):
-        actuators = VEHICLE.actuate(actuators, action)
-    decay = np.exp(-0.7 / BODY.thrust_lag)
-    np.testing.assert_allclose(actuators[:, 2], [8.0 - 6.0 * decay, 2.0 * decay], rtol=1e-12)
-    assert np.exp(-0.1 / BODY.thrust_lag) == pytest.approx(0.8187, abs=1e-4)
 
 
 def test_sensors_read_velocity_over_ground_and_the_rest_as_it_is():
@@ -394,7 +311,7 @@ def test_mismatch_scales_what_is_uncertain_and_nothing_else():
             assert not scaled & set(DRAG + LIFT)
 
 
-def test_a_mismatched_vehicle_is_still_a_body_of_revolution_that_only_loses_energy():
+def test_mismatched_vehicle_is_axisymmetric_and_dissipative():
     rng = np.random.default_rng(18)
     c = VEHICLE.parameters(0.3, rng.normal(size=(200, VEHICLE.normals)))
     M = inertia(c)

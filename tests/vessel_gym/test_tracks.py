@@ -9,7 +9,7 @@ import vessel_gym  # noqa: F401
 from vessel_gym.tasks.turning_circle import dead_reckoned
 
 
-def test_the_commanded_path_closes_a_circle_of_the_commanded_radius():
+def test_commanded_path_has_the_commanded_radius():
     task = HEADING_SHIP.task
     radius = 4.0 * task.ship.length
     for side in (1.0, -1.0):

@@ -125,7 +125,7 @@ def complaint(source: str, *wanted) -> str:
 
 
 @pytest.mark.parametrize("name", names())
-def test_every_number_of_a_vehicle_in_the_package_has_a_word_on_its_source(name: str):
+def test_every_number_of_a_vehicle_names_its_source(name: str):
     text = (DATA / f"{name}.toml").read_text(encoding="utf-8")
     numbers = [line for line in text.splitlines() if re.match(r"[A-Za-z_]+ = [-\[0-9]", line)]
     assert len(numbers) > 8
@@ -135,7 +135,7 @@ def test_every_number_of_a_vehicle_in_the_package_has_a_word_on_its_source(name:
     assert all(len(source) > 20 for source in tomllib.loads(text)["sources"].values())
 
 
-def test_a_name_that_no_vehicle_has_is_answered_with_the_nearest():
+def test_unknown_vehicle_is_answered_with_the_nearest_name():
     assert complaint("corvete").startswith(
         "unknown vehicle 'corvete' (did you mean 'corvette'?): choose from "
     )
@@ -143,7 +143,7 @@ def test_a_name_that_no_vehicle_has_is_answered_with_the_nearest():
 
 
 @pytest.mark.parametrize("wrong", [3, None, b"puna", ["puna"]], ids=repr)
-def test_what_is_neither_a_name_nor_a_path_is_refused_in_one_sentence(wrong):
+def test_vehicle_must_be_a_name_or_a_path(wrong):
     with pytest.raises(
         TypeError,
         match=r"^a vehicle is the path of a file or one of bluerov2-heavy, .*, got [^\n]*$",
@@ -151,7 +151,7 @@ def test_what_is_neither_a_name_nor_a_path_is_refused_in_one_sentence(wrong):
         load(wrong)
 
 
-def test_a_file_that_is_not_there_is_called_that(tmp_path):
+def test_missing_file_is_named(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"nowhere\.toml"):
         load(tmp_path / "nowhere.toml")
 
@@ -192,7 +192,7 @@ def test_a_small_file_is_a_vehicle(write):
     assert trim(18.0, wing).thrust < wing.thrust_limit
 
 
-def test_what_the_layout_of_a_file_names_is_what_its_class_knows():
+def test_file_layout_names_the_fields_of_its_class():
     for cls in (
         CorvetteParameters,
         SegorogeniParameters,
@@ -209,9 +209,7 @@ def test_what_the_layout_of_a_file_names_is_what_its_class_knows():
     ("name", "coefficient", "power"),
     [("Yv", "Yv", 2), ("Yr", "Yr", 3), ("Nv", "Nv", 3), ("Nr", "Nr", 4)],
 )
-def test_a_given_derivative_of_a_ship_replaces_the_estimated_one_and_no_other(
-    write, name, coefficient, power
-):
+def test_given_ship_derivative_replaces_only_itself(write, name, coefficient, power):
     prime = float(1.1 * load(write(SHIP)).clarke[name])
     estimated, ship = (
         load(write(SHIP)).vector(),
@@ -227,7 +225,7 @@ def test_a_given_derivative_of_a_ship_replaces_the_estimated_one_and_no_other(
     [("Yvdot", "sway_inertia", 3), ("Yrdot", "sway_yaw_inertia", 4), ("Nvdot", "yaw_sway_inertia", 4),
      ("Nrdot", "yaw_inertia", 5), ("Xudot", "surge_inertia", 3)],
 )  # fmt: skip
-def test_a_given_added_mass_of_a_ship_replaces_the_estimated_one(write, name, coefficient, power):
+def test_given_ship_added_mass_replaces_only_itself(write, name, coefficient, power):
     less, more = (
         load(write(f"{SHIP}\n[derivatives]\n{name} = {prime}\n")).vector()
         for prime in (-1e-4, -2e-4)
@@ -243,7 +241,7 @@ def test_a_given_rudder_force_replaces_area_and_aspect_ratio(write):
     assert c["rudder"] * 1.2**2 == pytest.approx(0.5 * 1025.0 * 60.0**2 * 3e-3)  # per u^2 and angle
 
 
-def test_the_cross_flow_drag_falls_with_beam_over_draught_where_it_is_not_given(write):
+def test_default_cross_flow_drag_falls_with_beam_over_draught(write):
     drags = []
     for draught in (2.0, 3.0, 4.5, 6.0):
         text = SHIP.replace("draught = 3.0", f"draught = {draught}")
@@ -257,9 +255,7 @@ def test_the_cross_flow_drag_falls_with_beam_over_draught_where_it_is_not_given(
 
 
 @pytest.mark.parametrize("name", [*(each.name for each in fields(Coefficients)), "K_up"])
-def test_a_given_coefficient_of_an_underwater_vehicle_replaces_the_estimated_one_and_no_other(
-    write, name
-):
+def test_given_auv_coefficient_replaces_only_itself(write, name):
     def all_of(body: AUVParameters) -> dict[str, float]:
         return asdict(body.coefficients) | {"K_up": body.roll_lift}
 
@@ -273,7 +269,7 @@ def test_a_given_coefficient_of_an_underwater_vehicle_replaces_the_estimated_one
     assert found == estimated | {name: value, partner: value}
 
 
-def test_coefficients_may_hold_the_terms_of_added_mass_as_prestero_prints_them(write):
+def test_auv_coefficients_may_hold_added_mass_terms(write):
     plain = load(write(TORPEDO)).coefficients
     printed = {
         "Y_ur": plain.Y_ur + plain.X_udot, "Z_uq": plain.Z_uq - plain.X_udot, "N_ur": plain.N_ur + plain.Y_rdot,
@@ -288,7 +284,7 @@ def test_coefficients_may_hold_the_terms_of_added_mass_as_prestero_prints_them(w
     assert load(write(f"{TORPEDO}\n[coefficients]\nwith_added_mass = true\n")).coefficients == plain
 
 
-def test_a_given_mass_of_an_underwater_vehicle_sets_what_it_displaces(write):
+def test_given_auv_mass_sets_its_displacement(write):
     body = load(
         write(
             TORPEDO.replace("z_g", "mass = 40.0\nbuoyancy_excess = 2.0\npitch_inertia = 5.0\nz_g")
@@ -299,7 +295,7 @@ def test_a_given_mass_of_an_underwater_vehicle_sets_what_it_displaces(write):
     assert body.roll_inertia == 0.1 * 40.0 * 0.2**2
 
 
-def test_the_drag_of_an_underwater_vehicle_is_the_bare_hull_s_where_it_is_not_given(write):
+def test_default_auv_drag_is_that_of_the_bare_hull(write):
     assert load(write(TORPEDO)).torpedo.axial_drag == axial_drag_coefficient(1.5, 0.2, 1.5)
 
 
@@ -362,7 +358,7 @@ WRONG = [  # file, what is replaced by what, the line, the sentence
 
 
 @pytest.mark.parametrize(("text", "old", "new", "line", "sentence"), WRONG)
-def test_what_is_wrong_is_said_in_one_sentence_with_the_line(write, text, old, new, line, sentence):
+def test_mistake_is_said_in_one_sentence_with_its_line(write, text, old, new, line, sentence):
     assert old in text
     said = complaint(write(text.replace(old, new, 1)))
     print(said)
@@ -372,14 +368,14 @@ def test_what_is_wrong_is_said_in_one_sentence_with_the_line(write, text, old, n
     assert len(said) < 700
 
 
-def test_a_file_that_is_no_text_is_called_that(tmp_path):
+def test_file_must_be_text_in_utf_8(tmp_path):
     (tmp_path / "my.toml").write_bytes(b"\xff\xfe\x00kind")
     assert complaint(tmp_path / "my.toml").endswith(
         "my.toml, line 1: the file is not text in UTF-8"
     )
 
 
-def test_a_vehicle_of_another_kind_is_refused_where_one_is_expected(write):
+def test_vehicle_of_another_kind_is_refused(write):
     said = complaint(write(TORPEDO), CorvetteParameters)
     assert said.startswith(
         "my.toml, line 1: kind 'auv' with 6 degrees of freedom, where Corvette is needed: docs/vehi"
@@ -393,7 +389,7 @@ def test_a_vehicle_of_another_kind_is_refused_where_one_is_expected(write):
     assert load("itsunusa", AUVParameters) is load("itsunusa")
 
 
-def test_a_ship_without_steady_turns_may_be_loaded_for_other_trials(write):
+def test_unstable_ship_may_be_loaded_on_request(write):
     text = SHIP.replace("[rudder]", "[derivatives]\nNv = -0.05\n[rudder]")
     ship = load(write(text), CorvetteParameters, stable=False)
     assert ship.stability < 0.0
@@ -403,9 +399,7 @@ def test_a_ship_without_steady_turns_may_be_loaded_for_other_trials(write):
 
 @settings(max_examples=60, deadline=None)
 @given(factor=st.floats(0.2, 20.0), straight=st.floats(0.0, 1.0), x_g=st.floats(-3.0, 3.0))
-def test_the_sign_of_the_stability_is_whether_small_motions_of_the_compiled_ship_die_away(
-    factor, straight, x_g
-):
+def test_stability_sign_is_that_of_the_linear_growth_rate(factor, straight, x_g):
     from vessel_gym.vehicles.corvette import sway_yaw_jacobian
 
     ship = load("corvette")
@@ -420,9 +414,7 @@ def test_the_sign_of_the_stability_is_whether_small_motions_of_the_compiled_ship
 
 @settings(max_examples=150, deadline=None)
 @given(data=st.data())
-def test_whatever_is_written_into_a_file_it_is_a_vehicle_or_one_sentence_with_a_line(
-    data, tmp_path_factory
-):
+def test_any_file_is_a_vehicle_or_one_sentence_with_a_line(data, tmp_path_factory):
     lines = data.draw(st.sampled_from([SHIP, TORPEDO, WING, THRUSTERS])).split("\n")
     where = data.draw(st.integers(0, len(lines) - 1))
     keys = st.sampled_from(

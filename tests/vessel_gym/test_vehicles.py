@@ -47,7 +47,7 @@ def test_a_step_is_the_solution_of_the_equations(case: Case):
 
 
 @each_case
-def test_where_the_equations_are_smooth_the_step_is_of_fourth_order(case: Case):
+def test_step_of_smooth_equations_is_of_fourth_order(case: Case):
     smooth, (dt, parts) = case.nominal.copy(), case.order
     smooth[[name in case.kinks for name in case.vehicle.parameter_names]] = 0.0
     exact = case.exact(smooth, dt)
@@ -90,3 +90,32 @@ def test_without_mismatch_every_truth_is_the_filter_s(case: Case):
     np.testing.assert_array_equal(
         case.vehicle.parameters(0.0, normals), np.tile(case.nominal, (5, 1))
     )
+
+
+ODD = {
+    "y", "psi", "v", "r", "phi", "p", "east", "rudder", "rudder rate", "bank", "wind east", "current east",
+    "sway force", "yaw moment", "roll moment", "wave sway",
+}  # fmt: skip
+"""What changes its sign in the mirror."""
+
+
+@each_case
+def test_port_mirrors_starboard(case: Case):
+    """But for the torque of a propeller."""
+    vehicle = case.vehicle
+    names = vehicle.state_names, vehicle.action_names, vehicle.ambient_flows
+    signs = [np.where(np.isin(each, list(ODD)), -1.0, 1.0) for each in names]
+    given = case.draw(np.random.default_rng(3), 200)
+    c = np.where(np.isin(vehicle.parameter_names, "propeller_torque"), 0.0, case.nominal)
+    mirrored = vehicle.equations(*(x * sign for x, sign in zip(given, signs, strict=True)), c)
+    expected = vehicle.equations(*given, c) * signs[0]
+    np.testing.assert_allclose(mirrored, expected, rtol=1e-12, atol=1e-13)
+
+
+@each_case
+def test_the_start_is_a_copy_of_the_estimated_components(case: Case):
+    given = np.random.default_rng(9).normal(size=(4, len(case.vehicle.estimated("nonlinear"))))
+    state, x = case.vehicle.start(given)[0], given.copy()
+    np.testing.assert_array_equal(state, np.pad(x, ((0, 0), (0, state.shape[1] - x.shape[1]))))
+    state += 1.0
+    np.testing.assert_array_equal(given, x)
