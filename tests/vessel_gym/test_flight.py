@@ -8,7 +8,7 @@ from contract import make_core
 
 from vessel_gym.envs import PunaUAVEnv
 from vessel_gym.filter_models.exogenous import Forces
-from vessel_gym.guidance.dubins import Path, approach, plan, shortest
+from vessel_gym.guidance.dubins import Path, approach, lengths, plan, shortest
 from vessel_gym.guidance.path_following import ANYWHERE, LEAD, locate
 from vessel_gym.start import joint_prior
 from vessel_gym.system import Estimate
@@ -191,6 +191,28 @@ def test_a_scene_between_given_poses_keeps_clear_of_obstacles(goal: Any):
         assert (approach(path, obstacles[:, :2]) >= obstacles[:, 2] + TASK.margin).all()
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"start": (0.0, 0.0, 0.0), "goal": (200.0, 0.0, 0.0)},
+        {"start": (0.0, 0.0, 0.0), "goal": (300.0, 0.0, 0.0)},
+        {"goal": (150.0, 0.0, 0.0)},
+    ],
+    ids=str,
+)
+def test_near_poses_give_a_scene_for_every_seed(options: Any):
+    uniforms = np.random.default_rng(2).random((64, TASK.uniforms))
+    drawn = TASK.scenario(uniforms, options)
+    goal = TASK.goal(drawn)
+    direct = lengths(drawn[:, :3], goal, TASK.radius).min(-1)
+    farthest = 0.8 * TASK.horizon * TASK.dt * TASK.body.cruise_speed
+    np.testing.assert_allclose(goal[:, :2], np.tile(options["goal"][:2], (64, 1)), atol=1e-6)
+    for scenario, shortest_length in zip(drawn, direct, strict=True):
+        path, obstacles = Path(segments_of(scenario)), obstacles_of(scenario)
+        assert shortest_length - 1e-6 <= path.length <= farthest
+        assert (approach(path, obstacles[:, :2]) >= obstacles[:, 2] + TASK.margin).all()
+
+
 def test_a_scene_may_be_requested():
     obstacles = [(300.0, 10.0, 50.0), (500.0, -90.0, 30.0)]
     options = {
@@ -223,6 +245,9 @@ BAD = [
     ({"obstacles": [(10.0, 0.0, 30.0)]}, r"the start .*obstacle.*"),
     ({"obstacles": [(0.0, 120.0, 90.0), (0.0, -120.0, 90.0), (120.0, 0.0, 90.0), (-120.0, 0.0, 90.0)]},
      r"no path with turns of 130 m or more was found, .*"),
+    ({"goal": (-45.0, 0.0, 0.0), "obstacles": []}, r"the path comes back to where it was .*"),
+    ({"start": (0.0, 0.0, 0.0), "goal": (-20.0, 0.0, 0.0)}, r"the path comes back to where it was .*"),
+    ({"start": (0.0, 0.0, 0.0), "goal": (100.0, 0.0, 0.0)}, r"the path to the goal must be 130 .* got 100 m"),
     ({"altitude": 10.0}, r"altitude must be between 50 and 1000 m, got 10\.0"),
 ]  # fmt: skip
 

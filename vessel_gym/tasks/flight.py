@@ -10,8 +10,8 @@ from estimators import Gaussian
 from estimators.checks import integer, number, numbers, short_repr
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, check_pair, instance, one_of
-from vessel_gym.guidance.dubins import plan
-from vessel_gym.guidance.path_following import ANYWHERE, COLUMNS, locate, pose_along
+from vessel_gym.guidance.dubins import Path, plan
+from vessel_gym.guidance.path_following import ANYWHERE, COLUMNS, LEAD, locate, pose_along
 from vessel_gym.guidance.scenes import scene
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.helm import smoothness
@@ -32,6 +32,8 @@ _PATH = COLUMNS * SEGMENTS
 _CENTRE_X, _CENTRE_Y, _RADIUS = (
     slice(i, None, 3) for i in range(-3 * OBSTACLES, 3 - 3 * OBSTACLES)
 )
+_SIMILAR = 0.5  # rad between headings of a path that are hard to tell apart
+_SPACING = 5.0  # m between the places of a path that are compared
 _ALTITUDES = np.nextafter(50.0, 0.0), np.nextafter(1000.0, 2000.0)  # m, both left out
 _OPTIONS = ("start", "goal", "obstacles", "altitude")
 _POSE = (
@@ -87,7 +89,8 @@ class Flight(Task):
 
         The start is the origin, on any heading. The goal lies within 90 deg of that heading, and
         its heading within 90 deg of the direct way. One of three obstacles is in the way of the
-        shortest path, and the path leads round it; the others lie beside the path.
+        shortest path, and the path leads round it; the others lie beside the path. Between
+        given poses, obstacles that do not fit are left out.
 
         Args:
             uniforms: Random numbers for the poses, the altitude and the obstacles.
@@ -96,7 +99,8 @@ class Flight(Task):
                 these are (0, 0, 0) and (750, 0, 0).
 
         Raises:
-            ValueError: for an unknown option, a value out of range, or poses that no path joins.
+            ValueError: for an unknown option, a value out of range, poses that no path joins, or
+                given poses whose path comes back to where it was on the same heading.
         """
         for option in options:
             one_of("reset option", option, _OPTIONS)
@@ -109,15 +113,12 @@ class Flight(Task):
             scenario = self._planned(start, goal, self._obstacles(options["obstacles"]))
             scenarios = np.tile(scenario, (len(uniforms), 1))
         else:
+            if np.isfinite(given).all():
+                self._planned(
+                    given[0], given[1], np.zeros((0, 3))
+                )  # the shortest path can be flown
             scenarios = self._drawn(uniforms, np.tile(given.ravel(), (len(uniforms), 1)))
-        length, farthest = (
-            scenarios[:, _PATH],
-            0.8 * self.horizon * self.dt * self.body.cruise_speed,
-        )
-        wrong = length[(length < self.radius) | (length > farthest)]
-        if wrong.size:
-            wanted = f"{self.radius:.0f} to {farthest:.0f} m long, got {wrong[0]:.0f} m"
-            raise ValueError(f"the path to the goal must be {wanted}")
+            self._check_lengths(scenarios[:, _PATH])
         low, high = self.altitudes
         scenarios[:, _PATH + 1] = low + (high - low) * uniforms[:, 13]
         if "altitude" in options:
@@ -145,8 +146,9 @@ class Flight(Task):
         way = np.stack([north, east, bearing + np.pi * (turned - 0.5)], -1)
         goal = np.where(np.isnan(given[..., 3:]), start * [1.0, 1.0, 0.0] + way, given[..., 3:])
         radius = low + (high - low) * size
-        turn, margin = np.array(self.radius), np.array(self.margin)
-        return _listed(*scene(start, goal, turn, along, 2.0 * across - 1.0, radius, margin))
+        turn, margin, longest = (np.array(x) for x in (self.radius, self.margin, self._longest))
+        across = 2.0 * across - 1.0
+        return _listed(*scene(start, goal, turn, along, across, radius, margin, longest))
 
     def _planned(self, start: np.ndarray, goal: np.ndarray, obstacles: np.ndarray) -> np.ndarray:
         """Scenario ``(97,)`` without an altitude, of poses ``(3,)`` and obstacles ``(m, 3)``."""
@@ -156,7 +158,35 @@ class Flight(Task):
                 f"the path has {len(path.segments)} pieces, more than {SEGMENTS}: leave out"
                 " obstacles"
             )
+        self._check_lengths(np.array([path.length]))
+        if self._comes_back(path):
+            raise ValueError(
+                "the path comes back to where it was on the same heading: move the start or the"
+                " goal"
+            )
         return _listed(path.segments, obstacles)
+
+    @property
+    def _longest(self) -> float:
+        """Length [m] of the longest permitted path."""
+        return 0.8 * self.horizon * self.dt * self.body.cruise_speed
+
+    def _check_lengths(self, lengths: np.ndarray) -> None:
+        wrong = lengths[(lengths < self.radius) | (lengths > self._longest)]
+        if wrong.size:
+            wanted = f"{self.radius:.0f} to {self._longest:.0f} m long, got {wrong[0]:.0f} m"
+            raise ValueError(f"the path to the goal must be {wanted}")
+
+    def _comes_back(self, path: Path) -> bool:
+        """Does the path come near an earlier place on a similar heading?
+
+        Places count as different if a quarter of a circle or more lies between them, and as near
+        within the straight that prolongs the path.
+        """
+        x, y, heading = path.sample(_SPACING).T
+        i, j = np.nonzero((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2 <= LEAD**2)
+        later = (j - i) * _SPACING > 0.5 * np.pi * self.radius
+        return bool((np.cos(heading[j[later]] - heading[i[later]]) > np.cos(_SIMILAR)).any())
 
     def _obstacles(self, value: object) -> np.ndarray:
         obstacles = numbers(value)
