@@ -58,7 +58,7 @@ def untraced(page: str, text: str) -> list[str]:
 
 
 @pytest.mark.parametrize("page", WALKED)
-def test_every_number_of_a_page_is_written_by_a_command_or_traced(page: str):
+def test_every_number_of_a_page_is_traced(page: str):
     assert set(re.findall(r"^<!-- (?:table|text): (.*) -->$", TEXT[page], re.M)) <= set(BLOCKS)
     assert untraced(page, TEXT[page]) == []
 

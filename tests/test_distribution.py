@@ -46,7 +46,7 @@ def kept() -> set[str]:
     }
 
 
-def test_the_wheel_holds_every_file_of_the_packages_and_nothing_else(dist: Path):
+def test_wheel_holds_every_file_of_packages_and_nothing_else(dist: Path):
     with zipfile.ZipFile(next(dist.glob("*.whl"))) as wheel:
         names = set(wheel.namelist())
         entry = next(name for name in names if name.endswith(".dist-info/entry_points.txt"))
@@ -59,7 +59,7 @@ def test_the_wheel_holds_every_file_of_the_packages_and_nothing_else(dist: Path)
     }
 
 
-def test_the_source_archive_holds_them_too_with_what_they_are_built_from_and_no_tests(dist: Path):
+def test_source_archive_holds_packages_and_no_tests(dist: Path):
     with tarfile.open(next(dist.glob("*.tar.gz"))) as archive:
         names = {
             member.name.partition("/")[2] for member in archive.getmembers() if member.isfile()

@@ -73,7 +73,7 @@ def rare(hits: int, trials: int, probability: float) -> bool:
 
 
 @pytest.mark.parametrize("disaster", [0.0, 0.01])
-def test_a_suite_at_the_border_is_confirmed_by_chance_in_2_5_percent_of_cases(disaster: float):
+def test_suite_at_border_is_confirmed_in_2_5_percent(disaster: float):
     trials, border = 1000, np.array([KEEP])
     hits = sum(
         confirmed(border, flights(border, i, disaster=disaster), 1024)[1] is not None
@@ -99,7 +99,7 @@ def test_the_whole_procedure_rarely_errs(world: str):
 
 
 @pytest.mark.slow
-def test_all_intervals_of_a_search_hold_at_once_and_the_cheapest_suite_is_found():
+def test_all_intervals_of_a_search_hold_at_once():
     """The share is 0.965 with two steps and 0.945 with three, half a standard deviation less."""
     trials, misses, shares = 100, 0, 1.005 - 0.02 * RANKS.sum(1)
     for seed in range(trials):
@@ -163,7 +163,7 @@ def test_a_suite_that_the_environment_refuses_is_left_out():
     assert COSTS[search.sequence[-1]] == 1
 
 
-def test_suites_are_confirmed_from_the_safest_to_the_cheapest_up_to_the_first_that_is_not():
+def test_suites_are_confirmed_from_safest_to_cheapest():
     for seed in range(10):
         noise = 0.04 * (seed % 2)
         _, search = procedure(flights(1.0 - 0.0125 * RANKS.sum(1), seed, noise))
@@ -188,7 +188,7 @@ CHOICES = {
 PRICES = {"receiver": {"good": 100, "bad": 10.5}, "compass": {"gyro": 1000, "magnetic": 0}}
 
 
-def test_suites_stand_in_the_order_of_their_prices_and_of_one_price_in_that_of_their_rates():
+def test_suites_are_sorted_by_price_then_rate():
     found = suites_of(CHOICES, price_list(CHOICES, PRICES))
     assert [suite.cost[0] for suite in found] == [10.5, 100.0, 100.0, 1010.5, 1100.0, 1100.0]
     assert str(found[1]) == "receiver good at 0.5 Hz, compass magnetic"

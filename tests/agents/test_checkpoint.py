@@ -84,9 +84,7 @@ def test_an_agent_of_any_algorithm_flies_as_it_was_trained(tmp_path: Path, name:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("frames", [1, 3])
-def test_the_statistics_of_observations_fly_with_the_agent_and_stay_as_they_were(
-    tmp_path: Path, frames: int
-):
+def test_statistics_of_observations_are_saved_and_frozen(tmp_path: Path, frames: int):
     def wrapped() -> VecEnv:
         env = VecNormalize(adapter(), clip_obs=0.5, epsilon=1e-3)
         return VecFrameStack(env, frames) if frames > 1 else env
@@ -107,9 +105,7 @@ def test_the_statistics_of_observations_fly_with_the_agent_and_stay_as_they_were
 
 
 @pytest.mark.parametrize("single", [False, True])
-def test_normalised_rewards_and_a_single_environment_make_no_difference(
-    tmp_path: Path, single: bool
-):
+def test_normalised_rewards_make_no_difference(tmp_path: Path, single: bool):
     env = DummyVecEnv([lambda: gym.make(ENV)]) if single else adapter()
     model = trained("A2C", VecNormalize(env, norm_obs=False))
     expected, _ = model.predict(observed(), deterministic=True)
@@ -139,7 +135,7 @@ class Extractor(torch.nn.Flatten):
         return -seen
 
 
-def test_what_cannot_be_stored_in_arrays_is_refused_before_anything_is_written(tmp_path: Path):
+def test_what_cannot_be_stored_is_refused_before_writing(tmp_path: Path):
     batch = adapter().env
     batch.metadata = batch.metadata | {"autoreset_mode": gym.vector.AutoresetMode.SAME_STEP}
     wrapped = gym.wrappers.vector.TransformAction(batch, lambda action: -action)
@@ -180,7 +176,7 @@ def checkpoints(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return save_agent(model, folder / "ours"), folder / "theirs.zip"
 
 
-def test_an_agent_of_another_environment_or_vehicle_is_refused_in_a_sentence(
+def test_agent_of_another_environment_or_vehicle_is_refused(
     tmp_path: Path, checkpoints: tuple[Path, Path]
 ):
     """Ships of vehicle files have one id."""

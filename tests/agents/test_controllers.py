@@ -38,9 +38,7 @@ every_controller = pytest.mark.parametrize(("env_id", "name"), CONTROLLERS)
 
 
 @pytest.mark.parametrize(("response", "damping"), [(2.0, 0.0), (0.1, 0.3), (5.0, 1.0)])
-def test_a_loop_gives_its_plant_one_critically_damped_pair_of_poles(
-    response: float, damping: float
-):
+def test_loop_gives_critically_damped_poles(response: float, damping: float):
     loop = Loop(response, damping, 0.1, 0.4, 0.1)
     assert loop.proportional == pytest.approx(4.0)
     last = [-response * loop.proportional, -damping - response * loop.derivative]
@@ -48,7 +46,7 @@ def test_a_loop_gives_its_plant_one_critically_damped_pair_of_poles(
     np.testing.assert_allclose(poles, -loop.frequency, rtol=1e-6)
 
 
-def test_the_integral_finds_what_a_steady_load_takes_and_waits_at_a_limit():
+def test_integral_cancels_steady_load_and_waits_at_a_limit():
     loop, dt = Loop(1.0, 0.0, 1.0, 1.0, 0.02), 0.02
     position, rate, integral = np.zeros((3, 2))
     for _ in range(5000):
@@ -68,7 +66,7 @@ def test_a_system_of_first_order_is_reduced_to_itself(lag: float):
     assert plant == pytest.approx((3.0 / lag, 1.0 / lag), rel=2e-3)
 
 
-def test_gains_are_those_of_value_iteration_and_differences_those_of_the_function():
+def test_regulator_gains_are_those_of_value_iteration():
     rng = np.random.default_rng(0)
     A, B = np.eye(4) + 0.1 * rng.normal(size=(4, 4)), rng.normal(size=(4, 2))
     np.testing.assert_allclose(
@@ -110,7 +108,7 @@ def test_the_gains_of_a_helm_are_optimal_for_a_step_of_the_ship(tolerances: Tole
         assert np.count_nonzero(K[i]) == len(found)
 
 
-def test_the_integral_of_a_helm_waits_while_the_steering_gear_is_saturated():
+def test_integral_of_helm_waits_while_rudder_is_saturated():
     helm = make_controller("autopilot", HEADING_SHIP)
     small, large = (np.array([error, 0, 0, 0, 0, 0]) for error in (1e-3, 10.0))
     for seen, grows in ((large, False), (small, True)):
@@ -118,7 +116,7 @@ def test_the_integral_of_a_helm_waits_while_the_steering_gear_is_saturated():
         assert (integral != 0.0).all() == grows
 
 
-def test_the_gains_of_an_aircraft_are_optimal_for_a_step_of_the_aircraft():
+def test_gains_of_aircraft_are_optimal_for_its_step():
     """In altitude, airspeed and slope, thrust and angle of attack, about level cruising."""
     vehicle, t = system_of(PUNA).vehicle, of_flights
     body, names = vehicle.body, vehicle.state_names
@@ -192,9 +190,7 @@ def test_steady_dives_climbs_and_turns_stay_as_they_are(env_id: str, turning: bo
 
 
 @PLANES
-def test_the_tables_of_steady_motions_are_smooth_within_limits_and_held_beyond_their_ends(
-    env_id: str, turning: bool
-):
+def test_tables_of_steady_motions_are_smooth_within_limits(env_id: str, turning: bool):
     loop, body = dive_loop(env_id, turning), system_of(env_id).vehicle.body
     assert (np.diff(loop.command) > 0.0).all()
     assert np.abs(loop.fin).max() < body.fin_limit
@@ -286,7 +282,7 @@ def acted(env_id: str, name: str, seen: np.ndarray) -> np.ndarray:
 
 
 @every_controller
-def test_observations_alone_count_row_by_row_and_a_reset_forgets_them(env_id: str, name: str):
+def test_actions_depend_on_observations_of_row_since_reset(env_id: str, name: str):
     """Standard deviations of the longer observation are not used, and nothing is written to."""
     longer = observations(env_id, "mean+std")
     seen = longer[..., : observations(env_id).shape[-1]].copy()
@@ -324,7 +320,7 @@ def test_any_observation_gives_finite_actions_within_bounds(env_id: str, name: s
     assert (np.abs(actions) <= 1.0).all()
 
 
-def test_every_environment_has_an_autopilot_ships_two_more_and_others_are_refused():
+def test_every_environment_has_its_own_controllers():
     for env_id in ENVIRONMENTS:
         beside = ("constant-rudder",) if env_id == THESIS else ()  # the trial itself
         beside += () if env_id in (SPATIAL, VERTICAL, PUNA) else ("lqg", "pid")
@@ -337,7 +333,7 @@ def test_every_environment_has_an_autopilot_ships_two_more_and_others_are_refuse
                 factory(other)
 
 
-def test_either_face_gets_the_autopilot_of_its_task_which_needs_guided_estimates():
+def test_autopilot_of_task_needs_guided_estimates():
     kind = REGISTERED.of(system_of(SHIP).task)["autopilot"]
     for env in (gym.make(SHIP), gym.make_vec(SHIP, num_envs=2)):
         assert type(load_agent("autopilot", env)) is kind
@@ -376,7 +372,7 @@ def test_every_controller_does_its_task(env_id: str, name: str):
     assert (flight.end == task.success).mean() >= 0.9  # arrived; on the corvette, not lost
 
 
-def test_the_faster_over_ground_the_more_an_aircraft_banks_for_an_error_of_its_course():
+def test_aircraft_banks_in_proportion_to_ground_speed():
     system = system_of(PUNA)
     body, agent = system.vehicle.body, make_controller("autopilot", system)
     cruise = {"airspeed": body.cruise_speed, "course sine": 0.05}

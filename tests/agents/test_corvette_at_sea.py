@@ -25,7 +25,7 @@ def flown(estimator: str, sea: str, without: bool = False) -> dict[str, np.ndarr
 
 
 @pytest.mark.parametrize("sea", ["moderate", "rough"])
-def test_an_estimate_of_the_current_raises_the_score_significantly(sea):
+def test_estimate_of_current_raises_score(sea):
     """Paired; the 99.9 % interval of the difference lies above 0."""
     gain = flown("kf-umv-ui", sea)["score"] - flown("kf-umv-ui", sea, without=True)["score"]
     assert gain.mean() > 3.5 * gain.std(ddof=1) / np.sqrt(len(gain))
@@ -37,7 +37,7 @@ def test_kf_umv_ui_is_consistent_in_moderate_seas():
     assert 0.8 < flown("kf-umv-ui", "moderate")["nees"].mean() < 1.3
 
 
-def test_of_filters_that_assume_no_waves_kf_umv_ui_estimates_heading_and_yaw_rate_best():
+def test_kf_umv_ui_is_best_of_filters_without_wave_states():
     """ULISE, on the linear model, estimates the same d, and is worse in the yaw rate alone."""
     ours = flown("kf-umv-ui", "rough")
     for other in ("ekf", "kf", "ulise", "measurement"):
@@ -57,7 +57,7 @@ def test_every_filter_that_takes_the_model_flies(estimator):
 
 
 @pytest.mark.parametrize("estimator", ["ekf-ui-wdf", "ukf-umv"])
-def test_filters_that_take_d_for_a_late_state_estimate_what_kf_umv_ui_does(estimator):
+def test_delayed_input_filters_estimate_what_kf_umv_ui_does(estimator):
     ours, theirs = flown("kf-umv-ui", "moderate"), flown(estimator, "moderate")
     for name in ("heading_rmse", "yaw_rate_rmse", "position_rmse"):
         # Sigma points see the bend of the turn, too, which shows where waves are low.

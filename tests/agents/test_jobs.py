@@ -60,7 +60,7 @@ def expected(tmp_path_factory) -> dict:
     return run(long_study(), tmp_path_factory.mktemp("uninterrupted")).values
 
 
-def test_a_key_depends_on_the_function_the_arguments_the_needs_and_the_versions(monkeypatch):
+def test_key_depends_on_function_arguments_needs_and_versions(monkeypatch):
     first = job("draw", seed=0)
     assert first.key == Job(first.function, {"seed": 0}, "by another name").key
     others = [
@@ -75,7 +75,7 @@ def test_a_key_depends_on_the_function_the_arguments_the_needs_and_the_versions(
     assert len({first.key, *(other.key for other in others)}) == 1 + len(others)
 
 
-def test_a_function_gets_what_the_key_is_made_of_and_its_values_are_read_as_they_were(tmp_path):
+def test_values_of_a_job_are_read_as_they_were_computed(tmp_path):
     tuples, drawn = job("echo", a=(1, 2), b={1: 2}), job("draw", seed=3)
     for _ in range(2):  # computed, then read
         values = run([tuples, drawn], tmp_path).values
@@ -89,7 +89,7 @@ def test_a_function_gets_what_the_key_is_made_of_and_its_values_are_read_as_they
         )
 
 
-def test_only_what_is_missing_is_computed_and_artifacts_reach_those_that_need_them(tmp_path):
+def test_only_missing_jobs_are_computed(tmp_path):
     assert computed(study(), tmp_path) == names(tmp_path)
     new = job("draw", seed=8)
     assert computed([*study(), new], tmp_path) == {f"{new.key}.json"}
@@ -136,9 +136,7 @@ def test_a_damaged_result_is_computed_again(tmp_path, damage, suffix):
     assert run([written, other], tmp_path).values == values
 
 
-def test_a_full_disk_stops_the_run_in_one_sentence_and_what_was_finished_is_kept(
-    tmp_path, monkeypatch
-):
+def test_full_disk_stops_run_and_keeps_what_was_finished(tmp_path, monkeypatch):
     writes, write = iter(range(100)), Path.write_text
 
     def full(*arguments, **named):
@@ -154,7 +152,7 @@ def test_a_full_disk_stops_the_run_in_one_sentence_and_what_was_finished_is_kept
     assert len(results(computed(study(), tmp_path))) == 8
 
 
-def test_a_worker_with_other_code_or_without_the_folder_computes_nothing(tmp_path, monkeypatch):
+def test_worker_with_other_code_or_folder_computes_nothing(tmp_path, monkeypatch):
     drawn = job("draw", seed=0)
     assert drawn.key
     with pytest.raises(OSError, match=f"does not see {tmp_path}/no: all workers need that folder"):
@@ -199,7 +197,7 @@ def goes_on(folder: Path, expected: dict) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("times", [2, pytest.param(8, marks=pytest.mark.nightly)])
-def test_killed_at_random_moments_a_run_ends_as_if_it_had_not_been(tmp_path, expected, times):
+def test_killed_run_ends_as_if_it_had_not_been(tmp_path, expected, times):
     moments = random.Random(times)
     for attempt in range(times):
         with start(tmp_path, 3 + 40 * attempt // times) as process:
@@ -232,7 +230,7 @@ def test_runs_that_share_a_folder_share_the_work(tmp_path, expected, monkeypatch
 
 
 @pytest.mark.slow
-def test_a_killed_worker_ends_the_run_in_one_sentence_and_the_next_run_goes_on(tmp_path):
+def test_killed_worker_ends_run_and_next_run_goes_on(tmp_path):
     wanted = [*study(), job("die", unless=str(tmp_path / "mended"))]
     with pytest.raises(OSError, match="killed, perhaps for want of memory; what was finished is"):
         run(wanted, tmp_path, processes=2)
@@ -264,9 +262,7 @@ def cluster():
 
 
 @pytest.mark.slow
-def test_a_cluster_gives_the_same_values_though_one_of_two_workers_is_killed(
-    tmp_path, expected, cluster
-):
+def test_cluster_gives_same_values_though_worker_is_killed(tmp_path, expected, cluster):
     address, (victim, _) = cluster
 
     def kill(done: int, failed: int, total: int) -> None:

@@ -62,14 +62,14 @@ def gained(better: np.ndarray, worse: np.ndarray) -> bool:
     return difference is not None and difference.low > 0.0
 
 
-def test_on_its_default_estimates_the_autopilot_keeps_the_path_and_arrives(env_id: str):
+def test_autopilot_on_default_estimates_arrives(env_id: str):
     journey = flown(env_id)
     assert journey.env.unwrapped.core.config.estimation.filter.name == DEFAULTS[env_id]
     assert (journey.end == "arrived").sum() >= 47
     assert pooled_rms(journey)[0] <= OFF_PATH[env_id]
 
 
-def test_on_the_last_measurements_it_arrives_in_half_at_most_and_is_off_the_path_twice_as_far(
+def test_autopilot_on_last_measurements_is_twice_as_far_off(
     env_id: str,
 ):
     assert (flown(env_id, "measurement").end == "arrived").sum() <= 25
@@ -80,7 +80,7 @@ def test_on_the_last_measurements_it_arrives_in_half_at_most_and_is_off_the_path
     assert off >= 2.0 * default
 
 
-def test_the_smaller_the_error_of_the_estimate_the_higher_the_score(env_id: str):
+def test_smaller_estimation_error_gives_higher_score(env_id: str):
     truth, default, measurement = (
         flown(env_id, name).score for name in ("truth", None, "measurement")
     )
@@ -123,7 +123,7 @@ def test_the_default_filter_is_consistent_in_the_position(env_id: str):
     assert abs(means.mean() - 1.0) <= 4.0 * means.std(ddof=1) / np.sqrt(len(means))
 
 
-def test_flights_hold_the_altitude_touch_no_obstacle_and_keep_half_of_the_path_s_margin():
+def test_flights_hold_altitude_and_keep_clear_of_obstacles():
     journey = flown(PUNA)
     figures = scores(journey)
     assert pooled_rms(journey)[1] <= 0.7

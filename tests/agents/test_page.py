@@ -23,7 +23,7 @@ def image() -> str:
         return data_uri(canvas)
 
 
-def test_everything_is_on_the_page_escaped_and_the_page_needs_nothing_beside_it(tmp_path):
+def test_page_is_complete_escaped_and_self_contained(tmp_path):
     document = '<p title="a & b">1 < 2</p><script>let x = "</iframe>";</script>'
     blocks = [
         page.table("Errors", TABLE, "RMS < 1."),
@@ -52,14 +52,14 @@ def test_a_page_is_written_whole_or_not_at_all(tmp_path):
     assert [each.name for each in tmp_path.iterdir()] == ["a.html"]
 
 
-def test_numbers_have_true_minus_signs_and_dashes_for_what_is_not_finite():
+def test_numbers_have_minus_signs_and_dashes_for_non_finite():
     assert number(-1.25, 1) == "−1.2"
     assert number(1.0, 2, signed=True) == "+1.00"
     assert number(-0.001, 2) == number(0.001, 2, signed=True) == "0.00"
     assert number(float("nan"), 2) == number(float("inf"), 2) == text(None, 2) == "–"
 
 
-def test_an_interval_has_its_half_width_or_its_ends_where_it_is_uneven():
+def test_interval_has_half_width_or_its_ends_if_uneven():
     assert text(Interval(-1.0, -1.5, -0.5), 1, signed=True) == "−1.0 ± 0.5"
     assert text(Interval(0.5, 0.1, 0.6), 1) == "0.5 [0.1, 0.6]"
     assert words(Interval(0.00018, 0.00007, 0.00029), 3) == "0.0002 ± 0.0001"

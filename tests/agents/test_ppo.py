@@ -40,7 +40,7 @@ tiny = pytest.mark.usefixtures("tiny")
 @tiny
 @pytest.mark.slow
 @pytest.mark.parametrize("memory", MEMORIES)
-def test_the_same_seed_trains_the_same_policy_and_another_seed_another(tmp_path: Path, memory: str):
+def test_policy_depends_on_seed_alone(tmp_path: Path, memory: str):
     """On one machine: training carries rounding of another far. Evaluations change nothing."""
     one, other, third = (
         train(ENV, tmp_path / name, RAW, seed, STEPS, memory=memory, folder=folder).read_bytes()
@@ -79,7 +79,7 @@ def test_training_flies_its_own_seeds_and_no_others(
 @pytest.mark.parametrize(
     ("memory", "options"), [("none", {"observe": "mean+std"}), ("lstm", RAW), ("frames", RAW)]
 )
-def test_a_policy_flies_as_the_actor_that_was_saved_with_a_memory_in_each_row(
+def test_policy_acts_as_saved_actor_with_memory_in_each_row(
     tmp_path: Path, models: list[Any], memory: str, options: dict[str, Any]
 ):
     path = train(ENV, tmp_path / "agent", options, steps=STEPS, memory=memory)
@@ -106,7 +106,7 @@ def test_a_policy_flies_as_the_actor_that_was_saved_with_a_memory_in_each_row(
 
 
 @pytest.mark.parametrize("env_id", [ENV, "PunaUAV-v0"])
-def test_training_on_raw_measurements_runs_no_filter_and_sees_the_same(env_id: str):
+def test_training_on_raw_measurements_runs_no_filter(env_id: str):
     """Observations, rewards and ends equal those with the environment's filter to the last bit."""
     options = {"observe": "measurement", "sensors": "degraded", "max_episode_steps": 15}
     ours = batch(describe(env_id, options, 0, None), 3)
@@ -133,7 +133,7 @@ def test_training_on_raw_measurements_runs_no_filter_and_sees_the_same(env_id: s
 
 
 @tiny
-def test_a_policy_tells_how_it_was_trained_and_training_leaves_threads_alone(tmp_path: Path):
+def test_policy_tells_how_it_was_trained(tmp_path: Path):
     options = {"estimator": ExtendedKalmanFilter}
     threads = torch.get_num_threads()
     try:
@@ -147,7 +147,7 @@ def test_a_policy_tells_how_it_was_trained_and_training_leaves_threads_alone(tmp
     assert "ExtendedKalmanFilter" in described["env_options"]["estimator"]
 
 
-def test_hyperparameters_have_the_names_of_rl_zoo3_and_changed_ones_their_kind():
+def test_hyperparameters_have_names_of_rl_zoo3():
     plain, frames, lstm = (hyperparameters("SegorogeniAUV-v0", memory) for memory in MEMORIES)
     assert frames["frame_stack"] == 20
     assert "frame_stack" not in plain
@@ -162,7 +162,7 @@ def test_hyperparameters_have_the_names_of_rl_zoo3_and_changed_ones_their_kind()
         assert hyperparameters(ENV, "none", {name: value}, "sac")[name] == value
 
 
-def test_a_task_of_ones_own_has_the_settings_of_the_nearest_task_that_it_derives_from(tmp_path):
+def test_subclass_has_settings_of_nearest_task(tmp_path):
     file = tmp_path / "settings.toml"
     dive = SegorogeniAUVEnv.system
     corvette, channel = SigmaCorvetteEnv.system, SigmaChannelEnv.system
@@ -210,7 +210,7 @@ def test_what_is_no_hyperparameter_is_refused(arguments: Any, sentence: str):
         ({}, 7, "steps must be a whole number of at least 8, got 7"),
     ],
 )
-def test_settings_that_do_not_go_together_are_refused_and_leave_nothing_behind(
+def test_bad_settings_are_refused_and_leave_nothing_behind(
     tmp_path: Path, changed: dict[str, Any], steps: int, sentence: str
 ):
     with pytest.raises(ValueError, match=sentence):
@@ -219,7 +219,7 @@ def test_settings_that_do_not_go_together_are_refused_and_leave_nothing_behind(
 
 
 @tiny
-def test_a_policy_has_a_suffix_and_its_own_name_and_stays_whole_when_another_training_breaks_off(
+def test_policy_stays_whole_when_another_training_breaks_off(
     tmp_path: Path,
 ):
     """Names with a point in them, as in a sweep, stay apart."""

@@ -131,7 +131,7 @@ OFFSET = Metric(
 PITCH = Metric("pitch", "Pitch", "°", "lower", 1, "Pitch at the end.", of=_pitch)
 
 
-def test_what_is_registered_for_a_task_is_its_own_and_its_subclasses():
+def test_registrations_of_task_hold_for_its_subclasses():
     register_metrics(KeepDepth, (OFFSET, PITCH))
     register_controller(KeepDepth, "autopilot")(DepthController)
     for task in (KeepDepth(), KeepShallowDepth()):
@@ -146,7 +146,7 @@ def test_what_is_registered_for_a_task_is_its_own_and_its_subclasses():
     np.testing.assert_array_equal(figures["score"], rollout(OWN, ENV, [3, 4]).score)
 
 
-def test_the_nearest_class_counts_and_a_metric_is_added_to_those_of_the_parent():
+def test_registration_of_nearest_class_counts():
     """The same module may register again."""
     shallow = system_with(KeepShallowDepth())
     register_metrics(KeepDepth, (OFFSET,))
@@ -225,7 +225,7 @@ def picture(system: System, steps: int = 5, **options: Any) -> np.ndarray:
     return drawn
 
 
-def test_registered_surroundings_are_seen_by_pictures_and_pages_of_the_task_and_its_subclasses():
+def test_registered_surroundings_are_drawn():
     alone = picture(SYSTEM)
     assert alone.shape == (720, 1008, 3)
     register_surroundings(KeepDepth)(_dock)
@@ -268,7 +268,7 @@ def read(tmp_path: Path, text: str) -> Study:
     return read_study(tmp_path / "study.toml")
 
 
-def test_studies_fly_registered_controllers_and_leave_out_those_that_a_task_has_not(tmp_path: Path):
+def test_studies_fly_registered_controllers_of_each_task(tmp_path: Path):
     planned = plan(read(tmp_path, STUDY))
     flown = {(f.environment.partition(":")[2] or f.environment, f.policy) for f in planned.flights}
     assert flown == {(ENV, "mine"), ("SigmaCorvette-v0", "lqg"), ("SigmaCorvette-v0", "autopilot")}
@@ -282,7 +282,7 @@ def test_a_study_says_which_controllers_there_are(tmp_path: Path):
         read(tmp_path, STUDY + 'x = { kind = "lqr" }\n')
 
 
-def test_where_nothing_has_an_autopilot_a_controller_of_ones_own_takes_its_place(tmp_path: Path):
+def test_user_defined_controller_replaces_missing_autopilot(tmp_path: Path):
     alone = STUDY.replace("SigmaCorvette-v0 = {}\n", "").replace(
         'lqg = { environments = ["SigmaCorvette-v0"] }\n', ""
     )
@@ -296,7 +296,7 @@ def test_where_nothing_has_an_autopilot_a_controller_of_ones_own_takes_its_place
         read(tmp_path, without)
 
 
-def test_a_job_depends_on_the_metrics_and_controllers_that_are_looked_up_by_the_task():
+def test_job_depends_on_metrics_and_controllers_of_all_tasks():
     imported = _closure("agents.studies.flying", "agents", {})
     ours = {
         f"agents.{room}.{task}"
@@ -306,9 +306,7 @@ def test_a_job_depends_on_the_metrics_and_controllers_that_are_looked_up_by_the_
     assert ours | {"agents.controllers", "agents.metrics"} <= set(imported)
 
 
-def test_a_job_depends_on_metrics_and_a_controller_that_are_registered_elsewhere(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_job_depends_on_modules_that_register(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     text = (
         "import own_task\nfrom agents import register_controller,"
         " register_metrics\nregister_metrics(own_task.KeepDepth,"

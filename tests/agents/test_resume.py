@@ -54,7 +54,7 @@ def interrupt(monkeypatch: pytest.MonkeyPatch, share: float) -> None:
 @pytest.mark.parametrize(
     ("algorithm", "memory"), [("ppo", "none"), ("sac", "none"), ("ppo", "lstm")]
 )
-def test_an_interrupted_training_goes_on_from_its_last_whole_checkpoint(
+def test_interrupted_training_goes_on_from_last_checkpoint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, algorithm: str, memory: str
 ):
     """In other episodes, with other noise, keeping the best policy and the curves."""
@@ -110,7 +110,7 @@ def test_an_interrupted_training_goes_on_from_its_last_whole_checkpoint(
 
 
 @pytest.mark.slow
-def test_a_killed_training_loses_what_came_after_its_last_checkpoint(tmp_path: Path):
+def test_killed_training_loses_steps_after_last_checkpoint(tmp_path: Path):
     out = tmp_path / "agent"
     settings = [f"{name}={value}" for name, value in TINY["ppo"].items() if name != "policy_kwargs"]
     line = [sys.executable, "-m", "scripts.train", ENV, "--out", str(out), "--steps", "20000"]
@@ -134,7 +134,7 @@ def test_without_a_training_nothing_is_resumed(tmp_path: Path):
 
 
 @pytest.mark.parametrize("runs", [1, 2])
-def test_a_training_that_broke_off_before_its_first_checkpoint_begins_anew(
+def test_training_without_checkpoint_begins_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runs: int
 ):
     monkeypatch.setattr(command, "CHOOSING", 1)

@@ -132,7 +132,7 @@ def test_a_plain_gymnasium_environment_is_flown_too():
     assert not flight.terminated.any()
 
 
-def test_a_random_agent_is_random_but_repeats_itself_after_a_reset():
+def test_random_agent_repeats_itself_after_a_reset():
     agent = RandomAgent(2, seed=1)
     agent.reset(4)
     first, second = agent.act(np.zeros((4, 7))), agent.act(np.zeros((4, 7)))
@@ -167,7 +167,7 @@ def test_episodes_that_may_never_end_are_refused_in_a_sentence():
     assert rollout("autopilot", "Endless-v0", [0], {"max_episode_steps": 5}).length == [5]
 
 
-def test_an_ensemble_is_kept_if_asked_for_and_not_that_of_the_next_episode():
+def test_ensemble_is_kept_if_asked_for():
     world = {"max_episode_steps": 4, "estimator": "enkf"}
     flight = rollout("autopilot", ENV, [5], world, ensembles=True)
     members = flight.history["ensemble"]
@@ -177,9 +177,7 @@ def test_an_ensemble_is_kept_if_asked_for_and_not_that_of_the_next_episode():
 
 
 @pytest.mark.parametrize(("env_id", "shape"), [(ENV, (2, 7)), ("Pendulum-v1", (2,)), (ENV, None)])
-def test_actions_of_another_shape_are_one_sentence_also_where_an_environment_of_others_takes_them(
-    env_id: str, shape: Any
-):
+def test_actions_of_another_shape_are_one_sentence(env_id: str, shape: Any):
     agent = Own(lambda rows: shape and np.zeros(shape, np.float32))
     with pytest.raises(
         Refusal,

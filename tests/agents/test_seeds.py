@@ -19,7 +19,7 @@ def test_the_ranges_share_no_seed():
     assert EVALUATION[-1] < TUNING[0] < TUNING[-1] < training_seed(0)
 
 
-def test_training_with_any_seed_that_is_typed_meets_no_evaluation_and_no_tuning_seed():
+def test_training_meets_no_evaluation_and_no_tuning_seed():
     """Rows of `train --seed` start at `training_seed`; those of `PPO(..., seed=...)` at the seed itself."""
     for seed in range(1001):
         for first in (training_seed(seed), seed):
@@ -27,7 +27,7 @@ def test_training_with_any_seed_that_is_typed_meets_no_evaluation_and_no_tuning_
             assert rows[-1] < EVALUATION[0] or rows[0] > TUNING[-1]
 
 
-def test_batches_of_different_training_seeds_share_no_environment():
+def test_batches_of_training_seeds_share_no_environment():
     largest = 100_000
     batches = [range(training_seed(k), training_seed(k) + largest) for k in range(50)]
     for one, other in pairwise(batches):

@@ -46,16 +46,16 @@ def own(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("module", ["filters", "gains", "deep", "pack", "inner", "relative"])
-def test_the_digest_of_an_own_module_follows_its_imports_wherever_they_lead(own, module):
+def test_digest_of_user_module_follows_its_imports(own, module):
     assert own(module) != own()
 
 
-def test_what_lies_beside_an_own_module_and_is_not_imported_does_not_count(own):
+def test_digest_ignores_modules_that_are_not_imported(own):
     assert own("beside") == own()
 
 
 @pytest.mark.slow
-def test_what_is_installed_does_not_count_and_is_not_imported_to_see_that():
+def test_digest_ignores_installed_modules():
     code = (
         "import sys; from agents import source; found ="
         " source._closure('agents.training.algorithms', 'agents', {}); assert"

@@ -78,7 +78,7 @@ def ruler():
     )
 
 
-def test_the_floor_keeps_nothing_the_ceiling_everything_and_both_without_doubt(ruler):
+def test_floor_keeps_0_and_ceiling_1_without_doubt(ruler):
     _, floor, ceiling = ruler
     for score, share in ((floor, 0.0), (ceiling, 1.0)):
         np.testing.assert_allclose(
@@ -86,7 +86,7 @@ def test_the_floor_keeps_nothing_the_ceiling_everything_and_both_without_doubt(r
         )
 
 
-def test_a_row_of_shares_has_the_ratio_of_means_for_its_mean_and_nothing_is_clipped(ruler):
+def test_mean_of_shares_is_ratio_of_means_and_not_clipped(ruler):
     score, floor, ceiling = ruler
     score = np.vstack([score, 2.0 * ceiling, floor - 0.1])
     shares = normalise(score, floor, ceiling)
@@ -103,7 +103,7 @@ def test_a_scale_of_another_unit_gives_the_same_shares(ruler):
 
 
 @pytest.mark.parametrize("run", range(3))
-def test_shares_scatter_as_a_bootstrap_that_draws_the_scale_with_the_scores(ruler, run):
+def test_shares_scatter_as_bootstrap_with_scale(ruler, run):
     """Over 20,000 draws; the ratio's curvature and the bootstrap's own scatter are below 3 %."""
     score, floor, ceiling = ruler
     drawn = np.random.default_rng(21).integers(40, size=(20_000, 40))
@@ -123,7 +123,7 @@ def test_an_interval_over_one_run_is_students_over_its_seeds():
     assert crossed_interval(values[None]) == mean_interval(values)
 
 
-def test_an_interval_over_runs_that_seeds_do_not_move_is_students_over_runs():
+def test_interval_over_runs_alone_is_students():
     runs = np.random.default_rng(23).normal(size=(5, 1)) + np.zeros(40)
     np.testing.assert_allclose(
         ends(crossed_interval(runs)), ends(mean_interval(runs[:, 0])), rtol=1e-12
@@ -134,7 +134,7 @@ def test_an_interval_over_runs_that_seeds_do_not_move_is_students_over_runs():
     )
 
 
-def test_an_interval_over_runs_and_seeds_that_add_up_has_satterthwaites_degrees_of_freedom():
+def test_crossed_interval_has_satterthwaites_degrees_of_freedom():
     rng = np.random.default_rng(26)
     runs, seeds = rng.normal(size=(5, 1)), 4.0 * rng.normal(size=40)
     parts = np.array([runs.var(ddof=1) / 5, seeds.var(ddof=1) / 40])
@@ -143,7 +143,7 @@ def test_an_interval_over_runs_and_seeds_that_add_up_has_satterthwaites_degrees_
     assert crossed_interval(runs + seeds).half == pytest.approx(expected)
 
 
-def test_a_constant_offset_of_the_seeds_widens_no_difference_and_all_widths_follow_the_scale():
+def test_crossed_interval_follows_shift_and_scale():
     rng = np.random.default_rng(24)
     values, weather = rng.normal(size=(5, 30)), 100.0 * rng.normal(size=30)
     ours = crossed_interval(values)
@@ -186,7 +186,7 @@ def coverage(values, truth):
 
 
 @pytest.mark.parametrize("estimator", ["kf-umv-ui", "kf", "measurement"])
-def test_the_interval_of_a_share_over_20_seeds_holds_that_of_2000_in_95_studies_of_100(estimator):
+def test_share_interval_over_20_seeds_covers_95_percent(estimator):
     """Studies of real flights. At a true coverage of 95 % a thousand of them leave 92 to 98 % once in 100,000 times."""
     score, floor, ceiling = (FLIGHTS[name] for name in (estimator, "dead-reckoning", "truth"))
     seeds = np.random.default_rng(30).integers(len(score), size=(STUDIES, 20))
@@ -197,9 +197,7 @@ def test_the_interval_of_a_share_over_20_seeds_holds_that_of_2000_in_95_studies_
 @pytest.mark.parametrize(
     ("runs", "seeds", "rest"), [(1.0, 0.0, 0.0), (1.0, 0.0, 3.0), (1.0, 5.0, 5.0), (0.3, 3.0, 1.0)]
 )
-def test_the_interval_over_5_runs_and_50_seeds_holds_the_truth_whatever_varies_most(
-    runs, seeds, rest
-):
+def test_crossed_interval_covers_95_percent(runs, seeds, rest):
     """A plain bootstrap over both holds it in 83 to 94 of 100; the bounds as above.
 
     Intervals over means of runs alone take the seeds as known, and miss where these differ more.
@@ -218,9 +216,7 @@ def test_the_interval_over_5_runs_and_50_seeds_holds_the_truth_whatever_varies_m
         (0.011, 0.02, "better"), (0.0, 0.02, "not decided"),
     ],
 )  # fmt: skip
-def test_a_verdict_is_equivalent_within_the_margin_else_by_the_end_beyond_it_or_zero_else_open(
-    low, high, expected
-):
+def test_verdict_follows_from_interval_and_margin(low, high, expected):
     even = np.tile([-1.0, 1.0], 50)
     values = 0.5 * (low + high) + 0.5 * (high - low) * even / mean_interval(even).half
     assert verdict(values, 0.01, 0.01) == expected
@@ -249,9 +245,7 @@ def test_a_verdict_is_wrong_in_one_study_of_forty(true, wrong):
 @pytest.mark.parametrize(
     ("margin", "span", "needed"), [(0.01, 1.0, 300), (0.05, 1.0, 60), (0.02, 2.5, 375)]
 )
-def test_what_shows_no_difference_is_equivalent_from_three_spans_over_the_margin_on(
-    margin, span, needed
-):
+def test_equivalence_takes_three_spans_over_the_margin(margin, span, needed):
     flown = np.tile([-1e-6, 1e-6], needed)
     assert verdict(flown[:needed], margin, span) == "equivalent"
     assert verdict(flown[: needed - 1], margin, span) == "not decided"
@@ -260,7 +254,7 @@ def test_what_shows_no_difference_is_equivalent_from_three_spans_over_the_margin
 
 
 @pytest.mark.parametrize(("margin", "drop"), [(0.01, 1.0), (0.01, 0.6), (0.05, 1.0)])
-def test_with_rare_disasters_equivalent_is_wrong_in_at_most_one_study_of_twenty(margin, drop):
+def test_with_rare_disasters_equivalent_errs_in_5_percent(margin, drop):
     """300 studies a cell, scores' differences as in `studies/quick.toml`: at 3.6 %, 7 % and more come once in 300."""
     rng = np.random.default_rng(54)
     for rate, gap, seeds in product(
@@ -273,15 +267,13 @@ def test_with_rare_disasters_equivalent_is_wrong_in_at_most_one_study_of_twenty(
 
 
 @pytest.mark.parametrize(("margin", "span"), [(0.01, 1.0), (0.05, 1.5)])
-def test_half_more_episodes_than_needed_find_equals_equivalent_in_four_studies_of_five(
-    margin, span
-):
+def test_equals_are_found_equivalent_in_80_percent(margin, span):
     """200 studies: of 95 %, less than 80 % come less than once in a billion times."""
     flown = np.random.default_rng(55).normal(0.0, 0.02, (200, round(4.5 * span / margin)))
     assert sum(verdict(each, margin, span) == "equivalent" for each in flown) >= 0.8 * 200
 
 
-def test_the_interval_of_a_skewed_mean_is_students_for_even_values_and_turns_with_them():
+def test_skewed_interval_is_students_for_even_values():
     rng = np.random.default_rng(51)
     half = rng.normal(size=10)
     even = np.concatenate([half, -half])
@@ -298,7 +290,7 @@ def test_the_interval_of_a_skewed_mean_is_students_for_even_values_and_turns_wit
 
 
 @pytest.mark.parametrize(("seeds", "students"), [(20, 0.88), (50, 0.92)])
-def test_the_interval_of_a_skewed_price_holds_it_more_often_than_students(seeds, students):
+def test_skewed_interval_covers_more_often_than_students(seeds, students):
     """2,000 studies of a lognormal price: of a true 91.5 and 93.2 %, less than 89 % come once in 10,000 times."""
     studies = np.random.default_rng(52).lognormal(0.0, 1.0, (2000, seeds))
     holds = np.zeros(2)
@@ -311,7 +303,7 @@ def test_the_interval_of_a_skewed_price_holds_it_more_often_than_students(seeds,
 
 
 @pytest.mark.parametrize("estimators", [8, 13])
-def test_the_interval_of_the_best_of_several_equals_holds_its_mean(estimators):
+def test_simultaneous_interval_of_best_of_equals_covers(estimators):
     """1,000 studies of 20 seeds: at 95 % less than 92 % hold once in 100,000 times."""
     studies = np.random.default_rng(53).normal(size=(1000, estimators, 20))
     best = studies[np.arange(1000), studies.mean(-1).argmax(-1)]

@@ -21,7 +21,7 @@ ENVIRONMENTS = ["SigmaCorvette-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaU
 
 @pytest.mark.slow
 @pytest.mark.parametrize("env_id", ENVIRONMENTS)
-def test_it_flies_far_better_than_chance_and_says_how_it_was_trained(env_id: str):
+def test_trained_agent_is_far_better_than_chance(env_id: str):
     trained, random = (
         rollout(name, env_id, evaluation_seeds(8), record=False) for name in ("ppo", "random")
     )
@@ -33,7 +33,7 @@ def test_it_flies_far_better_than_chance_and_says_how_it_was_trained(env_id: str
     assert described["env_options"].get("estimator") is None  # the default
 
 
-def test_make_policies_trains_those_that_come_with_the_package_and_they_are_small():
+def test_make_policies_trains_those_of_the_package():
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     policies = re.search(r"^POLICIES := (.+)$", makefile, re.MULTILINE)
     assert policies is not None
@@ -70,7 +70,7 @@ def test_where_it_cannot_fly_a_sentence_says_so(
         load_agent("ppo", gym.make(env_id, **options))
 
 
-def test_observations_of_more_environments_than_were_counted_are_refused_in_a_sentence():
+def test_observations_of_too_many_rows_are_refused():
     env = gym.make("SigmaCorvette-v0")
     agent, (seen, _) = load_agent("ppo", env), env.reset(seed=0)
     assert agent.act(seen[None]).shape == (1, 1)

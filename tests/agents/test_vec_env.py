@@ -33,7 +33,7 @@ def leaning_actions(seed: int, rows: int = ROWS) -> np.ndarray:
     return np.clip(side * lean + rng.normal(0.0, 0.2, (330, rows, 1)), -1.0, 1.0).astype(np.float32)
 
 
-def test_every_step_equals_that_of_single_environments_with_staggered_ends():
+def test_every_step_equals_that_of_single_environments():
     env = adapter(disturbance="rough")
     assert isinstance(env, VecEnv)
     singles = [gym.make(ENV, max_episode_steps=LIMIT, disturbance="rough") for _ in range(ROWS)]
@@ -104,7 +104,7 @@ def test_another_autoreset_mode_is_refused_in_a_sentence():
         StableBaselinesVecEnv(env)
 
 
-def test_a_batch_of_ours_may_have_any_autoreset_mode_and_gives_the_same():
+def test_adapter_gives_same_in_any_autoreset_mode():
     envs = [adapter(disturbance="rough", autoreset_mode=mode) for mode in AutoresetMode]
     for env in envs:
         env.seed(5)
@@ -173,7 +173,7 @@ def test_gymnasiums_own_batches_with_the_same_autoreset_work_too():
     assert cut == [False, False, True]  # only what did not terminate was cut off
 
 
-def test_what_a_batch_cannot_do_is_refused_and_what_it_can_is_answered():
+def test_adapter_answers_or_refuses_each_request():
     env = adapter()
     assert env.get_attr("max_episode_steps") == [LIMIT] * ROWS
     assert env.get_attr("max_episode_steps", [0, 2]) == [LIMIT] * 2
@@ -188,7 +188,7 @@ def test_what_a_batch_cannot_do_is_refused_and_what_it_can_is_answered():
     assert not env.has_attr("no_such_attribute")
 
 
-def test_stable_baselines3_evaluates_a_policy_on_it_and_warns_of_nothing(tmp_path: Path):
+def test_stable_baselines3_evaluates_a_policy_without_a_warning(tmp_path: Path):
     env = adapter(disturbance="calm", render_mode="rgb_array")
     network = {"net_arch": [8]}
     model = PPO("MlpPolicy", env, policy_kwargs=network, seed=0, device="cpu")

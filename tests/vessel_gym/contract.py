@@ -1,9 +1,8 @@
 """What the tests of the environments' common contract share: which environments, flown how, seen how."""
 
 import importlib
-import pickle
 from collections.abc import Iterator
-from copy import copy, deepcopy
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import Any
 from zlib import crc32
@@ -320,18 +319,6 @@ def assert_apart(distance: dict[str, np.ndarray]) -> None:
     for part, values in distance.items():
         assert values.min() > 1e-5, part  # a swell of 0.01 acts with a hundredth of that
     assert distance["state"].min() > 1e-3
-
-
-def assert_copies_go_on(env: VesselVectorEnv, steps: int) -> None:
-    """A pickled and a deep copy of a batch take these steps bit for bit as the original does."""
-    for twin in (pickle.loads(pickle.dumps(env)), deepcopy(env)):
-        original, walk = (
-            deepcopy(env),
-            random_walk(4, env.num_envs, env.single_action_space.shape[0]),
-        )
-        for _ in range(steps):
-            actions = next(walk)
-            assert_same_tree(original.step(actions), twin.step(actions))
 
 
 def copy_tree(tree: Any) -> Any:

@@ -150,28 +150,10 @@ def test_any_whole_number_is_a_seed_of_either_face():
     [
         (SHIP, {"speed": 3.0}, ValueError, "unknown reset option 'speed': choose from "),
         (SHIP, [1], TypeError, "options must be a dictionary of values by name, or None, got [1]"),
-        (
-            SHIP,
-            {"radius": 10.0},
-            ValueError,
-            "radius must be at least 253 m to either side, got 10.0",
-        ),
-        (SHIP, {"radius": "wide"}, ValueError, "radius must be"),
-        (
-            SHIP,
-            {"radius": 1e7},
-            ValueError,
-            "radius must be at most 100000 m to either side, got 10000000.0",
-        ),
+        (SHIP, {"radius": 10.0}, ValueError, "radius must be at least 253 m to either side, got 10.0"),
         (AUV, {"goal": (1e7, 0.0, 1.0)}, ValueError, "goal must lie within 100000 m of the "),
-        (
-            "PunaUAV-v0",
-            {"obstacles": [(1e7, 0.0, 50.0)]},
-            ValueError,
-            "obstacles must lie within 100000 m of the ",
-        ),
     ],
-)
+)  # fmt: skip
 def test_a_refused_reset_says_why_and_changes_nothing(
     env_id: str, options: Any, kind: type[Exception], sentence: str
 ):

@@ -114,9 +114,7 @@ def assert_flies(core: Core) -> None:
 
 
 @given(st.data(), environments, st.sampled_from(list(ARGUMENTS)), st.booleans())
-def test_any_argument_of_an_environment_works_or_is_refused_by_its_name(
-    data: Any, env_id: str, name: str, batch: bool
-):
+def test_any_argument_works_or_is_refused_by_name(data: Any, env_id: str, name: str, batch: bool):
     value = data.draw(ARGUMENTS[name] | JUNK)
     cls, made = vector_class(env_id) if batch else single_class(env_id), []
     if not refusal((name, *OTHER_WORDS.get(name, ())), lambda: made.append(cls(**{name: value}))):
@@ -135,7 +133,7 @@ def test_any_seed_works_or_is_refused_and_changes_nothing(seed: Any):
 
 
 @given(st.data(), environments, st.sampled_from(list(OPTIONS)), st.integers(0, 3))
-def test_any_reset_option_works_or_is_refused_by_its_name_and_changes_nothing(
+def test_any_reset_option_works_or_refusal_changes_nothing(
     data: Any, env_id: str, name: str, seed: int
 ):
     env = prepared(env_id)
@@ -164,7 +162,7 @@ def test_any_action_works_or_is_refused_and_changes_nothing(data: Any, env_id: s
 
 @pytest.mark.slow
 @given(st.data(), environments)
-def test_any_injected_measurement_works_or_is_refused_and_changes_nothing(data: Any, env_id: str):
+def test_any_measurement_works_or_refusal_changes_nothing(data: Any, env_id: str):
     core = prepared(env_id, "measurement").core
     shape, action = core.now.y.shape, np.zeros((1, core.config.action_size))
     whole = st.tuples(

@@ -26,6 +26,7 @@ from gymnasium import wrappers as single_wrappers
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import vector as wrappers
+from test_time_at_sea import at_sea
 
 from agents import load_agent
 
@@ -48,41 +49,14 @@ WRAPPED: dict[str, Callable[[Any], Any]] = {
         func=same,
         observation_space=env.single_observation_space,
     ),
-    "VectorizeTransformAction": lambda env: wrappers.VectorizeTransformAction(
-        env, single_wrappers.TransformAction, func=same, action_space=env.single_action_space
-    ),
-    "VectorizeTransformReward": lambda env: wrappers.VectorizeTransformReward(
-        env, single_wrappers.TransformReward, func=same
-    ),
     "DictInfoToList": wrappers.DictInfoToList,
-    "TransformObservation": lambda env: wrappers.TransformObservation(env, same),
     "FlattenObservation": wrappers.FlattenObservation,
-    "ReshapeObservation": lambda env: wrappers.ReshapeObservation(
-        env, (1, *env.single_observation_space.shape)
-    ),
-    "RescaleObservation": lambda env: wrappers.RescaleObservation(
-        env, np.float32(-1.0), np.float32(1.0)
-    ),
-    "DtypeObservation": lambda env: wrappers.DtypeObservation(env, np.int32),
     "NormalizeObservation": wrappers.NormalizeObservation,
-    "TransformAction": lambda env: wrappers.TransformAction(env, same),
-    "ClipAction": wrappers.ClipAction,
     "RescaleAction": lambda env: wrappers.RescaleAction(env, np.float32(-2.0), np.float32(2.0)),
-    "TransformReward": lambda env: wrappers.TransformReward(env, same),
-    "ClipReward": lambda env: wrappers.ClipReward(env, 0.0, 0.5),
     "NormalizeReward": wrappers.NormalizeReward,
     "RecordEpisodeStatistics": wrappers.RecordEpisodeStatistics,
 }
-ELSEWHERE = {"RecordVideo", "HumanRendering"}
-"""Wrappers with tests of their own below."""
-OTHER_KINDS = {
-    "FilterObservation", "GrayscaleObservation", "ResizeObservation",  # of dictionaries and images
-    "ArrayConversion", "JaxToNumpy", "JaxToTorch", "NumpyToTorch",  # of arrays that are not NumPy's
-}  # fmt: skip
-
-
-def test_the_tests_know_all_of_gymnasiums_wrappers():
-    assert set(WRAPPED) | ELSEWHERE | OTHER_KINDS == set(wrappers.__all__)
+"""One of each kind: of parts of single ones, infos, spaces, autoreset, actions, rewards and episodes."""
 
 
 def allowed(name: str) -> set[AutoresetMode]:
@@ -109,9 +83,7 @@ def fly_wrapped(env: Any, mode: AutoresetMode, steps: int = 14) -> list[Any]:
 @pytest.mark.slow
 @every_mode
 @pytest.mark.parametrize("name", WRAPPED)
-def test_gymnasiums_wrappers_of_batches_do_to_ours_what_they_do_to_its_own_where_their_mode_allows(
-    name: str, mode: AutoresetMode
-):
+def test_wrappers_do_to_our_batches_what_they_do_to_gymnasiums(name: str, mode: AutoresetMode):
     native = make_batch(CORVETTE, 3, autoreset_mode=mode, max_episode_steps=5)
     loop = gym.make_vec(
         CORVETTE,
@@ -157,7 +129,7 @@ def flown(
 
 @pytest.mark.slow
 @every_environment
-def test_a_batch_shows_of_each_environment_what_the_single_one_shows(env_id: str):
+def test_batch_shows_of_each_row_what_single_environment_shows(env_id: str):
     pytest.importorskip("pygame")
     env = flown(env_id)
     frames = env.render()
@@ -221,26 +193,19 @@ def test_gymnasium_shows_a_batch_in_a_window(monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("batch", [False, True], ids=["single", "batch"])
-def test_a_video_of_an_episode_is_written(tmp_path: Path, batch: bool):
+def test_a_video_of_an_episode_is_written(tmp_path: Path):
     pytest.importorskip("pygame")
     pytest.importorskip("moviepy")
     import imageio_ffmpeg
 
-    if batch:
-        env: Any = make_batch(
-            CORVETTE, 2, autoreset_mode="NextStep", render_mode="rgb_array", max_episode_steps=4
-        )
-        env = wrappers.RecordVideo(
-            env, str(tmp_path / "videos"), episode_trigger=lambda episode: episode == 0
-        )
-    else:
-        env = gym.make(CORVETTE, render_mode="rgb_array", max_episode_steps=4)
-        env = single_wrappers.RecordVideo(
-            env, str(tmp_path / "videos"), episode_trigger=lambda episode: episode == 0
-        )
+    env: Any = make_batch(
+        CORVETTE, 2, autoreset_mode="NextStep", render_mode="rgb_array", max_episode_steps=4
+    )
+    env = wrappers.RecordVideo(
+        env, str(tmp_path / "videos"), episode_trigger=lambda episode: episode == 0
+    )
     env.reset(seed=0)
-    for _ in range(6 if batch else 4):
+    for _ in range(6):
         env.step(env.action_space.sample())
     env.close()
     (video,) = (tmp_path / "videos").iterdir()
@@ -267,17 +232,13 @@ def pickled(env: Any) -> Any:
 @pytest.mark.slow
 @every_estimator
 def test_a_copy_goes_on_bit_for_bit(env_id: str, estimator: str):
+    """With late measurements and faults of sensors too."""
     options = {
         "estimator": estimator,
         "estimator_options": FEW_MEMBERS.get(estimator),
         "observe": "mean+std",
     }
-    options |= {
-        "sensors": "degraded",
-        "disturbance": "rough",
-        "mismatch": 0.2,
-        "max_episode_steps": 8,
-    }
+    options |= at_sea(env_id) | {"max_episode_steps": 8}
     for env in (
         make_batch(env_id, 3, **options),
         gym.make(env_id, disable_env_checker=True, **options),
@@ -306,7 +267,7 @@ def test_a_copy_goes_on_bit_for_bit(env_id: str, estimator: str):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("made", [pickled, copy.deepcopy], ids=["pickle", "deepcopy"])
-def test_a_copy_shows_the_episode_from_its_beginning_and_leaves_the_original_alone(made: Callable):
+def test_copy_shows_whole_episode_and_leaves_original_alone(made: Callable):
     pytest.importorskip("pygame")
     for env in (flown("SigmaCorvette-v0"), gym.make("SigmaCorvette-v0", render_mode="rgb_array")):
         if not isinstance(env, gym.vector.VectorEnv):
@@ -324,7 +285,7 @@ def test_a_copy_shows_the_episode_from_its_beginning_and_leaves_the_original_alo
 # --- seeds ----------------------------------------------------------------------------------------
 
 
-def test_np_random_seed_tells_what_an_environment_was_seeded_with():
+def test_np_random_seed_is_seed_of_environment():
     for env in (gym.make("SigmaCorvette-v0").unwrapped, make_batch("SigmaCorvette-v0", 3)):
         env.reset(seed=7)
         assert env.np_random_seed == 7
@@ -333,7 +294,7 @@ def test_np_random_seed_tells_what_an_environment_was_seeded_with():
         assert env.np_random_seed == 7
 
 
-def test_an_episode_that_nobody_seeded_can_be_repeated_by_np_random_seed():
+def test_np_random_seed_repeats_unseeded_episode():
     for make in (
         lambda: gym.make("SigmaCorvette-v0").unwrapped,
         lambda: make_batch("SigmaCorvette-v0", 3),

@@ -104,7 +104,7 @@ def test_the_world_moves_by_what_the_model_says_of_d(inputs: tuple[str, ...]):
 @pytest.mark.parametrize(
     "inputs", [("q increment", "u increment"), CHANGES, ("r increment", *CHANGES[1:])]
 )
-def test_what_is_not_d_stays_as_it_is_told_as_states(inputs: tuple[str, ...]):
+def test_what_is_not_unknown_input_is_modelled_as_states(inputs: tuple[str, ...]):
     vehicle = Segorogeni()
     sensors = Sensors(
         vehicle.sensors, vehicle.state_names, vehicle.increments + vehicle.ambient_flows, vehicle.dt
@@ -126,7 +126,7 @@ def test_what_is_not_d_stays_as_it_is_told_as_states(inputs: tuple[str, ...]):
     np.testing.assert_array_equal(part.flow(x), whole.flow(x))
 
 
-def test_a_flow_that_is_d_is_not_held_and_is_believed_as_d_is():
+def test_flow_as_unknown_input_is_no_state():
     vehicle = Segorogeni()
     told = compose(vehicle, "nonlinear", asked("current east"), without_log(vehicle))
     assert told.names == (*vehicle.state_names, "current north")
@@ -162,7 +162,7 @@ class Straight(Itsunusa):
 @pytest.mark.parametrize(
     "inputs", [(), ("q increment",), ("current",), ("change of current", "w increment")]
 )
-def test_a_composed_linear_model_is_the_composed_nonlinear_one_made_straight(
+def test_composed_linear_model_is_linearised_nonlinear_one(
     inputs: tuple[str, ...],
 ):
     vehicle = Straight()
@@ -185,7 +185,7 @@ def test_a_composed_linear_model_is_the_composed_nonlinear_one_made_straight(
     assert ("current" in straight.names) == (inputs != ("current",))
 
 
-def test_a_linear_model_that_knows_nothing_of_a_flow_that_moves_it_is_refused():
+def test_linear_model_without_effect_of_flow_is_refused():
     vehicle = Straight()
     object.__setattr__(vehicle, "flow_told", False)
     sentence = "^the linear model does not say what current does to it: choose a nonlinear one$"
@@ -194,17 +194,12 @@ def test_a_linear_model_that_knows_nothing_of_a_flow_that_moves_it_is_refused():
         compose(vehicle, "linear", water, without_log(vehicle))
 
 
-@pytest.mark.parametrize(
-    ("inputs", "sentence"),
-    [
-        (("current north",), "how measurements show current north depends on where the vehicle is, .* the sensor out$"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_an_unknown_input_is_refused_in_one_sentence(
-    inputs: tuple[str, ...], sentence: str
-):
+def test_flow_that_sensors_show_cannot_be_unknown_input():
+    sentence = (
+        "how measurements show current north depends on where the vehicle is, .* the sensor out$"
+    )
     with pytest.raises(ValueError, match=sentence):
-        make_core(AUV, 1, disturbance=asked(*inputs), estimator="ekf")
+        make_core(AUV, 1, disturbance=asked("current north"), estimator="ekf")
 
 
 def test_what_is_recorded_is_what_d_is():
@@ -234,7 +229,7 @@ class Unheard(Disturbance):
     inputs = ("change of current north",)
 
 
-def test_of_an_input_that_only_a_filter_thinks_there_is_nothing_is_true():
+def test_input_that_only_filter_assumes_has_no_true_value():
     class Silent(Disturbance):
         """Nothing acts."""
 
@@ -248,7 +243,7 @@ def test_of_an_input_that_only_a_filter_thinks_there_is_nothing_is_true():
     assert np.isfinite(core.now.belief.mean).all()
 
 
-def test_the_scored_error_of_the_input_is_that_of_the_step_that_has_ended_in_units_of_its_size():
+def test_input_rmse_is_of_ended_step_in_units_of_input_size():
     options: dict[str, Any] = {"disturbance": asked(*CHANGES), "estimator": "ekf-ui-wdf"}
     options |= {"estimator_options": {"input_prior": 0.01**2}}
     flight = rollout("autopilot", AUV, range(3), options)

@@ -1,7 +1,5 @@
 """Pictures: that they show the truth as true, the belief as believed, of every task, and cost nothing unasked for."""
 
-import subprocess
-import sys
 from contextlib import closing
 
 import gymnasium as gym
@@ -133,20 +131,6 @@ def dots(monkeypatch):
 # --- pictures in general --------------------------------------------------------------------------
 
 
-@pytest.mark.slow
-def test_importing_and_stepping_import_no_pygame():
-    code = (
-        "import sys, gymnasium, vessel_gym; e = gymnasium.make('SigmaCorvette-v0'); e.reset(seed=0)"
-    )
-    code += "; e.step(e.action_space.sample()); import vessel_gym.surroundings; print(*sys.modules)"
-    modules = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout.split()
-    assert "vessel_gym.surroundings" in modules
-    assert "pygame" not in modules
-    assert "vessel_gym.rendering" not in modules
-
-
 @pytest.mark.parametrize("env_id", EVERY)
 def test_rgb_array_is_a_picture_and_opens_no_display(env_id):
     pixels = drawn(env_id)
@@ -157,7 +141,7 @@ def test_rgb_array_is_a_picture_and_opens_no_display(env_id):
 
 
 @pytest.mark.parametrize("env_id", EVERY)
-def test_the_same_seed_gives_the_same_picture_and_another_seed_or_step_another(env_id):
+def test_picture_depends_on_seed_and_step_alone(env_id):
     assert (drawn(env_id, seed=1) == drawn(env_id, seed=1)).all()
     assert (drawn(env_id, seed=1) != drawn(env_id, seed=2)).any()
     assert (drawn(env_id, seed=1) != drawn(env_id, seed=1, steps=4)).any()
@@ -203,9 +187,7 @@ def test_every_kind_of_belief_can_be_drawn(env_id, options):
 @pytest.mark.parametrize("env_id", ON_A_PATH)
 @pytest.mark.parametrize("whose", ["truth", "belief"])
 @pytest.mark.parametrize("detour", [False, True])
-def test_only_the_marks_move_of_who_moves_and_only_the_track_bends_of_who_makes_a_detour(
-    env_id, whose, detour
-):
+def test_marks_and_track_follow_truth_or_belief_alone(env_id, whose, detour):
     core = core_of(env_id)
     true, believed, *by = somewhere(core, 0.3, 0.7, 0.15, 0.0)  # clear of each other
     by = by[0] - by[1]
@@ -223,9 +205,6 @@ def test_only_the_marks_move_of_who_moves_and_only_the_track_bends_of_who_makes_
     [
         (CORVETTE, (100.0, 0.0, 0.0), "above", -1, 0),
         (CORVETTE, (0.0, 100.0, 0.0), "above", 0, 1),
-        (FLIGHT, (40.0, 0.0, 0.0), "above", -1, 0),
-        (FLIGHT, (0.0, 60.0, 0.0), "above", 0, 1),
-        (FLIGHT, (0.0, 0.0, -20.0), "above", 0, 0),
         (FLIGHT, (0.0, 0.0, -20.0), "the side", -1, 0),
         (SPATIAL, (0.0, 0.0, 2.0), "above", 0, 0),
         (SPATIAL, (0.0, 0.0, 2.0), "the side", 1, 0),
@@ -280,7 +259,7 @@ def test_the_cloud_shows_as_many_members_as_there_are(env_id, members, dots, wor
 
 
 @pytest.mark.parametrize("env_id", PLACED)
-def test_without_an_ensemble_there_is_an_ellipse_and_with_certainty_nothing(env_id, words):
+def test_covariance_is_an_ellipse_and_certainty_nothing(env_id, words):
     drawn(env_id, estimator="ekf")
     assert any(entry[0] == "estimate ±2σ" and entry[1] > 530 and entry[3] < 470 for entry in words)
     assert "ensemble" not in words
@@ -435,7 +414,7 @@ def test_a_window_that_the_user_closes_ends_nothing_else(monkeypatch):
 # --- pieces ---------------------------------------------------------------------------------------
 
 
-def test_every_hull_that_surroundings_may_name_is_symmetric_one_length_long_and_whole_in_a_close_up():
+def test_every_hull_is_symmetric_and_one_length_long():
     assert tuple(HULLS) == surroundings.HULLS
     for name, hull in HULLS.items():
         above = hull.above
@@ -460,7 +439,7 @@ def test_a_frame_has_equal_axes_and_shows_everything():
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5 * np.pi, np.pi, -2.0])
 @pytest.mark.parametrize("pitch", [-0.4, 0.0, 0.4])
-def test_a_hull_points_where_the_vehicle_does_and_is_never_upside_down(yaw, pitch):
+def test_hull_points_where_vehicle_does_and_fin_stays_on_top(yaw, pitch):
     above, aside = views_of(
         ("x", "y", "z"), np.array([0.0, 2.0])
     )  # the side looks at what goes east

@@ -38,7 +38,7 @@ def study(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_main_job_installs_what_studies_need_and_not_what_only_tests_need():
+def test_main_job_installs_no_test_dependencies():
     """In an empty environment; the tests install theirs, too."""
     installed = {}
     for job in ("ablation", "test"):
@@ -50,9 +50,7 @@ def test_the_main_job_installs_what_studies_need_and_not_what_only_tests_need():
 
 
 @pytest.mark.slow
-def test_a_study_ends_with_its_answer_and_where_the_report_lies_and_is_not_computed_twice(
-    study, tmp_path, capsys
-):
+def test_study_is_reported_and_not_computed_twice(study, tmp_path, capsys):
     out = tmp_path / "out"
     assert ablate.main(study, out, processes=1) == 0
     printed = capsys.readouterr().out
@@ -69,9 +67,7 @@ def test_a_study_ends_with_its_answer_and_where_the_report_lies_and_is_not_compu
 
 
 @pytest.mark.slow
-def test_the_documentation_shows_how_to_bring_an_own_estimator_and_environment(
-    tmp_path, monkeypatch
-):
+def test_study_of_documentation_runs_user_defined_parts(tmp_path, monkeypatch):
     def found(page: str, pattern: str) -> str:
         text = (ROOT / "docs" / page).read_text(encoding="utf-8")
         return re.findall(rf"^```{pattern}", text, re.M | re.S)[-1]

@@ -45,9 +45,7 @@ def small(out: Path, prices: Path | None, processes: int = 1) -> int:
 
 
 @pytest.mark.slow
-def test_an_interrupted_run_goes_on_in_more_processes_to_the_same_answer(
-    tmp_path, monkeypatch, capsys
-):
+def test_interrupted_run_goes_on_to_same_answer(tmp_path, monkeypatch, capsys):
     (tmp_path / "prices.toml").write_text(PRICES)
     whole, broken, run = tmp_path / "whole", tmp_path / "broken", agents.jobs.run
     assert small(whole, tmp_path / "prices.toml") == 0
@@ -96,7 +94,7 @@ def made(tmp_path: Path) -> Budget:
     return Budget(study, suites, 0.8, tmp_path)
 
 
-def test_scores_are_those_of_a_rollout_on_the_grades_of_the_suite(made: Budget):
+def test_scores_are_those_of_rollout_on_suite(made: Budget):
     sensors = graded_sensors(ENVIRONMENT, {"receiver": "twelve metres", "gyro compass": "worst"})
     options = {"sensors": sensors, "disturbance": "rough"}
     flown = rollout("autopilot", "FewGrades-v0", evaluation_seeds(2, 7), options)
@@ -157,7 +155,7 @@ def test_suites_round_the_answer_are_those_of_the_nearest_places(made: Budget):
     assert near.iloc[1].tolist() == own
 
 
-def test_the_conclusion_says_of_what_a_share_is_and_what_became_of_cheaper_suites(made: Budget):
+def test_conclusion_names_share_and_verdicts_of_cheaper_suites(made: Budget):
     made.answer = last = len(made.suites) - 1
     made.confirmed[last] = Interval(0.85, 0.8, 0.9)
     made.verdicts = {0: "keeps less"}

@@ -43,7 +43,7 @@ def extra(name: str) -> set[str]:
     return found - {"vessel-gym"}
 
 
-def test_every_module_that_is_asked_for_comes_with_its_extra_and_all_of_them_with_one():
+def test_every_extra_brings_its_modules():
     homes = packages_distributions()
     for name, modules in EXTRAS.items():
         assert modules
@@ -53,7 +53,7 @@ def test_every_module_that_is_asked_for_comes_with_its_extra_and_all_of_them_wit
 
 
 @pytest.mark.slow
-def test_whatever_is_imported_is_a_dependency_or_comes_with_an_extra():
+def test_every_import_is_a_dependency_or_in_an_extra():
     homes = packages_distributions()
     known = set(sys.stdlib_module_names) | {
         "estimators",
@@ -117,7 +117,7 @@ def test_the_adapter_and_a_picture_say_what_to_type(
         (watch.main, ["--out", "turn.gif"], "imageio", "render"),
     ],
 )
-def test_a_command_that_needs_an_extra_says_what_to_type_before_it_works(
+def test_command_without_its_extra_says_what_to_type(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
     main: Callable[..., Any], arguments: list[str], module: str, name: str,
 ):  # fmt: skip

@@ -126,22 +126,16 @@ WORDS = [
     "-1",
     "0",
     "1",
-    "2",
-    "100",
     "nan",
     "inf",
     "-inf",
     "1e3",
-    "1.5",
     "9" * 30,
     "9" * 5000,
     "None",
-    "none",
-    "True",
     "[1]",
     "{}",
     "--",
-    "-x",
     "ünïcode",
     "a\nb",
     "x" * 300,
@@ -156,7 +150,6 @@ WORDS = [
     "wrong.toml",
     "nobody.toml",
     "SigmaCorvette-v0",
-    "vessel_gym:PunaUAV-v0",
     "CartPole-v1",
     "SigmaCorvete-v0",
     "os:path",
@@ -164,26 +157,16 @@ WORDS = [
     "..:x",
     "::",
     "autopilot",
-    "random",
     "kf",
-    "kf-umv",
     "truth",
     "measurement",
-    "mean+std",
-    "clean",
-    "calm",
     "frames",
-    "lstm",
     "environment",
     "all",
     "robust",
-    "foo",
-    "tcp://",
     "tcp://10.0.0.1:8786",
     "[::1]:1",
     "127.0.0.1:99999",
-    "1/2",
-    "0/2",
     "3/2",
 ]
 # Nothing is written outside the folder, and no process takes a zero byte.
@@ -214,7 +197,7 @@ def command_line(draw: st.DrawFn) -> tuple[str, list[str]]:
 @pytest.mark.slow
 @settings(max_examples=400)
 @given(command_line())
-def test_any_command_line_is_refused_in_one_sentence_or_begins_its_work(
+def test_any_command_line_is_refused_in_one_sentence_or_begins(
     line: tuple[str, list[str]],
 ):
     name, arguments = line
@@ -231,7 +214,6 @@ LINES = [
     ("evaluate --episodes ten", "--episodes: invalid int value: 'ten'"),
     ("evaluate --estimatr kf", "did you mean '--estimator'?"),
     ("train --resume=maybe", "maybe"),
-    ("evaluate --observe all", "unknown observe mode 'all': choose from mean"),
     (
         "evaluate --estimator-options members",
         "--estimator-options: words must be name=value, got 'members'",
@@ -239,33 +221,22 @@ LINES = [
     ("evaluate Ωmega-v0", "unknown environment"),
     ("evaluate CartPole-v1", "autopilot flies the environments of vessel_gym alone: name random"),
     ("evaluate --agent random --estimator kf σ-filter", "unknown estimator"),
-    ("evaluate --agent nobody --episodes 2", "unknown agent 'nobody'"),
     ("evaluate --agent ppo.zip", "there is no checkpoint 'ppo.zip'"),
-    ("evaluate --agent bytes", "bytes is not a checkpoint"),
     ("evaluate --agent größe:Steuer", "größe"),
     ("train CartPole-v1", "'CartPole-v1' is no environment of vessel_gym"),
     ("train PunaUAV-v0 PunaUAV-v0", "unknown argument 'PunaUAV-v0'"),
     ("train --sensors cléan", "choose from clean, nominal, degraded"),
-    ("train --mismatch nan", "mismatch must be between 0 and 0.25"),
-    (
-        "train --algorithm recurentppo",
-        "unknown algorithm 'recurentppo': choose from ppo, a2c, crossq",
-    ),
     ("train --out /dev/null/ppo.zip", "cannot write /dev/null/ppo.npz"),
-    ("train --steps 5", "steps must be a whole number of at least 128"),
     (
         "watch CartPole-v1 --agent random --out turn.html",
         "'CartPole-v1' has no estimator in the loop",
     ),
     ("watch --out turn.avi", "must be one of .html, .gif, .mp4, .png"),
-    ("speed --rows", "--rows: expected at least one argument"),
     ("speed --page nowhere.md", "No such file or directory"),
     (
         "speed --page study.toml",
         "study.toml needs one line <!-- measured --> and a line <!-- end --> below it",
     ),
-    ("speed --rounds 99999999999999999999", "--rounds must be from 1 to"),
-    ("budget --keep 1.5", "--keep must be above 0 and at most 1, got 1.5"),
     ("budget --prices study.toml", "unknown sensor in the prices 'title'"),
     ("ablate", "arguments are required: STUDY"),
     ("ablate quik", "unknown study 'quik' (did you mean 'quick'?)"),
@@ -277,9 +248,7 @@ LINES = [
 
 
 @pytest.mark.parametrize(("line", "sentence"), LINES)
-def test_a_word_that_cannot_be_meant_is_named_in_every_encoding_before_anything_is_computed(
-    line: str, sentence: str
-):
+def test_bad_word_is_named_in_every_encoding(line: str, sentence: str):
     name, *arguments = line.split()
     before = sorted(Path().rglob("*"))
     assert sentence in str(refused(name, *arguments, encoding="utf-8"))
@@ -391,7 +360,7 @@ def mutated(draw: st.DrawFn) -> str:
 
 
 @given(mutated())
-def test_a_study_file_is_read_or_every_mistake_in_it_is_one_sentence_with_the_name_of_the_file(
+def test_any_study_file_is_read_or_refused_by_sentences(
     text: str,
 ):
     path = Path("mutated.toml")
@@ -407,43 +376,6 @@ def test_a_study_file_is_read_or_every_mistake_in_it_is_one_sentence_with_the_na
         assert 0 <= line <= len(text.splitlines()) + 1
         assert mistake
         assert "\n" not in mistake
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "mistake"),
-    [
-        (
-            "mismatch = 0.1",
-            f"mismatch = {'9' * 400}",
-            "line 16: SigmaCorvette-v0 refuses the condition odd: mismatch must be between 0 and 0",
-        ),
-        ("episodes = 2", f"episodes = {'9' * 5000}", "not TOML: "),
-        ("episodes = 2", "episodes = " + "[" * 2000, "not TOML: "),
-        (
-            "training_seeds = 1",
-            "training_seeds = 1000000",
-            "line 4: training_seeds must be a whole number from 1 to 1000, got 1000000",
-        ),
-        (
-            "8192",
-            "9" * 20,
-            "line 13: steps must be a table of whole numbers from 1 to 2147483647 by environment,",
-        ),
-        ("SigmaCorvette-v0 = {}", '".x:y" = {}', "line 7: '.x:y' names no module"),
-        (
-            'estimator = "kf"',
-            'estimator = "..:x"',
-            "line 10: no environment of the study can carry mine: '..:x'",
-        ),
-    ],
-)
-def test_an_extreme_value_in_a_study_file_is_named_with_its_line(old: str, new: str, mistake: str):
-    assert old in STUDY
-    path = Path("extreme.toml")
-    path.write_text(STUDY.replace(old, new))
-    with pytest.raises(StudyError) as caught:
-        read_study(path)
-    assert mistake in str(caught.value)
 
 
 # --- public functions -----------------------------------------------------------------------------
@@ -503,7 +435,7 @@ WRONG = {
 
 
 @given(st.data(), st.sampled_from(sorted(WRONG)))
-def test_a_rollout_of_anything_is_refused_in_one_sentence_or_flown(data: st.DataObject, key: str):
+def test_any_rollout_is_refused_in_one_sentence_or_flown(data: st.DataObject, key: str):
     attempt(rollout, **GOOD | {key: data.draw(WRONG[key])})
 
 

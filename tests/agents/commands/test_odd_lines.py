@@ -72,7 +72,7 @@ def test_the_same_episodes_are_flown_in_any_surroundings(tmp_path: Path, surroun
 
 
 @pytest.mark.slow
-def test_installed_packages_that_cannot_be_written_suffice_without_a_cache(tmp_path: Path):
+def test_read_only_packages_suffice_without_a_cache(tmp_path: Path):
     site, work = tmp_path / "site", tmp_path / "work"
     work.mkdir()
     for name in ("estimators", "vessel_gym", "agents"):

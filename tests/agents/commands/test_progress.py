@@ -26,7 +26,7 @@ def test_many_short_jobs_say_how_far_they_are_at_each_tenth(clock, capsys):
     ]
 
 
-def test_long_jobs_say_it_every_ten_seconds_and_those_that_failed_are_counted_in(clock, capsys):
+def test_long_jobs_report_every_ten_seconds_with_failures(clock, capsys):
     with console.job_progress("full", 2) as progress:
         for done in range(60):
             progress(done, 3, 10_000)
@@ -38,7 +38,7 @@ def test_long_jobs_say_it_every_ten_seconds_and_those_that_failed_are_counted_in
     assert [bool(first) for first, *_ in lines] == [2.5 * done > 65.0 for done in range(0, 60, 4)]
 
 
-def test_the_time_that_is_left_follows_from_the_jobs_after_those_that_compile(clock, capsys):
+def test_time_left_follows_from_jobs_after_compilation(clock, capsys):
     with console.job_progress("quick", 2) as progress:
         for done in range(21):
             progress(done, 0, 20)
@@ -49,7 +49,7 @@ def test_the_time_that_is_left_follows_from_the_jobs_after_those_that_compile(cl
     assert lines[2] == "quick: 4/20, 0:00:16 left"
 
 
-def test_a_run_says_that_it_goes_on_and_what_an_interruption_left(clock, capsys):
+def test_run_says_what_it_resumes_and_what_interruption_left(clock, capsys):
     def interrupted() -> None:
         with console.job_progress("quick", 2) as progress:
             progress(120, 0, 300)
@@ -65,9 +65,7 @@ def test_a_run_says_that_it_goes_on_and_what_an_interruption_left(clock, capsys)
     assert lines[-1] == f"interrupted: {kept}"
 
 
-def test_even_work_says_how_long_it_still_takes_and_resumed_work_counts_from_where_it_goes_on(
-    clock, capsys
-):
+def test_time_left_of_resumed_work_counts_from_its_start(clock, capsys):
     with console.progress("training") as trained:
         for steps in (4000, 4500, 5000, 6000, 10_000):
             trained(steps, 10_000)

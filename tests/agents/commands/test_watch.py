@@ -49,7 +49,7 @@ def run(*words):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("suffix", "frames"), [(".gif", 3), (".mp4", 3), (".PNG", 1)])
-def test_a_file_holds_the_frames_asked_for_and_nothing_else_is_left(tmp_path, suffix, frames):
+def test_file_holds_frames_asked_for_and_nothing_else_is_left(tmp_path, suffix, frames):
     out = tmp_path / f"turn{suffix}"
     assert run("SigmaCorvette-v0", "--out", str(out), "--every", "5", "--estimator", "kf") == 0
     assert [p.name for p in tmp_path.iterdir()] == [out.name]
@@ -99,7 +99,7 @@ def test_a_film_that_fails_half_way_leaves_the_old_one_alone(tmp_path, monkeypat
         ("replace", OSError(28, "No space left on device")),
     ],
 )
-def test_a_folder_without_permission_or_a_full_disk_is_one_sentence(
+def test_missing_permission_or_full_disk_is_one_sentence(
     tmp_path, monkeypatch, capsys, method, error
 ):
     def refuse(*arguments):

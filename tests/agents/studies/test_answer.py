@@ -88,14 +88,14 @@ def test_an_estimator_that_beats_the_truth_is_warned_of(small):
     assert not any("check the task" in line for line in answer(small))
 
 
-def test_where_another_estimator_keeps_more_in_an_environment_the_answer_says_so(classical):
+def test_answer_names_better_estimator_of_single_environment(classical):
     told = answer(classical)[0]
     own = Ranking(classical, [CORVETTE])
     assert own.best == "kf-umv-ui"
     assert f" But in {CORVETTE} kf-umv-ui keeps {amount(own.gap(own.best, 'enkf'))} more" in told
 
 
-def test_over_all_environments_only_estimators_count_that_each_can_carry(classical):
+def test_only_estimators_of_all_environments_count(classical):
     assert answer(classical)[0].startswith("Use enkf in both environments: on it")
     table = ranking_table(classical)
     assert table.loc["kf-umv-ui"].tolist()[::2] == ["–", "–"]
@@ -110,7 +110,7 @@ def test_over_all_environments_only_estimators_count_that_each_can_carry(classic
     assert others == ["4 of 40 results are missing. Run the study again."]
 
 
-def test_where_nothing_can_be_ranked_the_answer_says_what_it_takes(small):
+def test_answer_says_what_a_ranking_takes(small):
     flat = results(small.plan, QUALITY | {"truth": -1.0})
     assert answer(flat)[0].startswith(
         f"No estimator can be ranked in {CORVETTE}: for that the autopilot needs"
@@ -143,7 +143,7 @@ def test_a_study_without_results_or_with_failures_says_so(small):
     assert conditions_table(broken, CORVETTE).loc["ekf", "rough"] == "–"
 
 
-def test_one_estimator_is_compared_with_none_and_an_agent_of_ones_own_is_named(small):
+def test_single_estimator_is_compared_with_none(small):
     one = without(small, lambda f: f.estimator not in ("truth", "dead-reckoning", "kf"))
     assert answer(one)[0].endswith("; no other estimator was compared.")
     mine = Agent("mine", "agents.controllers.dive:DiveAutopilot")
@@ -159,7 +159,7 @@ def numbered(*names, **changed):
     return results(study((CORVETTE,), conditions=conditions, episodes=40), **changed)
 
 
-def test_over_conditions_that_are_numbers_the_answer_is_their_trend():
+def test_answer_over_numbered_conditions_is_their_trend():
     fewer = {"kf-umv-ui_in_1 Hz": 0.9, "kf-umv-ui_in_0.2 Hz": 0.5}
     told = answer(numbered("10 Hz", "5 Hz", "1 Hz", "0.2 Hz", **fewer))[0]
     assert told.startswith(
@@ -180,7 +180,7 @@ def test_over_conditions_that_are_numbers_the_answer_is_their_trend():
     )
 
 
-def test_the_changes_of_a_trend_are_paired_and_hold_for_all_estimators_at_once():
+def test_changes_of_a_trend_are_paired_and_simultaneous():
     found = numbered("10 Hz", "5 Hz", **{"kf-umv-ui_in_5 Hz": 0.9})
     ranking = rankings(found)[CORVETTE]
     kept = found.rows(found.kept, "kf-umv-ui").loc
@@ -191,7 +191,7 @@ def test_the_changes_of_a_trend_are_paired_and_hold_for_all_estimators_at_once()
     assert f"the share changes by {amount(change, True)} at 5 Hz." in answer(found)[0]
 
 
-def test_a_trend_that_is_not_decided_names_the_episodes_that_it_takes():
+def test_undecided_trend_names_episodes_that_it_takes():
     level = {"kf-umv-ui_in_5 Hz": 0.94}
     few = answer(numbered("10 Hz", "5 Hz", noise=0.1, **level))[0]
     enough = re.search(
@@ -206,7 +206,7 @@ def test_a_trend_that_is_not_decided_names_the_episodes_that_it_takes():
     )
 
 
-def test_a_trend_is_over_the_conditions_that_all_environments_have():
+def test_trend_is_over_conditions_of_all_environments():
     conditions = [Condition(f"{rate} Hz", mismatch=0.01 / rate) for rate in (4, 2, 1)]
     conditions[2] = replace(conditions[2], environments=(CORVETTE,))
     told = answer(results(study(conditions=tuple(conditions))))[0]
@@ -251,7 +251,7 @@ def test_tables_stand_in_the_order_of_the_file_and_say_the_same(small):
         assert ranking_table(small).loc[name, CORVETTE].startswith(row["share kept"] + ", ")
 
 
-def test_the_line_to_copy_makes_the_environment_with_its_best_estimator(classical):
+def test_line_to_copy_makes_environment_with_best_estimator(classical):
     table = to_copy(classical)
     assert table["estimator"].tolist() == ["kf-umv-ui", "enkf", "kf"]
     assert table["where"].tolist() == [CORVETTE, SEGOROGENI, f"avoid in {CORVETTE}"]
@@ -264,7 +264,7 @@ def test_the_line_to_copy_makes_the_environment_with_its_best_estimator(classica
     assert not undecided["where"].str.startswith("avoid").any()
 
 
-def test_the_estimator_that_keeps_least_is_named_only_if_no_other_keeps_as_little(small):
+def test_worst_estimator_is_named_only_if_it_is_alone(small):
     beside = results(small.plan, QUALITY | {"kf": 0.5, "enkf": 0.5})
     assert rankings(beside)[CORVETTE].verdicts["enkf"] == WORSE
     assert not to_copy(beside)["where"].str.startswith("avoid").any()
@@ -272,7 +272,7 @@ def test_the_estimator_that_keeps_least_is_named_only_if_no_other_keeps_as_littl
     assert alone.iloc[-1][["where", "estimator"]].tolist() == [f"avoid in {CORVETTE}", "enkf"]
 
 
-def test_the_line_to_copy_names_the_estimator_that_default_stands_for():
+def test_line_to_copy_names_estimator_behind_default():
     asked = replace(
         study(conditions=CONDITIONS[:1]), estimators=(*ENDS, Estimator("mine", DEFAULT))
     )
@@ -281,7 +281,7 @@ def test_the_line_to_copy_names_the_estimator_that_default_stands_for():
                      f'gym.make("{SEGOROGENI}", estimator="enkf")']  # fmt: skip
 
 
-def test_learned_policies_are_compared_at_home_in_each_environment():
+def test_learned_policies_are_compared_at_home():
     found = invented.learned()
     raw = "raw measurements"
     for level, sign in ((0.4, r"\+"), (1.2, "−")):
@@ -296,7 +296,7 @@ def test_learned_policies_are_compared_at_home_in_each_environment():
 # --- verdicts -------------------------------------------------------------------------------------
 
 
-def test_of_eight_estimators_that_are_equal_one_study_in_twenty_names_a_loser():
+def test_of_equal_estimators_one_study_in_20_names_a_loser():
     """400 studies of 20 seeds: at 5 % more than 8.5 % of them do once in a thousand times."""
     flown, named = np.random.default_rng(42).normal(size=(8, 100_000)), np.zeros(2)
     unit = SimpleNamespace(mean=lambda axis: np.ones(1))

@@ -18,7 +18,7 @@ from agents.studies.report import write_report
 CALM = Condition("calm", disturbance="calm")
 
 
-def test_examples_are_of_the_first_condition_on_the_default_two_others_and_dead_reckoning():
+def test_examples_are_of_first_condition_and_few_estimators():
     chosen = examples(plan(study()))
     shown = {
         environment: [name for name, _ in job.arguments["estimators"]]
@@ -36,7 +36,7 @@ def test_examples_are_of_the_first_condition_on_the_default_two_others_and_dead_
 
 @pytest.mark.slow
 @pytest.mark.parametrize("environment", [CORVETTE, SEGOROGENI, "ItsunusaAUV-v0", "PunaUAV-v0"])
-def test_an_example_is_what_is_flown_on_each_estimator_and_survives_its_store(environment):
+def test_example_is_what_is_flown_and_survives_its_store(environment):
     names = ["ekf", "measurement"]
     given = [(name, options(study(), CALM, Estimator(name, name), environment)) for name in names]
     shown = Episode(json.loads(json.dumps(example(environment, given, "autopilot", [3], {}))))
@@ -49,7 +49,7 @@ def test_an_example_is_what_is_flown_on_each_estimator_and_survives_its_store(en
         assert (flight["root"] is None) == (flight["estimator"] == "measurement")
 
 
-def test_the_typical_seed_is_the_one_whose_scores_lie_nearest_to_their_means():
+def test_typical_seed_has_scores_nearest_to_their_means():
     rng = np.random.default_rng(0)
     scores = rng.normal(size=(3, 40)) * [[1.0], [10.0], [0.1]]
     scores[:, 17] = scores[:, np.arange(40) != 17].mean(1)

@@ -40,14 +40,14 @@ def flights(planned, **wanted):
     ]
 
 
-def test_an_estimator_that_an_environment_cannot_carry_is_left_out_there_with_the_reason(planned):
+def test_estimator_without_model_is_skipped_with_reason(planned):
     assert [(s.environment, s.what) for s in planned.skipped] == [(SEGOROGENI, "kf")]
     assert "LinearModel" in planned.skipped[0].reason
     assert not flights(planned, environment=SEGOROGENI, estimator="kf")
     assert flights(planned, environment=CORVETTE, estimator="kf")
 
 
-def test_the_classical_agent_flies_every_estimator_in_every_condition_once(planned):
+def test_classical_agent_flies_every_estimator_once(planned):
     own = [(f.environment, f.condition, f.estimator) for f in flights(planned, policy="autopilot")]
     corvette = [
         "truth",
@@ -63,7 +63,7 @@ def test_the_classical_agent_flies_every_estimator_in_every_condition_once(plann
     assert len(own) == len(set(own))
 
 
-def test_every_policy_flies_every_estimator_and_is_trained_once_in_the_first_condition(planned):
+def test_policy_flies_every_estimator_and_is_trained_once(planned):
     crossed = flights(
         planned, environment=CORVETTE, condition="rough", policy="PPO trained on default"
     )
@@ -83,7 +83,7 @@ def test_every_policy_flies_every_estimator_and_is_trained_once_in_the_first_con
     assert steps == {(CORVETTE, 1000), (SEGOROGENI, 2_500_000)}
 
 
-def test_an_agent_on_raw_measurements_sees_no_estimator_in_training_or_flight(planned):
+def test_agent_on_raw_measurements_sees_no_estimator(planned):
     raw = flights(planned, policy="LSTM")
     assert {(f.home, f.estimator) for f in raw} == {(True, RAW)}
     for flight in raw:
@@ -121,7 +121,7 @@ def test_a_condition_of_one_environment_is_flown_there_alone():
     assert {f.environment for f in flights(planned, condition="nominal")} == {CORVETTE, SEGOROGENI}
 
 
-def test_a_policy_flies_the_estimator_of_its_training_and_those_that_its_agent_names():
+def test_policy_flies_estimators_that_its_agent_names():
     some = Agent("PPO", "ppo", trained_on=("truth", "default"), flown_on=("dead-reckoning",))
     planned = plan(replace(STUDY, agents=(STUDY.agents[0], some)))
     schools = {"PPO trained on truth": "truth", "PPO trained on default": "kf-umv-ui"}

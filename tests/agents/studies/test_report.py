@@ -51,7 +51,7 @@ def test_page_markdown_and_table_are_written_and_agree(small, tmp_path):
     assert html == written(small, tmp_path)
 
 
-def test_failures_refusals_and_missing_results_are_on_the_page_and_escaped(small, tmp_path):
+def test_failures_and_refusals_are_on_page_and_escaped(small, tmp_path):
     label = f"autopilot on ekf in {CORVETTE}, rough"
     why = f"{label}: Traceback (most recent call last):\n  File x\nFloatingPointError: it <burst>"
     broken = without(small, lambda f: (f.estimator, f.condition) == ("ekf", "rough"), why)
@@ -81,7 +81,7 @@ def test_costs_are_beyond_those_on_the_truth_at_the_same_seeds(small):
         assert table.loc["truth", head].startswith(text(float(truth.mean()), metric.decimals))
 
 
-def test_consistency_is_that_of_the_first_condition_and_of_filters_alone(small):
+def test_consistency_is_of_first_condition_and_filters_alone(small):
     table = consistency(small, CORVETTE)
     assert table.loc["truth", NEES.label] == table.loc["truth", "In band"] == "–"
     assert table.loc["kf", "In band"] == "0.90"
@@ -122,7 +122,7 @@ def test_no_text_of_a_figure_is_cut_or_covers_another():
 
 
 @pytest.mark.slow
-def test_learned_policies_have_a_table_with_a_row_for_each_estimator(tmp_path):
+def test_learned_policies_have_a_table(tmp_path):
     html = written(invented.learned(), tmp_path)
     assert "Share kept by learned agents" in html
     assert "training runs (5)" in html

@@ -44,7 +44,7 @@ def by_hand(found, environment, policy, estimator):
 @pytest.mark.parametrize(
     ("policy", "estimator"), [("autopilot", "ekf"), ("PPO trained on ekf", "enkf"), (PPO, "ekf")]
 )
-def test_a_share_is_the_mean_over_environments_of_means_over_conditions(found, policy, estimator):
+def test_share_is_mean_over_environments_and_conditions(found, policy, estimator):
     each = [by_hand(found, e, policy, estimator) for e in (CORVETTE, SEGOROGENI)]
     together = shares.shares(found, (CORVETTE, SEGOROGENI), policy, estimator)
     np.testing.assert_allclose(together, np.mean(each, axis=0), rtol=0, atol=1e-12)
@@ -52,7 +52,7 @@ def test_a_share_is_the_mean_over_environments_of_means_over_conditions(found, p
     assert together.shape == (runs, 8)
 
 
-def test_policies_have_one_name_in_all_environments_and_a_home_in_each(found):
+def test_policies_have_one_name_and_a_home_in_each_environment(found):
     assert found.learned == [PPO, "PPO trained on ekf", "PPO, raw", "PPO, LSTM"]
     assert [found.home(e, PPO) for e in (CORVETTE, SEGOROGENI)] == ["kf-umv-ui", "enkf"]
     assert found.home(CORVETTE, "PPO trained on ekf") == "ekf"
@@ -61,7 +61,7 @@ def test_policies_have_one_name_in_all_environments_and_a_home_in_each(found):
     assert shares.kept(found, SEGOROGENI, PPO) == shares.kept(found, SEGOROGENI, PPO, "enkf")
 
 
-def test_an_end_that_is_missing_or_no_better_takes_its_place_out_of_every_share(found):
+def test_missing_or_flat_scale_leaves_condition_out(found):
     partial = without(found, lambda f: (f.estimator, f.condition) == ("truth", "calm"))
     assert (CORVETTE, "calm") not in partial.scales.index
     kept = shares.shares(partial, [CORVETTE], "autopilot", "ekf").to_numpy()
@@ -72,7 +72,7 @@ def test_an_end_that_is_missing_or_no_better_takes_its_place_out_of_every_share(
     assert shares.rankings(flat) == {}
 
 
-def test_a_run_that_lacks_a_place_is_left_out_and_the_others_stay_paired(found):
+def test_incomplete_run_is_left_out_and_others_stay_paired(found):
     def lost(f):
         return (f.environment, f.condition, f.policy, f.run) == (CORVETTE, "rough", PPO, 2)
 
@@ -97,7 +97,7 @@ def test_a_run_that_lacks_a_place_is_left_out_and_the_others_stay_paired(found):
     assert not any(shares.learned_differences(gone, CORVETTE)[PPO, other] for other in pairs)
 
 
-def test_the_classical_agent_has_an_interval_over_seeds_and_one_training_run_has_none(found):
+def test_intervals_are_over_seeds_or_over_runs_and_seeds(found):
     values = shares.shares(found, [CORVETTE], "autopilot", "ekf").to_numpy()
     assert shares.kept(found, CORVETTE, "autopilot", "ekf") == mean_interval(values[0])
     ranking = shares.rankings(found)[CORVETTE]
@@ -107,7 +107,7 @@ def test_the_classical_agent_has_an_interval_over_seeds_and_one_training_run_has
     assert shares.interval(found, PPO, runs[:1]) == float(runs[0].mean())
 
 
-def test_the_price_is_what_the_score_on_the_truth_is_higher_at_the_same_seeds(found):
+def test_price_is_paired_loss_of_score_against_truth(found):
     truth, ours = (found.wide("score").xs(("autopilot", name), level=[2, 3]) for name in
                    ("truth", "kf-umv-ui"))  # fmt: skip
     lost = (truth - ours).loc[CORVETTE].to_numpy().mean()
@@ -116,7 +116,7 @@ def test_the_price_is_what_the_score_on_the_truth_is_higher_at_the_same_seeds(fo
     assert price.high - price.mean != pytest.approx(price.mean - price.low)
 
 
-def test_completed_episodes_and_the_worst_tenth_are_those_of_all_conditions(found):
+def test_completed_and_worst_tenth_are_over_all_conditions(found):
     table = found.table.copy()
     first = (table.estimator == "kf") & (table.condition == "nominal") & (table.seed == 10**9)
     table.loc[first, ["score", "completed"]] = 0.0, False
@@ -129,7 +129,7 @@ def test_completed_episodes_and_the_worst_tenth_are_those_of_all_conditions(foun
     assert ranking.worst_decile("kf") == pytest.approx(worst)
 
 
-def test_every_episode_is_a_row_of_the_table_and_parquet_keeps_every_digit(found, tmp_path):
+def test_every_episode_is_a_row_and_parquet_keeps_digits(found, tmp_path):
     assert len(found.table) == 8 * len(found.plan.flights)
     assert not found.table.duplicated([*FLIGHT, "seed"]).any()
     found.table.to_parquet(tmp_path / "table.parquet", index=False)

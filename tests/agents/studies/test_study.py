@@ -80,7 +80,7 @@ def test_a_study_is_what_its_file_says(tmp_path):
 
 
 @pytest.mark.parametrize("name", STUDIES)
-def test_the_studies_of_the_package_are_studies_of_which_no_filter_assumes_another_ship_s_sea(
+def test_studies_of_package_are_read_and_give_no_input_cov(
     name: str, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.syspath_prepend(STUDIES[name].parent)  # as `ablate` does
@@ -97,7 +97,7 @@ def test_all_arms_end_by_one_termination(tmp_path, chosen):
     assert {options["termination"] for options in found} == {chosen}
 
 
-def test_what_is_wrong_with_seeds_margin_and_termination_is_reported_with_its_line(tmp_path):
+def test_mistakes_in_settings_are_reported_with_line(tmp_path):
     text = """first_seed = -1
 margin = 0
 termination = "beleif"
@@ -125,7 +125,7 @@ half = { kind = "ppo", settings = { n_steps = 0.5 } }
     expect(mistakes(tmp_path, text), expected)
 
 
-def test_sensors_may_be_late_fail_and_be_of_a_grade_in_a_condition(tmp_path):
+def test_condition_may_have_late_faulty_and_graded_sensors(tmp_path):
     text = """[environments]
 SegorogeniAUV-v0 = {}
 SigmaCorvette-v0 = {}
@@ -149,7 +149,7 @@ slow = { sensors = { receiver = "SBAS at 0.5 Hz", "rate gyro" = "consumer MEMS" 
     assert environment_options("SegorogeniAUV-v0", spoofed.options)["sensor_faults"] == []
 
 
-def test_what_is_wrong_with_times_and_faults_is_reported_with_its_line(tmp_path):
+def test_mistakes_in_sensors_of_conditions_have_their_line(tmp_path):
     text = """[environments]
 SegorogeniAUV-v0 = {}
 [conditions]
@@ -268,7 +268,7 @@ ONE = "[environments]\nSigmaCorvette-v0 = {}\n"
         ('[conditions]\nx = { disturbance = "math:pi" }', "disturbance must be one of calm, moderate, rough, or a"),
     ],
 )  # fmt: skip
-def test_what_would_change_the_study_in_silence_is_refused_with_its_line(tmp_path, line, words):
+def test_silent_change_of_study_is_refused_with_line(tmp_path, line, words):
     found = mistakes(tmp_path, f"{ONE}{line}\n")
     assert (4, True) in [(number, words in text) for number, text in found], found
     assert all(number == 4 and "\n" not in text for number, text in found)
@@ -285,7 +285,7 @@ def test_one_environment_under_two_names_is_refused(tmp_path):
     )
 
 
-def test_an_agent_that_could_not_be_trained_in_an_environment_is_left_out_there(tmp_path):
+def test_agent_that_cannot_be_trained_is_left_out(tmp_path):
     text = """[environments]
 SigmaCorvette-v0 = {}
 SegorogeniAUV-v0 = {}

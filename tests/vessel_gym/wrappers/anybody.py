@@ -22,23 +22,32 @@ def cart_pole(**options: Any) -> gym.Env:
         swing, lambda x, u: x[..., [0, 2]], 1e-9 * np.eye(4), np.diag([4e-4, 1e-4])
     )
     prior = Gaussian(np.zeros(4), np.eye(4) * 0.05**2 / 3)
-    return EstimatedObservation(
-        gym.make("CartPole-v1"), model, prior, lambda env, obs: env.unwrapped.state, **options
-    )
+    return EstimatedObservation(gym.make("CartPole-v1"), model, prior, _state, **options)
+
+
+def _swing(x, u):
+    rate = np.clip(x[..., 1] + (15.0 * np.sin(x[..., 0]) + 3.0 * u[..., 0]) * 0.05, -8.0, 8.0)
+    return np.stack([x[..., 0] + 0.05 * rate, rate], -1)
+
+
+def _angle(x, u):
+    return x[..., :1]
+
+
+def _state(env, seen):
+    return env.unwrapped.state
+
+
+def _seen(x):
+    return np.stack([np.cos(x[..., 0]), np.sin(x[..., 0]), x[..., 1]], -1)
 
 
 def pendulum(**options: Any) -> gym.Env:
-    def swing(x, u):
-        rate = np.clip(x[..., 1] + (15.0 * np.sin(x[..., 0]) + 3.0 * u[..., 0]) * 0.05, -8.0, 8.0)
-        return np.stack([x[..., 0] + 0.05 * rate, rate], -1)
-
+    """Of functions that have names: it can be pickled."""
     angle = {"state_angles": (0,), "measurement_angles": (0,)}
-    model = NonlinearModel(swing, lambda x, u: x[..., :1], 1e-9 * np.eye(2), [[0.0025]], **angle)
+    model = NonlinearModel(_swing, _angle, 1e-9 * np.eye(2), [[0.0025]], **angle)
     prior = Gaussian([0.0, 0.0], np.diag([3.3, 0.33]))
-    return EstimatedObservation(
-        gym.make("Pendulum-v1"), model, prior, lambda env, obs: env.unwrapped.state,
-        lambda x: [np.cos(x[..., 0]), np.sin(x[..., 0]), x[..., 1]], **options,
-    )  # fmt: skip
+    return EstimatedObservation(gym.make("Pendulum-v1"), model, prior, _state, _seen, **options)
 
 
 def mountain_car(**options: Any) -> gym.Env:
@@ -55,7 +64,7 @@ def acrobot(**options: Any) -> gym.Env:
         env, lambda x, u: x[..., :2], Q=1e-9, R=1e-4, state_angles=(0, 1), measurement_angles=(0, 1)
     )
     return EstimatedObservation(
-        env, model, None, lambda env, obs: env.unwrapped.state,
+        env, model, None, _state,
         lambda x: [np.cos(x[..., 0]), np.sin(x[..., 0]), np.cos(x[..., 1]), np.sin(x[..., 1]), x[..., 2], x[..., 3]],
         **options,
     )  # fmt: skip
