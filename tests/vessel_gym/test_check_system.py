@@ -133,7 +133,7 @@ def test_each_fault_is_answered_in_one_sentence(
 
 
 def test_a_result_that_is_written_again_is_refused() -> None:
-    with pytest.raises(ValueError, match="^actuate of Broken writes into an array that it has"):
+    with pytest.raises(ValueError, match=r"^actuate of Broken writes into an array that it has"):
         check_system(broken("vehicle", "actuate", refilling()))
 
 
