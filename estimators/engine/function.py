@@ -76,6 +76,9 @@ class Function:
         self.layout, self._scratch = _laid_out(program, self.instructions, values)
         self._places, self._literals, self._constants = _placed(program)
         self._address = self._constants.__array_interface__["data"][0]
+        loops = any(each.opcode in _LOOPS for each in self.instructions)
+        # Straight code is read once for all lanes, a loop's body is short: more lanes are faster.
+        self._lanes = 8 if loops else machine.lanes()
         self._codes: dict[int, int] = {}
         self.call: Callable[..., Any] = _like_none  # for arrays like the last ones
 
@@ -94,7 +97,7 @@ class Function:
             elif axes != batch:
                 given[i] = np.broadcast_to(given[i], batch + own[i].shape).copy()
         rows = math.prod(batch)
-        width = machine.lanes() if rows >= FEW else 1
+        width = self._lanes if rows >= FEW else 1
         room = machine.scratch(width * self._scratch)
         head = self._code(width), rows, shared, room, self._address
         if (invoke := invoker()) is None:
@@ -190,3 +193,7 @@ def _laid_out(
 
 
 _INPUTS = "input", "input_matrix"
+_LOOPS = frozenset((
+    "each", "join", "columns", "matmul", "solve_lower", "cholesky", "semidefinite_cholesky",
+    "rotate",
+))  # fmt: skip
