@@ -175,6 +175,7 @@ def fly_reacting(
         )  # which others share; the filter takes its sensors for what they were
         sensors = silent(env.core.config.sensors)
         env.core.config.world = World(was.forces, sensors)
+        env.core._together = False  # a whole step's program has the sensors of the other world
     rng = np.random.default_rng(2)
     weights = rng.normal(
         0.0, 1.0, (rows, env.core.config.observation_size, env.core.config.action_size)
