@@ -231,10 +231,8 @@ class Configuration:
 
     def _info(self, now: State) -> Changes:
         """Arrays of ``info``."""
-        (perfect, each), belief = self.perfect, now.belief
-        shares = now.total / np.maximum(perfect, each * now.steps)
-        score = np.minimum(np.maximum(shares, 0.0), 1.0)
-        scored = belief.healthy, score, now.end, now.end == self.success
+        score = self.scores(now.total, now.steps)
+        scored = now.belief.healthy, score, now.end, now.end == self.success
         arrays = info_arrays(self.true_state, self.unknown_input, now)
         return arrays | dict(zip(SCORED, scored, strict=True))
 
@@ -256,6 +254,12 @@ class Configuration:
         seen = observed(self.observe_mode, bool(self.options.guidance))
         sizes = self.system.task.sizes(self.sensors.size, len(self.composition.names))
         return sum(sizes[part] for part in seen)
+
+    def scores(self, total: np.ndarray, steps: np.ndarray) -> np.ndarray:
+        """Scores ``(B,)`` in [0, 1]: sums of rewards over that of a perfect episode."""
+        perfect, each = self.perfect
+        shares = total / np.maximum(perfect, each * steps)
+        return np.minimum(np.maximum(shares, 0.0), 1.0)
 
     def score_of(self, total: float, steps: int) -> float:
         """Score in [0, 1] of an episode, from the sum of its rewards and its number of steps."""

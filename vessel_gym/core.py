@@ -324,9 +324,7 @@ class Core:
     @property
     def score(self) -> np.ndarray:
         """Scores ``(B,)`` in [0, 1]: sums of rewards over that of a perfect episode."""
-        (perfect, each), last = self.config.perfect, self.last
-        shares = last.total / np.maximum(perfect, each * last.steps)
-        return np.minimum(np.maximum(shares, 0.0), 1.0)
+        return self.config.scores(self.last.total, self.last.steps)
 
     @property
     def truth(self) -> np.ndarray:

@@ -16,18 +16,13 @@ class Layout:
 
     Attributes:
         first: Column of the first number of each array, by name.
+        size: Number of columns k.
     """
 
     def __init__(self, shapes: Mapping[str, tuple[int, ...]]) -> None:
         self._shapes = shapes
-        ends = accumulate(map(prod, shapes.values()), initial=0)
-        *starts, self._size = ends
+        *starts, self.size = accumulate(map(prod, shapes.values()), initial=0)
         self.first = dict(zip(shapes, starts, strict=True))
-
-    @property
-    def size(self) -> int:
-        """Number of columns k."""
-        return self._size
 
     def joined(self, arrays: Sequence[np.ndarray]) -> np.ndarray:
         """Arrays in one."""
