@@ -4,7 +4,9 @@ import math
 from pathlib import Path
 from typing import Any
 
-from vessel_gym.disturbances import Disturbance, SurfaceWater, Water
+from vessel_gym.disturbances.disturbance import Disturbance
+from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem
+from vessel_gym.disturbances.water import SurfaceWater, Water
 from vessel_gym.envs.shared import tuning
 from vessel_gym.sharing import shared
 from vessel_gym.system import System
@@ -27,7 +29,9 @@ def _waters(spin: float, state: tuple[str, ...], **of_vehicle: Any) -> dict[str,
     for name, (increment, current) in figures.items():
         turbulence = increment / math.sqrt(0.1)
         waters[name] = Water(turbulence, spin * turbulence, current, **of_vehicle)
-    above = SurfaceWater(0.88, 7.5, waters["moderate"], state.index("x"), state.index("z"))
+    place = tuple(state.index(name) for name in ("x", "y") if name in state)
+    spectrum = WaveSpectrum.of_systems(WaveSystem(height=0.88, period=7.5))
+    above = SurfaceWater(spectrum, waters["moderate"], place, state.index("z"))
     return waters | {"surface": above}
 
 

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from vessel_gym.checks import instance
+from vessel_gym.disturbances.seaway import Seaway
+from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem
 from vessel_gym.envs.shared import tuning
-from vessel_gym.seaway import Seaway
 from vessel_gym.sharing import shared
 from vessel_gym.system import System
 from vessel_gym.tasks.circle_track import CircleTrack
@@ -21,12 +22,20 @@ _KNOT = 1852.0 / 3600.0
 _LINEAR = ("kf", "kf-umv-ui-wdf", "ulise", "huber-kf", "robust-kf")
 
 
-def seas(ship: CorvetteParameters, dt: float) -> dict[str, Seaway]:
-    """NATO sea states 2, 4, 5 (Bales et al. 1981) at steps of ``dt`` [s]; currents are assumed."""
+def seas(ship: CorvetteParameters, dt: float, direction: float = 0.0) -> dict[str, Seaway]:
+    """NATO sea states 2, 4, 5 (Bales et al. 1981) at steps of ``dt`` [s]; currents are assumed.
+
+    Waves and wind run to a ``direction`` [rad from north].
+    """
+
+    def sea(height: float, period: float, wind: float, current: float) -> Seaway:
+        spectrum = WaveSpectrum.of_systems(WaveSystem(height, period, direction))
+        return Seaway(ship, spectrum, wind * _KNOT, current, dt, direction)
+
     return {
-        "calm": Seaway(ship, height=0.3, period=6.9, wind=8.5 * _KNOT, current=0.1, dt=dt),
-        "moderate": Seaway(ship, height=1.88, period=8.8, wind=19.0 * _KNOT, current=0.3, dt=dt),
-        "rough": Seaway(ship, height=3.25, period=9.7, wind=24.5 * _KNOT, current=0.6, dt=dt),
+        "calm": sea(height=0.3, period=6.9, wind=8.5, current=0.1),
+        "moderate": sea(height=1.88, period=8.8, wind=19.0, current=0.3),
+        "rough": sea(height=3.25, period=9.7, wind=24.5, current=0.6),
     }
 
 
@@ -75,11 +84,11 @@ def channel_system(vessel: str, name: str) -> System:
     """
     from vessel_gym.tasks.channel import Channel  # late, as no other ship needs its path
 
-    system = ship_system(vessel, name)
-    seas: Mapping[str, Any] = system.disturbances
+    ship, system = load(vessel, CorvetteParameters), ship_system(vessel, name)
+    quartering: Mapping[str, Any] = system.disturbances
     return replace(
         system,
-        task=Channel(load(vessel, CorvetteParameters)),
-        disturbances={name: replace(sea, direction=np.pi) for name, sea in seas.items()}
-        | {f"{name} quartering": seas[name] for name in ("moderate", "rough")},
+        task=Channel(ship),
+        disturbances=seas(ship, system.task.dt, np.pi)
+        | {f"{name} quartering": quartering[name] for name in ("moderate", "rough")},
     )

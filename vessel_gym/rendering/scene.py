@@ -11,9 +11,9 @@ import numpy as np
 
 from estimators.angles import difference
 from vessel_gym.core import Core
-from vessel_gym.disturbances import SurfaceWater
+from vessel_gym.disturbances.seaway import Seaway
+from vessel_gym.disturbances.water import SurfaceWater
 from vessel_gym.estimation import WITHOUT_COVARIANCE
-from vessel_gym.seaway import Seaway
 from vessel_gym.surroundings import Surroundings, in_words, pose
 
 RECORDED = (
@@ -104,12 +104,14 @@ def ambients(core: Core, history: dict[str, np.ndarray]) -> list[Ambient]:
     if "mean wind north" in names:
         found.append(Ambient("Wind", "m/s", level("mean wind", "gust"), "gusts included"))
     if isinstance(disturbance, Seaway | SurfaceWater):
-        direction = disturbance.direction if isinstance(disturbance, Seaway) else 0.0
-        way = np.tile([np.cos(direction), np.sin(direction)], (len(truth), 1))
+        spectrum, steps = disturbance.spectrum, (len(truth), 1)
         if isinstance(disturbance, Seaway):
+            toward = disturbance.wind_direction
+            way = np.tile([np.cos(toward), np.sin(toward)], steps)
             found.append(Ambient("Wind", "m/s", disturbance.wind * way))
-        note = f"significant height, peak period {disturbance.period:g} s"
-        found.append(Ambient("Waves", "m", disturbance.height * way, note))
+        note = f"significant height, peak period {spectrum.period:.3g} s"
+        way = np.tile([np.cos(spectrum.direction), np.sin(spectrum.direction)], steps)
+        found.append(Ambient("Waves", "m", spectrum.height * way, note))
     return found
 
 

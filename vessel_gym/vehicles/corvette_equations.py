@@ -22,7 +22,7 @@ import numpy as np
 
 from estimators.engine import compiled, sincos
 from vessel_gym.vehicles.files import Particulars
-from vessel_gym.waves import GRAVITY
+from vessel_gym.vehicles.vehicle import GRAVITY
 
 STATE = ("x", "y", "psi", "u", "v", "r", "phi", "p")
 """Components of the state.

@@ -1,4 +1,4 @@
-"""Effects of waves on a ship: loads of long waves, and first-order motion.
+"""Effects of waves and wind on a ship: loads of long waves, first-order motion, and wind loads.
 
 The angle beta is the direction of the waves minus the heading; 0 is a following sea, 180 degrees a
 head sea (Fossen 2021, ch. 10).
@@ -16,13 +16,22 @@ from vessel_gym.checks import instance
 from vessel_gym.processes import interpolated
 from vessel_gym.vehicles.corvette import sway_yaw_jacobian
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
-from vessel_gym.waves import GRAVITY, encounter_frequency
+from vessel_gym.vehicles.vehicle import GRAVITY
 
-SHORT_CREST = 0.15
-"""Allowance for short crests: a share of the side force that comes a quarter of a period later.
+_AIR_DENSITY = 1.224  # kg/m3
 
-With this allowance a sea ahead or astern moves the ship, too. The value is assumed.
-"""
+
+def encounter_frequency(frequency: np.ndarray, beta: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """Frequency of encounter [rad/s]; negative if the ship overtakes the waves.
+
+    Args:
+        frequency: Frequency of the waves [rad/s].
+        beta: Direction of the waves relative to the heading [rad].
+        speed: Speed of the ship [m/s].
+    """
+    given = {"frequency": frequency, "beta": beta, "speed": speed}
+    frequency, beta, speed = (finite_array(name, value, "...") for name, value in given.items())
+    return frequency - frequency**2 * speed * np.cos(beta) / GRAVITY
 
 
 def wave_loads(
@@ -59,7 +68,7 @@ def wave_loads(
     small = np.abs(X) < 1e-3
     safe = np.where(small, 1.0, X)
     odd = np.where(small, X / 3.0, np.sin(safe) / safe**2 - np.cos(safe) / safe)
-    side = (np.sin(beta) + 1j * SHORT_CREST) * np.exp(-0.5 * k * ship.draught)
+    side = np.sin(beta) * np.exp(-0.5 * k * ship.draught)
     water = frequency[..., None] * np.stack([side * even, -6j / ship.length * side * odd], -1)
     inertia, body, damping = sway_yaw_matrices(ship, speed)
     accelerated = 1j * (
@@ -89,6 +98,31 @@ def wave_response(
     side, turning, _ = np.moveaxis(wave_loads(ship, frequency, beta, speed), -1, 0)
     response = np.stack([d * side - b * turning, a * turning - c * side], -1)  # Cramer's rule
     return response / (a * d - b * c)[..., None]
+
+
+def wind_loads(
+    ship: CorvetteParameters, along: np.ndarray, across: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Surge and sway force [N] and yaw moment [N m] ``(...)`` of the wind relative to a ship.
+
+    Coefficients of a destroyer by Blendermann (1994).
+
+    Args:
+        ship: Parameters of the ship.
+        along: Relative wind to the bow [m/s].
+        across: Relative wind to starboard [m/s].
+    """
+    frontal = 0.82 * ship.beam**2 if ship.frontal_area is None else ship.frontal_area
+    lateral = 0.083 * ship.length**2 if ship.lateral_area is None else ship.lateral_area
+    angle = np.abs(np.arctan2(-across, -along))  # between the bow and the wind's origin
+    front = np.where(angle < 0.5 * np.pi, 0.60, 0.65)
+    sin_angle, cos_angle = sincos(angle)
+    sin_twice = 2.0 * sin_angle * cos_angle
+    shape = 1.0 - 0.5 * 0.65 * (1.0 - front * frontal / lateral / 0.85) * sin_twice * sin_twice
+    pressure = 0.5 * _AIR_DENSITY * (along * along + across * across)
+    side = 0.85 * sin_angle / shape * np.where(across > 0.0, 1.0, -1.0) * pressure * lateral
+    moment = side * (1.04 * ship.length) * 0.18 * (0.5 * np.pi - angle)
+    return -pressure * frontal * front * cos_angle / shape, side, moment
 
 
 def _checked(
@@ -174,15 +208,16 @@ class HullAtSpeed(NamedTuple):
         X = 0.5 * self.ship.length * k_cos  # phase between amidships and the end
         X = np.where(np.abs(X) < 1e-6, 1e-6, X)
         sin, cos = sincos(X)
-        over = 1.0 / X
-        even = sin * over
-        odd = (even - cos) * over * (6.0 / self.ship.length)
-        real, imaginary = k_cos * odd, odd + k_cos * even
-        met_real, met_imaginary = met * real, met * imaginary
         p, q, s = self.determinants
         p, q = p - s * met * met, q * met
-        scale = self.speed / (p * p + q * q)
+        size = p * p + q * q
+        over = 1.0 / (X * size)  # one quotient for both
+        even = sin * (over * size)
+        odd = (even - cos) * (over * size) * (6.0 / self.ship.length)
+        scale = self.speed * (over * X)
         p, q = p * scale, q * scale
+        real, imaginary = k_cos * odd, odd + k_cos * even
+        met_real, met_imaginary = met * real, met * imaginary
         a, b = side[0] * p + side[1] * q, side[1] * p - side[0] * q  # side U / det
         sway, yaw = (
             (m[1] * real - n[0] * met_imaginary) * a - (m[0] * imaginary + n[1] * met_real) * b

@@ -7,6 +7,8 @@ import numpy as np
 
 from vessel_gym.sensors import Sensor
 
+GRAVITY = 9.81  # m/s2
+
 
 class Trims(NamedTuple):
     """Steady motions about which a nonlinear model is linearised; the known input selects one.

@@ -4,19 +4,33 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from math import factorial
+from typing import Any
 
 import numpy as np
 
 from estimators.engine import along, compiled, lookup, sincos
 from vessel_gym.checks import check_numbers, instance
-from vessel_gym.disturbances import Disturbance, Sea
+from vessel_gym.disturbances.disturbance import Disturbance
+from vessel_gym.disturbances.sea import Sea
+from vessel_gym.disturbances.spectrum import WaveSpectrum
+from vessel_gym.disturbances.waves import WaveBands, WaveField
 from vessel_gym.processes import Process, integrated
-from vessel_gym.vehicles.corvette_equations import AROUND, STATE, CorvetteParameters, corvette_rates
+from vessel_gym.vehicles.corvette_equations import (
+    AROUND,
+    STATE,
+    CorvetteParameters,
+    corvette_rates,
+)
 from vessel_gym.vehicles.equilibrium import root
-from vessel_gym.vehicles.seakeeping import SHORT_CREST, WaveMotion, wave_loads, wave_response
-from vessel_gym.waves import BANDS, GRAVITY, WaveBands, WaveField, encounter_frequency
+from vessel_gym.vehicles.seakeeping import (
+    WaveMotion,
+    encounter_frequency,
+    wave_loads,
+    wave_response,
+    wind_loads,
+)
+from vessel_gym.vehicles.vehicle import GRAVITY
 
-_AIR_DENSITY = 1.224  # kg/m3
 _REFLECTED = 0.25  # share of the waves' energy that a ship abeam reflects; assumed
 # rad, least yaw increment that filters assume: half a compass' noise, the least that is observable
 _LEAST = 1e-3
@@ -27,34 +41,35 @@ _LEAST = 1e-3
 class Seaway(Disturbance):
     """Disturbance of a ship that turns in a sea: first-order wave motion, wind, drift and current.
 
-    The waves are a `WaveField`. The ship meets them at the frequency ``w - k U cos(beta)``, which
-    is zero or negative in following seas, and responds by the yaw rate and the sway velocity of
-    `wave_response`. These motions are superposed on manoeuvring (Fossen 2021, ch. 10): the yaw rate
-    turns the heading, and the sway velocity shifts the track. The roll moment acts on the ship.
-    Wind (Blendermann 1994, a destroyer) and the drift of reflected waves (Faltinsen 1990) push her
-    to leeward, which positions cannot distinguish from a current.
+    The waves are a `WaveField` of a `WaveSpectrum`. The ship meets a wave at the frequency ``w - k U
+    cos(beta)``, which is zero or negative if she overtakes it, and responds by the yaw rate and the
+    sway velocity of `wave_response`. These motions are superposed on manoeuvring (Fossen 2021, ch.
+    10): the yaw rate turns the heading, and the sway velocity shifts the track. The roll moment acts
+    on the ship. Wind (Blendermann 1994, a destroyer) and the drift of reflected waves (Faltinsen
+    1990) push her to leeward, which positions cannot distinguish from a current.
 
     The current carries the ship and the waves, whose field is at rest in the water. The wind is
     given relative to the ground. Its force follows from the wind relative to the ship, which the
-    current carries. Waves and wind run to the north, unless ``direction`` is set.
+    current carries. The water is deep.
 
     `effect` and `effect_at` return eight components ``(..., 8)``: yaw increment [rad], current
     north and east [m/s], surge and sway force [N], yaw and roll moment [N m], and sway velocity by
     waves [m/s].
 
     Raises:
-        ValueError: for a number out of range.
-        TypeError: for a ship that is no `CorvetteParameters`.
+        ValueError: for a number out of range, or a depth, as shallow water is not modelled.
+        TypeError: for a ship that is no `CorvetteParameters`, or a spectrum that is no
+            `WaveSpectrum`.
     """
 
     ship: CorvetteParameters
-    height: float  # significant wave height, m
-    period: float  # peak period of the spectrum, s
+    spectrum: WaveSpectrum
     wind: float  # speed over ground, m/s
     current: float  # RMS speed, m/s
     dt: float
-    direction: float = 0.0  # direction to which waves and wind run, rad
+    wind_direction: float = 0.0  # direction to which the wind blows, rad from north
     current_time: float = 1000.0  # s
+    depth: float | None = None  # of the water; None, as it is deep
 
     names = ("current north", "current east", "water north", "water east")
     forces = ("yaw increment", *AROUND)
@@ -65,17 +80,20 @@ class Seaway(Disturbance):
 
     def __post_init__(self) -> None:
         instance("ship of Seaway", self.ship, CorvetteParameters)
+        instance("spectrum of Seaway", self.spectrum, WaveSpectrum)
         kinds = {
-            "positive": "height period dt current_time",
+            "positive": "dt current_time",
             "not_negative": "wind current",
-            "direction": "direction",
+            "direction": "wind_direction",
         }
         check_numbers("a seaway", vars(self), **kinds)
+        if self.depth is not None:
+            raise ValueError("a seaway is deep water: leave out its depth")
 
     @cached_property
     def waves(self) -> WaveField:
         """The wave field alone."""
-        return WaveField(self.height, self.period)
+        return WaveField(self.spectrum)
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
@@ -87,32 +105,36 @@ class Seaway(Disturbance):
         sd = self.current / np.sqrt(2.0)
         return Process.wandering((sd, sd), self.current_time, self.dt)
 
-    def yaw_rate(self, beta: np.ndarray, speed: float, dt: float = 0.0) -> np.ndarray:
-        """RMS of the yaw rate in waves ``(...)`` [rad/s].
+    def yaw_rate(self, heading: np.ndarray, speed: float, dt: float = 0.0) -> np.ndarray:
+        """RMS of the yaw rate by waves ``(...)`` [rad/s], over frequencies and directions.
 
         Args:
-            beta: Direction of the waves relative to the heading [rad].
+            heading: Heading of the ship [rad].
             speed: Speed of the ship [m/s].
             dt: Time [s] over which the rate is averaged.
         """
-        beta = np.asarray(beta)
-        w, spectrum = (each.reshape((-1,) + beta.ndim * (1,)) for each in self.waves.spectrum)
+        w, directions, energy = self.spectrum.cells
+        beta = directions - np.asarray(heading)[..., None, None]
         half = 0.5 * dt * encounter_frequency(w, beta, np.asarray(speed))
         yaw = np.sinc(half / np.pi) * np.abs(wave_response(self.ship, w, beta, speed)[..., 1])
-        return np.sqrt(np.trapezoid(spectrum * yaw**2, w, axis=0))
+        return np.sqrt((energy * yaw**2).sum((-2, -1)))
 
     @cached_property
     def believed(self) -> Sea:  # type: ignore[override]
         """Default assumption of filters, a `Sea` whose current includes the leeway.
 
-        The variance of its yaw rate is the mean over all directions of the waves, from either side.
+        The variance of its yaw rate is the mean over all headings, which does not depend on how the
+        waves are spread.
         """
-        beta = np.linspace(0.0, np.pi, 37)
-        yaw = self.yaw_rate(beta, 0.8 * self.ship.speed, self.dt)
-        wave = max(np.sqrt(np.trapezoid(yaw**2, beta) / np.pi), _LEAST / self.dt)
+        w, beta = self.spectrum.frequency_at((np.arange(200) + 0.5) / 200.0), _AROUND
+        speed = 0.8 * self.ship.speed
+        half = 0.5 * self.dt * encounter_frequency(w[:, None], beta, np.asarray(speed))
+        mean = np.sinc(half / np.pi) * wave_response(self.ship, w[:, None], beta, speed)[..., 1]
+        wave = 0.25 * self.spectrum.height * np.sqrt((np.abs(mean) ** 2).mean())
         return Sea(
-            wave=float(wave), peak=2.0 * np.pi / self.period, gust=0.0,
-            current=float(np.hypot(self.current, self.leeway)), current_time=100.0, dt=self.dt,
+            wave=max(float(wave), _LEAST / self.dt), peak=2.0 * np.pi / self.spectrum.period,
+            gust=0.0, current=float(np.hypot(self.current, self.leeway)), current_time=100.0,
+            dt=self.dt,
         )  # fmt: skip
 
     @cached_property
@@ -127,7 +149,7 @@ class Seaway(Disturbance):
 
     @cached_property
     def leeway(self) -> float:
-        """Sway speed [m/s] of the ship on a steady heading, with wind and waves abeam.
+        """Sway speed [m/s] of the ship on a steady heading, with the wind abeam.
 
         Rudder and surge speed are those of the equilibrium.
         """
@@ -136,7 +158,7 @@ class Seaway(Disturbance):
         def accelerations(balance: np.ndarray, _: None) -> np.ndarray:
             """Surge, sway and yaw; ``balance``: rudder [rad], relative surge and sway."""
             state = np.zeros((*balance.shape[:-1], len(STATE)))
-            state[..., heading] = self.direction + 0.5 * np.pi
+            state[..., heading] = self.wind_direction + 0.5 * np.pi
             state[..., moving] = balance[..., 1:] * self.ship.speed
             around = self.effect(np.zeros_like(state), state)[..., 1:]  # in water at rest
             rates = corvette_rates(state, balance[..., :1], around, self.ship.vector())
@@ -145,15 +167,15 @@ class Seaway(Disturbance):
         return float(abs(root(accelerations, np.array([0.0, 1.0, 0.0]))[2]) * self.ship.speed)
 
     def draw(self, uniforms: np.ndarray) -> np.ndarray:
-        """Constants of an episode's waves: frequencies, phases, and velocities.
+        """Constants of an episode's waves ``(..., 5 n)``.
 
-        Frequencies are in rad/s, phases in rad, and orbital velocities [m/s] are at half the ship's
-        draught.
+        They are those of `WaveField.draw`, and the orbital velocity at half the ship's draught by
+        wave number of each component [m2/s].
         """
         drawn = self.waves.draw(uniforms)
         w = drawn[..., : WaveField.components]
-        velocity = self.waves.amplitude * w * np.exp((-0.5 * self.ship.draught / GRAVITY) * w * w)
-        return np.concatenate([drawn, velocity], -1)
+        decay = np.exp((-0.5 * self.ship.draught / GRAVITY) * w * w)
+        return np.concatenate([drawn, self.waves.amplitude * GRAVITY / w * decay], -1)
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Components ``(..., 8)`` of the effect, see `Seaway`, without waves."""
@@ -174,25 +196,20 @@ class Seaway(Disturbance):
         continuous time.
         """
         x, y, psi, u = np.moveaxis(state[..., :4], -1, 0)
-        sin_mu, cos_mu = sincos(self.direction)
-        place = (x - z[..., 2]) * cos_mu + (y - z[..., 3]) * sin_mu
-        sin_beta, cos_beta = sincos(self.direction - psi)
-        hull = self._hull.at(u)
+        hull, (sin_psi, cos_psi) = self._hull.at(u), sincos(psi)
+        north, east = x - z[..., 2], y - z[..., 3]
 
-        def moved(w: np.ndarray, phase: np.ndarray, velocity: np.ndarray) -> list[np.ndarray]:
-            k_cos = w * w * cos_beta * (1.0 / GRAVITY)
-            met = w - k_cos * u
+        def moved(w: Any, phase: Any, kx: Any, ky: Any, velocity: Any) -> list[Any]:
+            ahead, abeam = kx * cos_psi + ky * sin_psi, ky * cos_psi - kx * sin_psi
+            met = w - ahead * u
             half = 0.5 * self.dt * met  # half of the phase in a step
             mean = _mean(half)
-            sin, cos = sincos(phase + half)
-            side = (
-                velocity * (sin_beta * cos - SHORT_CREST * sin),
-                velocity * (sin_beta * sin + SHORT_CREST * cos),
-            )
-            sway, yaw, roll = hull.moved(w, k_cos, met, side)
+            sin, cos = sincos(phase + w * time - kx * north - ky * east + half)
+            side = velocity * abeam
+            sway, yaw, roll = hull.moved(w, ahead, met, (side * cos, side * sin))
             return [mean * sway, mean * yaw, _held(mean) * roll]
 
-        waves = *self.waves.phases(drawn, time, place), drawn[..., WaveField.uniforms :]
+        waves = *self.waves.constants(drawn), drawn[..., 4 * WaveField.components :]
         total = [each.sum(-1) for each in along(moved, *waves)]
         return self._acting(total, z[..., :2], state)
 
@@ -204,50 +221,44 @@ class Seaway(Disturbance):
         The motion is the waves' sway velocity, yaw rate and roll moment.
         """
         psi, u, v = np.moveaxis(state[..., 2:5], -1, 0)
-        sin_beta, _ = sincos(self.direction - psi)
-        sin_mu, cos_mu = sincos(self.direction)
+        sin_mu, cos_mu = sincos(self.wind_direction)
         north, east = self.wind * cos_mu - current[..., 0], self.wind * sin_mu - current[..., 1]
         sin, cos = sincos(psi)
-        surge_force, side_force, turning = self._wind(
-            north * cos + east * sin - u, east * cos - north * sin - v
+        surge_force, side_force, turning = wind_loads(
+            self.ship, north * cos + east * sin - u, east * cos - north * sin - v
         )
-        side = side_force + self._drift * sin_beta * np.abs(sin_beta)
         sway, yaw, roll = motion
         return np.stack([
-            self.dt * yaw, current[..., 0], current[..., 1], surge_force, side, turning, roll, sway,
+            self.dt * yaw, current[..., 0], current[..., 1], surge_force,
+            side_force + self._drift(sin, cos), turning, roll, sway,
         ], -1)  # fmt: skip
 
-    def _wind(
-        self, along: np.ndarray, across: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Surge and sway force [N] and yaw moment [N m] ``(...)`` of the relative wind [m/s].
+    def _drift(self, sin: np.ndarray, cos: np.ndarray) -> np.ndarray:
+        """Sway force [N] of the waves that the ship reflects, ``(...)``.
 
-        Coefficients by Blendermann (1994).
+        A wave pushes by ``sin(beta) |sin(beta)|``, of which three terms of the Fourier series are
+        kept.
+
+        Args:
+            sin: Sine of the heading.
+            cos: Cosine of the heading.
         """
-        ship = self.ship
-        frontal = 0.82 * ship.beam**2 if ship.frontal_area is None else ship.frontal_area
-        lateral = 0.083 * ship.length**2 if ship.lateral_area is None else ship.lateral_area
-        angle = np.abs(np.arctan2(-across, -along))  # between the bow and the wind's origin
-        front = np.where(angle < 0.5 * np.pi, 0.60, 0.65)
-        sin_angle, cos_angle = sincos(angle)
-        sin_twice = 2.0 * sin_angle * cos_angle
-        shape = 1.0 - 0.5 * 0.65 * (1.0 - front * frontal / lateral / 0.85) * sin_twice * sin_twice
-        pressure = 0.5 * _AIR_DENSITY * (along * along + across * across)
-        side = 0.85 * sin_angle / shape * np.where(across > 0.0, 1.0, -1.0) * pressure * lateral
-        moment = side * (1.04 * ship.length) * 0.18 * (0.5 * np.pi - angle)
-        return -pressure * frontal * front * cos_angle / shape, side, moment
-
-    @cached_property
-    def _drift(self) -> float:
-        """Drift force [N] of the waves that a ship abeam reflects."""
-        return (
-            self.ship.water_density
-            * GRAVITY
-            * self.ship.length
-            * self.height**2
-            / 16.0
-            * _REFLECTED
+        _, directions, energy = self.spectrum.cells
+        by_energy = self.ship.water_density * GRAVITY * self.ship.length * _REFLECTED
+        total, turned, twice = (
+            np.zeros_like(sin),
+            (cos, sin),
+            (cos * cos - sin * sin, 2.0 * sin * cos),
         )
+        for m in (1, 3, 5):
+            coefficient = -8.0 / (np.pi * m * (m * m - 4)) * by_energy
+            moment = coefficient * (energy.sum(0) * np.exp(1j * m * directions)).sum()
+            total = total + (moment.imag * turned[0] - moment.real * turned[1])
+            turned = (
+                turned[0] * twice[0] - turned[1] * twice[1],
+                turned[0] * twice[1] + turned[1] * twice[0],
+            )
+        return total
 
     @cached_property
     def _hull(self) -> WaveMotion:
@@ -259,11 +270,10 @@ class Seaway(Disturbance):
 class BandedSeaway(Seaway):
     """A filter's model of a `Seaway`, with `WaveBands` as the ship meets them.
 
-    `WaveBands` are three frequency bands of waves. The response to a band has the amplitude of all
-    its waves together, and the phase at the band's frequency. The phases are those at the ship and
-    turn as she moves. The ship's motion therefore changes the frequency of encounter, but the waves
-    give no position. With phases at a fixed place, the filter would infer positions from waves,
-    although it can predict waves for only half a minute.
+    The response to both waves of a frequency band has the power of all waves in the band. The
+    phases are those at the ship and turn as she moves. The ship's motion therefore changes the
+    frequency of encounter, but the waves give no position. With phases at a fixed place, the filter
+    would infer positions from waves, although it can predict waves for only half a minute.
     """
 
     names = (*WaveBands.names, "current north", "current east")  # type: ignore[assignment]
@@ -272,89 +282,79 @@ class BandedSeaway(Seaway):
 
     @cached_property
     def bands(self) -> WaveBands:
-        """The frequency bands of the waves alone."""
-        return WaveBands(self.height, self.period)
+        """The waves alone."""
+        return WaveBands(self.spectrum)
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
-        """Rotating frequency bands of the waves, then the current."""
+        """Rotating waves, then the current."""
         return Process.joined(self.bands.process(self.dt), self._current)
 
-    def response(self, beta: np.ndarray, speed: float) -> np.ndarray:
-        """Complex response ``(3, ..., 3)`` to a unit of each band.
+    def response(self, heading: np.ndarray, speed: float) -> np.ndarray:
+        """Complex response ``(6, ..., 3)`` to a unit of each wave, averaged over the coming step.
 
-        The first axis is the three bands. The last axis is sway velocity [m/s], yaw rate [rad/s]
-        and roll moment [N m].
+        The first axis is the waves of the bands. The last axis is sway velocity [m/s], yaw rate
+        [rad/s] and roll moment [N m].
 
         Args:
-            beta: Direction of the waves relative to the heading [rad].
+            heading: Heading of the ship [rad].
             speed: Speed of the ship [m/s].
         """
-        bands, each = self.bands, []
-        for band, frequencies in enumerate(bands.within):
-            w = np.append(frequencies, bands.frequencies[band]).reshape(
-                (-1,) + np.ndim(beta) * (1,)
-            )
-            motion, loads = (
-                wave_response(self.ship, w, beta, speed),
-                wave_loads(self.ship, w, beta)[..., 2:],
-            )
-            given = np.concatenate([motion, loads], -1)
-            each.append(np.sqrt(bands.power(band, given[:-1])) * np.exp(1j * np.angle(given[-1])))
-        return np.stack(each)
 
-    def mean_response(self, beta: np.ndarray, speed: float) -> np.ndarray:
-        """`response` averaged over the coming step."""
-        w = self.bands.frequencies.reshape((-1,) + np.ndim(beta) * (1,))
-        half = 0.5 * self.dt * encounter_frequency(w, beta, np.asarray(speed))
-        return (np.sinc(half / np.pi) * np.exp(1j * half))[..., None] * self.response(beta, speed)
+        def of_waves(w: np.ndarray, direction: np.ndarray) -> np.ndarray:
+            w, direction = (
+                each.reshape((-1,) + np.ndim(heading) * (1,)) for each in (w, direction)
+            )
+            beta = direction - heading
+            half = 0.5 * self.dt * encounter_frequency(w, beta, np.asarray(speed))
+            motion = np.concatenate(
+                [wave_response(self.ship, w, beta, speed), wave_loads(self.ship, w, beta)[..., 2:]],
+                -1,
+            )
+            return (np.sinc(half / np.pi) * np.exp(1j * half))[..., None] * motion
+
+        return self.bands.loadings(of_waves)
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Components ``(..., 8)`` of the effect, see `Seaway`, in the waves of the bands."""
         psi, u = state[..., 2], state[..., 3]
-        total, response = [np.zeros_like(u)] * 3, self._interpolated(self.direction - psi, u)
-        for band in range(BANDS):
-            real, imaginary = z[..., 2 * band], z[..., 2 * band + 1]
-            own = [response[..., 6 * band + k] for k in range(6)]
+        total, response = [np.zeros_like(u)] * 3, self._interpolated(psi, u)
+        for wave in range(len(WaveBands.names) // 2):
+            real, imaginary = z[..., 2 * wave], z[..., 2 * wave + 1]
+            own = [response[..., 6 * wave + k] for k in range(6)]
             total = [total[k] + (own[k] * real - own[k + 3] * imaginary) for k in range(3)]
         return self._acting(total, z[..., -2:], state)
 
     def met(self, z: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
         """State with the waves' phases at the place of the ship after a step through the water."""
-        sin_mu, cos_mu = sincos(self.direction)
         north, east = ((after - before)[..., i] - self.dt * z[..., i - 2] for i in range(2))
-        parts = self.bands.at(z, north * cos_mu + east * sin_mu)
+        parts = self.bands.at(z, north, east)
         return np.stack([*(each for part in parts for each in part), z[..., -2], z[..., -1]], -1)
 
-    def _interpolated(self, beta: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """Real and imaginary parts of `mean_response` ``(..., bands * 6)``."""
-        turn = beta / (2.0 * np.pi)
-        at = (turn - np.floor(turn)) * _BETAS
-        i = np.minimum(np.floor(at), _BETAS - 1.0)
+    def _interpolated(self, heading: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """Real and imaginary parts of `response` ``(..., waves * 6)``."""
+        turn = heading / (2.0 * np.pi)
+        at = (turn - np.floor(turn)) * _HEADINGS
+        i = np.minimum(np.floor(at), _HEADINGS - 1.0)
         slowest, fastest = _TABLED[[0, -1]] * self.ship.speed
         to = np.minimum(np.maximum((speed - slowest) / (fastest - slowest), 0.0), 1.0) * (
             len(_TABLED) - 1
         )
         j = np.minimum(np.floor(to), len(_TABLED) - 2.0)
-        f, g, first = (at - i)[..., None], (to - j)[..., None], j * (_BETAS + 1) + i
+        f, g, first = (at - i)[..., None], (to - j)[..., None], j * (_HEADINGS + 1) + i
         near, beside, far, last = (
-            lookup(self._table, first + k) for k in (0, 1, _BETAS + 1, _BETAS + 2)
+            lookup(self._table, first + k) for k in (0, 1, _HEADINGS + 1, _HEADINGS + 2)
         )
         response = (1.0 - g) * ((1.0 - f) * near + f * beside)
         return response + g * ((1.0 - f) * far + f * last)
 
     @cached_property
     def _table(self) -> np.ndarray:
-        """Real and imaginary parts of `mean_response` on a grid.
-
-        The shape is ``(speeds * betas, bands * 6)``.
-        """
-        beta = np.linspace(0.0, 2.0 * np.pi, _BETAS + 1)
-        response = np.stack(
-            [self.mean_response(beta, speed) for speed in _TABLED * self.ship.speed]
-        )
+        """Real and imaginary parts of `response` ``(speeds * headings, waves * 6)`` on a grid."""
+        heading = np.linspace(0.0, 2.0 * np.pi, _HEADINGS + 1)
+        response = np.stack([self.response(heading, speed) for speed in _TABLED * self.ship.speed])
         parts = np.moveaxis(np.concatenate([response.real, response.imag], -1), 1, 2)
-        return parts.reshape(len(_TABLED) * (_BETAS + 1), -1)
+        return parts.reshape(len(_TABLED) * (_HEADINGS + 1), -1)
 
 
 def _held(mean: np.ndarray) -> np.ndarray:
@@ -377,5 +377,7 @@ def _mean(half: np.ndarray) -> np.ndarray:
     return total
 
 
-_TABLED, _BETAS = np.linspace(0.25, 1.25, 21), 120
-"""Tabled speeds in units of the service speed, and number of tabled directions."""
+_TABLED, _HEADINGS = np.linspace(0.25, 1.25, 21), 120
+"""Tabled speeds in units of the service speed, and number of tabled headings."""
+_AROUND = 2.0 * np.pi / 72.0 * np.arange(72.0)
+"""Directions around the ship [rad]."""

@@ -1,0 +1,219 @@
+"""Waves of a spectrum: a field in place and time for the truth, and wave bands for filters."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, reduce
+from operator import add
+from typing import Any, ClassVar
+
+import numpy as np
+
+from estimators.engine import along, lookup, sincos
+from vessel_gym.checks import check_numbers
+from vessel_gym.disturbances.spectrum import TURN, WaveSpectrum
+from vessel_gym.processes import Process, interpolated
+from vessel_gym.vehicles.vehicle import GRAVITY
+
+BANDS = 2
+_EDGES = np.linspace(0.0, 1.0, BANDS + 1)
+"""Shares of the energy below the edges of the frequency bands."""
+_DAMPING = 0.05
+"""Half the width of a band, in units of its frequency."""
+_FREQUENCIES, _NODES, _DIRECTIONS = 2048, 64, 128
+"""Cells between which frequencies are tabled; cells of frequency and direction of directions."""
+
+
+@dataclass(frozen=True, eq=False)
+class WaveField:
+    """A sea as a field in place and time: ``sum a cos(w t - kx x - ky y + p)``, deep water.
+
+    All components have equal energy, and each has a direction. In an episode the frequencies are
+    drawn within bins of equal energy, one in each, as are the directions, given the frequency. Both
+    are paired at random. Phases p are drawn from a full turn. So the mean autocorrelation over
+    episodes, of anything linear in the waves, is the integral of the spectrum over frequency and
+    direction, and no episode is periodic.
+    """
+
+    spectrum: WaveSpectrum
+
+    components: ClassVar[int] = 24
+    uniforms: ClassVar[int] = 4 * components
+
+    @property
+    def amplitude(self) -> float:
+        """Amplitude of each component [m]."""
+        return self.spectrum.height / np.sqrt(8.0 * self.components)
+
+    @cached_property
+    def _frequencies(self) -> np.ndarray:
+        """Frequencies [rad/s] below which shares 0, 1/2048, 2/2048 ... 1 of the energy lie."""
+        return self.spectrum.frequency_at(np.linspace(0.0, 1.0, _FREQUENCIES + 1))
+
+    @cached_property
+    def _directions(self) -> np.ndarray:
+        """Directions [rad] below which shares of the energy run, at frequencies of 65 shares.
+
+        The 129 shares ``(1 - cos(angle)) / 2`` lie close where few waves run.
+        """
+        shares = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, _DIRECTIONS + 1))
+        nodes = self._frequencies[:: _FREQUENCIES // _NODES]
+        return np.concatenate([self.spectrum.directions_at(w, shares) for w in nodes])
+
+    def draw(self, uniforms: np.ndarray) -> np.ndarray:
+        """Constants ``(..., 4 n)`` of an episode, each of all n components.
+
+        They are frequencies [rad/s], phases [rad], and wave numbers to the north and to the east
+        [1/m].
+
+        Args:
+            uniforms: Random numbers in [0, 1] ``(..., 4 n)``.
+        """
+        n = self.components
+        first, phases, within, order = (uniforms[..., i * n : (i + 1) * n] for i in range(4))
+        others = [order[..., i] for i in range(n)]
+
+        def component(first: Any, phase: Any, within: Any, own: Any) -> list[Any]:
+            rank = reduce(add, [np.where(own > other, 1.0, 0.0) for other in others])
+            w = interpolated(self._frequencies, _FREQUENCIES / n * first)
+            share = (rank + within) * (1.0 / n)
+            place = _DIRECTIONS / np.pi * np.arccos(1.0 - 2.0 * share)
+            theta = self._direction(_NODES / n * first, place)
+            sin, cos = sincos(theta)
+            k = w * w * (1.0 / GRAVITY)
+            return [w, TURN * phase, k * cos, k * sin]
+
+        return np.concatenate(along(component, np.arange(n) + first, phases, within, order), -1)
+
+    def _direction(self, node: Any, place: Any) -> Any:
+        """Interpolated directions [rad]."""
+        i = np.minimum(np.floor(node), _NODES - 1.0)
+        row = _DIRECTIONS + 1.0
+        low, high = (self._across(i * row + more, place) for more in (0.0, row))
+        return low + (node - i) * (high - low)
+
+    def _across(self, start: Any, place: Any) -> Any:
+        j = np.minimum(np.floor(place), _DIRECTIONS - 1.0)
+        low, high = (lookup(self._directions, start + j + more) for more in (0.0, 1.0))
+        return low + (place - j) * (high - low)
+
+    def phases(
+        self, drawn: np.ndarray, time: np.ndarray, north: np.ndarray, east: np.ndarray
+    ) -> np.ndarray:
+        """Phases [rad] of the components ``(..., n)``.
+
+        Args:
+            drawn: Result of `draw` ``(..., 4 n)``.
+            time: Time [s] ``(...)``.
+            north: Position in the water to the north [m] ``(...)``.
+            east: Position in the water to the east [m] ``(...)``.
+        """
+        w, phase, kx, ky = self.constants(drawn)
+        time, north, east = (each[..., None] for each in (time, north, east))
+        return phase + w * time - kx * north - ky * east
+
+    def constants(self, drawn: np.ndarray) -> list[np.ndarray]:
+        """Frequencies, phases, and wave numbers to the north and east, each ``(..., n)``."""
+        return [drawn[..., i * self.components : (i + 1) * self.components] for i in range(4)]
+
+    def elevation(
+        self, drawn: np.ndarray, time: np.ndarray, north: np.ndarray, east: np.ndarray
+    ) -> np.ndarray:
+        """Surface elevation [m] ``(...)``; arguments as `phases`."""
+        return self.amplitude * np.cos(self.phases(drawn, time, north, east)).sum(-1)
+
+
+@dataclass(frozen=True, eq=False)
+class WaveBands:
+    """A filter's model of a `WaveField`: waves of three frequencies in two directions each.
+
+    Each is a complex number ``z+ = exp((j w - b) dt) z + n`` whose variance is 1 at any frequency.
+    The two directions of a frequency band lie as far to either side of its mean direction as keeps
+    the variance of the spreading across it. The damping b is constant, because a damping by the
+    ship's speed through wave groups serves no better.
+    """
+
+    spectrum: WaveSpectrum
+
+    names: ClassVar[tuple[str, ...]] = tuple(
+        f"wave {band} {side} {part}"
+        for band in range(1, BANDS + 1)
+        for side in ("left", "right")
+        for part in ("real", "imaginary")
+    )
+
+    @cached_property
+    def cells(self) -> tuple[np.ndarray, np.ndarray]:
+        """Frequencies [rad/s] and directions [rad] of equal energy in each band ``(3, 60)``."""
+        along, across = (np.arange(10) + 0.5) / 10.0, (np.arange(6) + 0.5) / 6.0
+        shares = _EDGES[:-1, None] + np.diff(_EDGES)[:, None] * along
+        w = self.spectrum.frequency_at(shares)
+        theta = np.array([[self.spectrum.directions_at(each, across) for each in row] for row in w])
+        return np.repeat(w, len(across), axis=1), theta.reshape(BANDS, -1)
+
+    @cached_property
+    def energies(self) -> np.ndarray:
+        """Energy of each band [m2] ``(3,)``."""
+        return np.diff(_EDGES) * self.spectrum.height**2 / 16.0
+
+    @cached_property
+    def frequencies(self) -> np.ndarray:
+        """Frequency of each wave [rad/s] ``(6,)``."""
+        return np.repeat(self.cells[0].mean(1), 2)
+
+    @cached_property
+    def directions(self) -> np.ndarray:
+        """Direction of each wave [rad] ``(6,)``."""
+        mean = np.angle(np.exp(1j * self.cells[1]).mean(1))
+        off = np.arcsin(np.sqrt((np.sin(self.cells[1] - mean[:, None]) ** 2).mean(1)))
+        return np.stack([mean - off, mean + off], -1).ravel()
+
+    @cached_property
+    def numbers(self) -> np.ndarray:
+        """Wave numbers to the north and east ``(6, 2)`` [1/m], in deep water."""
+        way = np.stack([np.cos(self.directions), np.sin(self.directions)], -1)
+        return (self.frequencies**2 / GRAVITY)[:, None] * way
+
+    def loadings(self, response: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
+        """Complex response ``(6, ...)`` to a unit of each wave.
+
+        Both waves of a band together have the power of all its cells.
+
+        Args:
+            response: Complex response ``(k, ...)`` per metre of amplitude of frequencies [rad/s] and
+                directions [rad] ``(k,)``.
+        """
+        each = []
+        for band, energy in enumerate(self.energies):
+            pair = slice(2 * band, 2 * band + 2)
+            both = response(self.frequencies[pair], self.directions[pair])
+            whole = response(*(cells[band] for cells in self.cells))
+            power = energy * (np.abs(whole) ** 2).mean(0)
+            each.append(both * np.sqrt(power / np.maximum((np.abs(both) ** 2).sum(0), 1e-300)))
+        return np.concatenate(each)
+
+    def process(self, dt: float) -> Process:
+        """Process of the waves' real and imaginary parts over a step of ``dt`` [s]."""
+        check_numbers("WaveBands.process", {"dt": dt}, positive="dt")
+        bands = []
+        for frequency in self.frequencies:
+            kept = np.exp(-_DAMPING * frequency * dt)
+            cos, sin = kept * np.cos(frequency * dt), kept * np.sin(frequency * dt)
+            bands.append(
+                Process(
+                    np.array([[cos, -sin], [sin, cos]]),
+                    np.sqrt(1.0 - kept**2) * np.eye(2),
+                    np.eye(2),
+                )
+            )
+        return Process.joined(*bands)
+
+    def at(
+        self, z: np.ndarray, north: np.ndarray, east: np.ndarray
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Real and imaginary part ``(...)`` of each wave at a place, ``exp(-j (kx x + ky y)) z``."""
+        parts = []
+        for wave, (kx, ky) in enumerate(self.numbers):
+            sin, cos = sincos(kx * north + ky * east)
+            real, imaginary = z[..., 2 * wave], z[..., 2 * wave + 1]
+            parts.append((real * cos + imaginary * sin, imaginary * cos - real * sin))
+        return parts
