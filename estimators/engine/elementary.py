@@ -97,7 +97,8 @@ def sincos_near_zero(x: Any) -> tuple[Any, Any]:
 
 def _sincos(angle: Any) -> tuple[Any, Any]:
     """Sine and cosine."""
-    quarters = operation("floor", angle * 0.6366197723675814 + 0.5)
+    rounded = angle * 0.6366197723675814 + _INTEGER
+    quarters, bits = rounded - _INTEGER, float_bits(rounded)
     x = (
         angle
         - quarters * 1.5707963267341256
@@ -108,10 +109,14 @@ def _sincos(angle: Any) -> tuple[Any, Any]:
         x > 0.786, 0.786, where(x < -0.786, -0.786, x)
     )  # angles without an accurate digit stay bounded
     sine, cosine = sincos_near_zero(x)
-    quarter = quarters - 4.0 * operation("floor", 0.25 * quarters)
-    odd = (quarter == 1.0) | (quarter == 3.0)
+    odd = (bits & np.uint64(1)) == np.uint64(1)
     s, c = where(odd, cosine, sine), where(odd, sine, cosine)
-    return where(quarter >= 2.0, -s, s), where((quarter == 1.0) | (quarter == 2.0), -c, c)
+    return _negated(s, bits), _negated(c, bits + np.uint64(1))
+
+
+def _negated(x: Any, bits: Any) -> Any:
+    """The number with its sign changed where the second lowest of some bits is set."""
+    return bits_float(float_bits(x) ^ ((bits & np.uint64(2)) << np.uint64(62)))
 
 
 def _exp(x: Any) -> Any:
