@@ -15,6 +15,7 @@ from scipy.linalg import block_diag, expm
 from scipy.stats import chi2
 
 from vessel_gym.disturbances import Air, Disturbance, Fault, Sea, SurfaceWater, Water
+from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem
 from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.sensors.sensor import Bias
 from vessel_gym.vehicles.files import load
@@ -194,7 +195,9 @@ def test_the_wind_down_is_positive_down_and_the_mean_wind_level():
 # --- steps of any length --------------------------------------------------------------------------
 
 
-SURFACE = SurfaceWater(0.88, 7.5, WATER, north=6, down=8)
+SURFACE = SurfaceWater(
+    WaveSpectrum.of_systems(WaveSystem(height=0.88, period=7.5)), WATER, place=(6, 7), down=8
+)
 FAULT = Fault("rudder", start=0.02, walk=0.01, amplitude=0.1, beside=WATER)
 BY_STEP = {
     **{f"{name} sea": (sea, replace(sea, dt=0.25)) for name, sea in SEAS.items()},

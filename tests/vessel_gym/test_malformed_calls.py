@@ -9,12 +9,12 @@ import pytest
 from refusals import refusal
 
 from vessel_gym.core import Core
-from vessel_gym.disturbances import Air, Fault, Sea, SurfaceWater, Water
+from vessel_gym.disturbances import Air, Fault, Sea, Seaway, SurfaceWater, Water
+from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem
 from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.envs.own import register_environment
 from vessel_gym.guidance import dubins
 from vessel_gym.processes import Process
-from vessel_gym.seaway import Seaway
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Bias, Sensor, plain
 from vessel_gym.surroundings import Surroundings
@@ -33,7 +33,8 @@ POSE, GOAL = np.zeros(3), np.array([300.0, 50.0, 1.0])
 NOT_POSITIVE, NEGATIVE, NO_WHOLE, NO_VECTOR = 0, -5.0, 2.5, np.zeros((2, 2))
 
 
-SEAWAY = {"ship": SHIP, "height": 2.0, "period": 8.0, "wind": 5.0, "current": 0.3, "dt": 0.5}
+SPECTRUM = WaveSpectrum.of_systems(WaveSystem(height=2.0, period=8.0))
+SEAWAY = {"ship": SHIP, "spectrum": SPECTRUM, "wind": 5.0, "current": 0.3, "dt": 0.5}
 WATER = {"turbulence": 0.01, "spin": 0.01, "current": 0.1}
 DIVE = {
     "auv": AUV,
@@ -46,11 +47,13 @@ SYSTEM = {name: getattr(SigmaCorvetteEnv.system, name) for name in System.__data
 CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] = [
     (Sea, {"wave": 0.01, "peak": 0.8, "gust": 0.01, "current": 0.1}, {"wave": NEGATIVE, "peak": NOT_POSITIVE}),
     (Water, WATER, {"turbulence": NEGATIVE, "dt": NOT_POSITIVE, "velocities": None}),
-    (SurfaceWater, {"height": 1.0, "period": 7.0, "beside": Water(**WATER), "north": 6, "down": 8},
-     {"height": NEGATIVE, "period": NOT_POSITIVE, "beside": None, "north": "x"}),
+    (WaveSystem, {"height": 1.0, "period": 7.0},
+     {"height": NEGATIVE, "period": NOT_POSITIVE, "direction": 90.0, "spreading": "cos4"}),
+    (SurfaceWater, {"spectrum": SPECTRUM, "beside": Water(**WATER), "place": (6, 7), "down": 8},
+     {"spectrum": None, "beside": None, "place": (6,), "down": "x", "depth": NEGATIVE}),
     (Air, {"wind": 1.0, "gust": 1.0, "vertical_gust": 0.5}, {"wind": NEGATIVE, "airspeed": NOT_POSITIVE}),
     (Fault, {"actuator": "rudder"}, {"actuator": None, "bias": np.nan, "beside": None, "dt": NOT_POSITIVE}),
-    (Seaway, SEAWAY, {"ship": None, "height": NOT_POSITIVE, "wind": NEGATIVE, "direction": 90.0}),
+    (Seaway, SEAWAY, {"ship": None, "spectrum": None, "wind": NEGATIVE, "wind_direction": 90.0}),
     (Process, {"transition": np.eye(2), "root": np.eye(2), "start_cov": np.eye(2)},
      {"transition": None, "root": None, "start_cov": np.zeros(2)}),
     (Process.stationary, {"A": -np.eye(2), "W": np.eye(2), "dt": 0.1},
@@ -98,7 +101,7 @@ def test_right_calls_pass():
 
 
 def test_seaway_of_another_ship_is_refused():
-    other = Seaway(MARINER, 2.0, 8.0, 5.0, 0.3, SigmaCorvetteEnv.system.vehicle.dt)
+    other = Seaway(MARINER, SPECTRUM, 5.0, 0.3, SigmaCorvetteEnv.system.vehicle.dt)
     message = refusal(ValueError, Core, SigmaCorvetteEnv.system, disturbance=other)
     assert message.startswith("Seaway was made for another ship than the vehicle's: give it ship=")
 

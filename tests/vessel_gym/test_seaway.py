@@ -13,9 +13,11 @@ from scipy.stats import chi2
 from stepping import corvette_step
 
 from vessel_gym.core import Core
+from vessel_gym.disturbances.seaway import Seaway
+from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem, jonswap
+from vessel_gym.disturbances.waves import WaveField
 from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.envs.ship import ship_system
-from vessel_gym.seaway import Seaway
 from vessel_gym.vehicles.corvette_equations import (
     COEFFICIENTS,
     STATE,
@@ -23,8 +25,8 @@ from vessel_gym.vehicles.corvette_equations import (
     corvette_rates,
 )
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.seakeeping import SHORT_CREST, wave_loads, wave_response
-from vessel_gym.waves import GRAVITY, WaveField, encounter_frequency, jonswap
+from vessel_gym.vehicles.seakeeping import encounter_frequency, wave_loads, wave_response
+from vessel_gym.vehicles.vehicle import GRAVITY
 
 SHIP = load("corvette", CorvetteParameters)
 MARINER = load("mariner", CorvetteParameters)
@@ -33,12 +35,14 @@ CORVETTE = SigmaCorvetteEnv.system
 MODERATE, ROUGH = CORVETTE.disturbances["moderate"], CORVETTE.disturbances["rough"]
 COMPONENTS = WaveField.components
 DEG, KNOT = np.pi / 180.0, 1852.0 / 3600.0
-AROUND_BETAS = np.linspace(0.0, 2.0 * np.pi, 25)
+AROUND = np.linspace(0.0, 2.0 * np.pi, 25)
 
 
-def heading_for(beta: float) -> float:
-    """With waves that run to the north."""
-    return -beta
+def sea_toward(sea: Seaway, direction: float, **changes: Any) -> Seaway:
+    """The sea with waves and wind to another direction."""
+    system = WaveSystem(sea.spectrum.height, sea.spectrum.period, direction, **changes)
+    spectrum = WaveSpectrum.of_systems(system)
+    return replace(sea, spectrum=spectrum, wind_direction=direction)
 
 
 # --- waves as a ship meets them -------------------------------------------------------------------
@@ -53,7 +57,13 @@ def drawn_seas(sea: Any, episodes: int, seed: int = 0) -> np.ndarray:
     return sea.draw(np.random.default_rng(seed).uniform(size=(episodes, sea.uniforms)))
 
 
-def response(sea: Seaway, w: np.ndarray, beta: float, speed: float) -> np.ndarray:
+def components(drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frequencies, phases and directions ``(..., n)``."""
+    w, phase, kx, ky = (drawn[..., i * COMPONENTS : (i + 1) * COMPONENTS] for i in range(4))
+    return w, phase, np.arctan2(ky, kx)
+
+
+def response(sea: Seaway, w: np.ndarray, beta: np.ndarray, speed: float) -> np.ndarray:
     """Sway velocity and yaw rate per metre of waves, means over a step, and the roll moment to hold ``(..., 3)``."""
     half = 0.5 * sea.dt * encounter_frequency(w, beta, speed)
     loads = wave_loads(SHIP, w, beta)[..., 2:]
@@ -63,39 +73,49 @@ def response(sea: Seaway, w: np.ndarray, beta: float, speed: float) -> np.ndarra
 
 
 @pytest.mark.parametrize("speed", [7.0, 15.4])
-@pytest.mark.parametrize("beta", DEG * np.array([0.0, 57.0, 90.0, 143.0, 180.0]))
-def test_ship_answers_each_wave_at_its_encounter_frequency(beta, speed):
+@pytest.mark.parametrize("psi", DEG * np.array([0.0, 57.0, 90.0, 143.0, 180.0]))
+def test_ship_answers_each_wave_at_its_encounter_frequency(psi, speed):
     """Against the sum over the waves drawn of `wave_response`, in a current that carries ship and waves."""
-    sea, t, psi, current = (
-        replace(ROUGH, direction=0.4),
-        np.linspace(0.0, 60.0, 241),
-        0.4 - beta,
-        np.array([1.1, -0.7]),
-    )
+    sea, t, current = sea_toward(ROUGH, 0.4), np.linspace(0.0, 60.0, 241), np.array([1.1, -0.7])
     drawn = np.repeat(drawn_seas(sea, 1), len(t), 0)
     z, state = np.zeros((len(t), 4)), np.zeros((len(t), len(STATE)))
     z[:, :2], z[:, 2:] = current, t[:, None] * current
     state[:, :2] = np.outer(speed * t, [np.cos(psi), np.sin(psi)]) + z[:, 2:] + [30.0, -80.0]
     state[:, 2], state[:, 3] = psi, speed
-    w, phase = drawn[0, :COMPONENTS], drawn[0, COMPONENTS : 2 * COMPONENTS]
-    turned = phase - w**2 / GRAVITY * (30.0 * np.cos(0.4) - 80.0 * np.sin(0.4))
-    turned = turned + np.outer(t, encounter_frequency(w, beta, speed))
-    amplitude = np.sqrt(2.0 * sea.height**2 / 16.0 / COMPONENTS)
-    expected = (
-        amplitude * (np.exp(1j * turned)[..., None] * response(sea, w, beta, speed)).sum(1).real
-    )
-    seen = (sea.effect_at(drawn, t, z, state) - sea.effect(z, state))[:, [7, 0, 6]] / [
-        1.0,
-        sea.dt,
-        1.0,
-    ]
+    w, phase, theta = (each[0] for each in components(drawn))
+    turned = phase - w**2 / GRAVITY * (30.0 * np.cos(theta) - 80.0 * np.sin(theta))
+    turned = turned + np.outer(t, encounter_frequency(w, theta - psi, speed))
+    amplitude = sea.spectrum.height / np.sqrt(8.0 * COMPONENTS)
+    waves = np.exp(1j * turned)[..., None] * response(sea, w, theta - psi, speed)
+    expected = amplitude * waves.sum(1).real
+    seen = (sea.effect_at(drawn, t, z, state) - sea.effect(z, state))[:, [7, 0, 6]]
+    seen = seen / [1.0, sea.dt, 1.0]
     assert (np.abs(seen - expected).max(0) < 1e-4 * np.array([1.0, 0.01, 1e6])).all()
+
+
+@pytest.mark.parametrize("speed", [0.0, 15.4])
+def test_waves_from_the_other_side_mirror_the_response(speed):
+    w, beta = np.linspace(0.2, 3.0, 60)[:, None], np.linspace(0.0, np.pi, 37)
+    for answer in (wave_response, wave_loads):
+        one, other = answer(SHIP, w, beta, speed), answer(SHIP, w, -beta, speed)
+        assert np.abs(one + other).max() <= 1e-12 * np.abs(one).max()
+
+
+# RMS yaw rate [mrad/s] at 15.4 m/s in a moderate sea, by direction of the waves minus heading.
+_YAW = {"cos2": (6.10, 6.17, 5.29, 3.41, 2.49), "long-crested": (0.0, 7.96, 0.0, 3.62, 0.0)}
+
+
+@pytest.mark.parametrize("spreading", _YAW)
+def test_a_spread_sea_yaws_a_ship_on_every_course(spreading):
+    sea = sea_toward(MODERATE, 0.0, spreading=spreading)
+    rates = 1e3 * sea.yaw_rate(-DEG * np.array([0.0, 45.0, 90.0, 135.0, 180.0]), 15.4)
+    assert rates == pytest.approx(_YAW[spreading], abs=0.02)
 
 
 # Memory: a wave that is met at w_e comes back after 2 pi / w_e, and those of a narrow band of w_e
 # come back together.
 
-SPEEDS, HEADINGS = (15.4, 7.0), (0.0, 30.0, 45.0, 90.0, 135.0, 180.0)
+SPEEDS, HEADINGS = (15.4, 7.0), (0.0, 45.0, 90.0, 135.0, 180.0)
 
 
 def autocovariances(power: np.ndarray, met: np.ndarray, lags: np.ndarray) -> np.ndarray:
@@ -110,45 +130,63 @@ def forecast_share(correlation: np.ndarray, dt: float, ahead: float) -> float:
     return float(correlation[lag : lag + n] @ np.linalg.solve(past, correlation[lag : lag + n]))
 
 
-def memories(speed: float, heading: float, channel: int) -> tuple[np.ndarray, np.ndarray]:
-    """Autocovariances to 60 s of the waves drawn for 200 episodes, and of the spectral integral."""
-    beta, lags = DEG * heading, ROUGH.dt * np.arange(121)
-    drawn = drawn_seas(ROUGH, 200)[:, :COMPONENTS]
-    energy = ROUGH.height**2 / 16.0 / drawn.size
-    power = energy * np.abs(response(ROUGH, drawn, beta, speed)[..., channel]) ** 2
-    mean = autocovariances(power, encounter_frequency(drawn, beta, speed), lags)
-    w = 2.0 * np.pi / ROUGH.period * np.linspace(0.4, 4.0, 4001)
-    density = (
-        jonswap(w, ROUGH.height, ROUGH.period)
-        * np.abs(response(ROUGH, w, beta, speed)[..., channel]) ** 2
-    )
-    return mean, autocovariances(density * (w[1] - w[0]), encounter_frequency(w, beta, speed), lags)
+def memories(speed: float, heading: float, channel: int) -> tuple[np.ndarray, np.ndarray, float]:
+    """Autocovariances to 60 s of the waves of 1,000 episodes and of the spectrum, and a deviation.
+
+    The deviation is the standard error of the first of them.
+    """
+    lags, psi = ROUGH.dt * np.arange(121), DEG * heading
+    w, _, theta = components(drawn_seas(ROUGH, 1000))
+    energy = ROUGH.spectrum.height**2 / 16.0 / COMPONENTS
+    power = energy * np.abs(response(ROUGH, w, theta - psi, speed)[..., channel]) ** 2
+    met = encounter_frequency(w, theta - psi, speed)
+    mean = autocovariances(power / len(w), met, lags)
+    w, theta, energy = ROUGH.spectrum.cells
+    w, energy = w[::4], np.add.reduceat(energy, np.arange(0, len(energy), 4), 0)
+    exact = energy * np.abs(response(ROUGH, w, theta - psi, speed)[..., channel]) ** 2
+    met = encounter_frequency(w, theta - psi, speed)
+    spread = power.sum(1).std() / np.sqrt(len(power))
+    return mean, autocovariances(exact, met, lags), float(spread)
 
 
 @pytest.mark.parametrize("channel", [0, 1], ids=["sway", "yaw rate"])
 def test_waves_are_remembered_as_long_as_their_spectrum_says(channel):
-    """Over 200 episodes of fixed seeds; motions below 2 % of the largest are left out."""
+    """Motions below 2 % of the largest are left out; five deviations: false alarms 1e-5 in all."""
     motions = {
         (speed, beta): memories(speed, beta, channel) for speed in SPEEDS for beta in HEADINGS
     }
-    largest = max(exact[0] for _, exact in motions.values())
+    largest = max(exact[0] for _, exact, _ in motions.values())
     compared = 0
-    for mean, exact in motions.values():
+    for mean, exact, deviation in motions.values():
         if exact[0] < 0.02**2 * largest:
             continue
         compared += 1
-        assert np.sqrt(mean[0] / exact[0]) == pytest.approx(1.0, abs=0.02)
-        assert np.abs(mean / mean[0] - exact / exact[0]).max() < 0.05
+        assert abs(mean[0] - exact[0]) < 5.0 * deviation + 0.005 * exact[0]
+        assert np.abs(mean / mean[0] - exact / exact[0]).max() < 0.06
         shares = [forecast_share(each / each[0], ROUGH.dt, 10.0) for each in (mean, exact)]
         assert shares[0] == pytest.approx(shares[1], abs=0.05)
-    assert compared >= 10
+    assert compared >= 8
 
 
 def test_a_sea_of_components_has_its_significant_height():
     """At 4,000 places; phases are random, so that the variance of 200 episodes is known to 0.1 %."""
     drawn, along = drawn_seas(ROUGH, 200)[:, None], 40.0 * np.arange(4000.0)
-    surface = ROUGH.waves.elevation(drawn, np.full(along.shape, 17.0), along)
-    assert 4.0 * surface.std() == pytest.approx(ROUGH.height, rel=0.02)
+    time = np.full(along.shape, 17.0)
+    surface = ROUGH.waves.elevation(drawn, time, 0.8 * along, 0.6 * along)
+    assert 4.0 * surface.std() == pytest.approx(ROUGH.spectrum.height, rel=0.02)
+
+
+@pytest.mark.parametrize(("north", "east"), [(50.0, 0.0), (0.0, 50.0)], ids=["along", "across"])
+def test_crests_are_as_long_as_the_spectrum_says(north, east):
+    """Correlation of elevations 50 m apart, of 1,000 episodes and of the spectrum."""
+    w, _, theta = components(drawn_seas(ROUGH, 1000))
+    W, D, energy = ROUGH.spectrum.cells
+
+    def apart(w: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        return np.exp(1j * w**2 / GRAVITY * (north * np.cos(theta) + east * np.sin(theta)))
+
+    exact = (energy * apart(W, D)).sum() / energy.sum()
+    assert abs(apart(w, theta).mean() - exact) < 0.02
 
 
 def test_wave_field_is_a_function_of_place_and_time():
@@ -174,8 +212,8 @@ def test_wave_field_is_a_function_of_place_and_time():
 def test_waves_wind_and_current_are_of_one_frame():
     """In a current along the wind a ship moves through the water as without it in what is left of the wind."""
     for speed, toward in ((1.3, 0.8), (-2.0, 3.0)):
-        still = replace(ROUGH, direction=toward, wind=ROUGH.wind - speed)
-        sea, c = replace(ROUGH, direction=toward), SHIP.vector()
+        still = sea_toward(replace(ROUGH, wind=ROUGH.wind - speed), toward)
+        sea, c = sea_toward(ROUGH, toward), SHIP.vector()
         drift, drawn, motions = (
             speed * np.array([np.cos(toward), np.sin(toward)]),
             drawn_seas(ROUGH, 8),
@@ -212,45 +250,36 @@ def test_a_current_carries_the_water():
 def test_filter_wave_bands_keep_their_variance_everywhere():
     """Z stays standard normal as it rotates, and so does what a ship sees of it from wherever she is."""
     sea = MODERATE.modelled
-    process = sea.process
-    bands = slice(0, 6)
+    process, waves = sea.process, slice(0, 8)
     cov = (
         process.transition @ process.start_cov @ process.transition.T
         + process.root @ process.root.T
     )
     assert np.abs(cov - process.start_cov).max() < 1e-12
-    assert (process.start_cov[bands, bands] == np.eye(6)).all()
+    assert (process.start_cov[waves, waves] == np.eye(8)).all()
     # Astern the frequency of encounter passes through zero between these speeds.
-    z = np.random.default_rng(0).standard_normal((20_000, 8))
-    for speed in (6.0, GRAVITY / sea.bands.frequencies[1], 16.0):
+    z = np.random.default_rng(0).standard_normal((20_000, 10))
+    for speed in (6.0, GRAVITY / sea.bands.frequencies[0], 16.0):
         state = np.zeros((len(z), len(STATE)))
         state[:, :2] = np.random.default_rng(1).uniform(-2e3, 2e3, (len(z), 2))
         state[:, 3] = speed
         d = sea.effect(z, state)[:, 0]
-        expected = sea.dt * sea.yaw_rate(np.array(0.0), speed)
+        expected = sea.dt * sea.yaw_rate(np.array(0.0), speed, sea.dt)
         # chi-square band, false alarms 1e-6 each; the kernel interpolates responses between tabled
-        # ones, to 4 %
+        # ones, to 4 %, and the cells of the bands are few
         low, high = chi2.ppf([5e-7, 1.0 - 5e-7], len(z)) / len(z)
-        assert 0.92 * low < d.var() / expected**2 < 1.02 * high
+        assert 0.90 * low < d.var() / expected**2 < 1.05 * high
 
 
 def test_bands_carry_the_yaw_of_the_whole_spectrum():
-    beta, w = AROUND_BETAS[:, None], np.linspace(0.25, 2.8, 2000)
     for sea in (MODERATE, ROUGH):
-        spectrum = jonswap(w, sea.height, sea.period)
-        whole = np.sqrt(
-            np.trapezoid(np.abs(wave_response(SHIP, w, beta, 12.0)[..., 1]) ** 2 * spectrum, w)
-        )
-        assert sea.yaw_rate(AROUND_BETAS, 12.0) == pytest.approx(whole, rel=0.02)
-        bands = np.abs(sea.modelled.response(AROUND_BETAS, 12.0)[..., 1])
-        assert np.sqrt((bands**2).sum(0)) == pytest.approx(whole, rel=0.02)
-
-
-def test_a_sea_has_its_significant_height_and_peak():
-    w = np.linspace(0.2, 6.0, 20_000)
-    spectrum = jonswap(w, 3.25, 9.7)
-    assert 4.0 * np.sqrt(np.trapezoid(spectrum, w)) == pytest.approx(3.25, rel=1e-12)
-    assert w[spectrum.argmax()] == pytest.approx(2.0 * np.pi / 9.7, rel=1e-3)
+        w, theta, energy = sea.spectrum.cells
+        for psi in AROUND[::4]:
+            yaw = np.abs(response(sea, w, theta - psi, 12.0)[..., 1])
+            whole = np.sqrt((energy * yaw**2).sum())
+            assert sea.yaw_rate(psi, 12.0, sea.dt) == pytest.approx(whole, rel=1e-9)
+            bands = np.abs(sea.modelled.response(psi, 12.0)[..., 1])
+            assert np.sqrt((bands**2).sum()) == pytest.approx(whole, rel=0.03)
 
 
 @pytest.mark.parametrize("beta", [0.3, 1.2, 0.5 * np.pi, 2.4])
@@ -258,7 +287,7 @@ def test_wave_loads_average_water_motion_along_the_hull(beta):
     """Against quadrature of the velocity of the water and of its gradient (least squares) along the hull."""
     w, half = 0.9, 0.5 * SHIP.length
     k = w**2 / GRAVITY
-    side = (np.sin(beta) + 1j * SHORT_CREST) * np.exp(-0.5 * k * SHIP.draught)
+    side = np.sin(beta) * np.exp(-0.5 * k * SHIP.draught)
     nodes, weights = np.polynomial.legendre.leggauss(60)
     velocity = w * side * np.exp(-1j * k * half * nodes * np.cos(beta))
     v, r = weights @ velocity / 2.0, weights @ (nodes * velocity) / (half * weights @ nodes**2)
@@ -277,7 +306,7 @@ def test_long_waves_carry_a_ship_as_they_carry_the_water(ship, beta):
     """In sway and yaw at rest, in sway at speed, and in roll she lies along the surface."""
     k = 2.0 * np.pi / (60.0 * ship.length)
     w = np.sqrt(GRAVITY * k)
-    sway = w * (np.sin(beta) + 1j * SHORT_CREST)
+    sway = w * np.sin(beta)
     water = np.array([sway, -1j * k * np.cos(beta) * sway])
     assert np.abs(wave_response(ship, w, beta, 0.0) / water - 1.0).max() < 0.03
     still = 1e-3 * w  # of waves 60 million ship lengths long, in which she is slow to nothing
@@ -287,7 +316,7 @@ def test_long_waves_carry_a_ship_as_they_carry_the_water(ship, beta):
         ship.vector(),
         1j * k * sway / w,
     )  # starboard down where the surface is lower to starboard
-    for phase in (1.0, -1j):
+    for phase in (1.0 - 1j, -1j):
         state, around = np.zeros(len(STATE)), np.zeros(7)
         state[6] = 1e-3 * (phase * slope).real
         around[5] = 1e-3 * (phase * wave_loads(ship, w, beta)[2]).real
@@ -352,15 +381,15 @@ def test_wave_motion_does_not_depend_on_the_step(ship):
     """
     sea = ship_system(ship).disturbances["calm"]
     t = sea.dt * np.arange(4000.0)
-    for w in 2.0 * np.pi / sea.period * np.array([0.8, 1.0, 1.35]):
-        drawn, state = np.zeros((len(t), 3 * COMPONENTS)), np.zeros((len(t), len(STATE)))
-        drawn[:, 0], drawn[:, 2 * COMPONENTS] = (
-            w,
-            w * np.exp(-0.5 * w**2 / GRAVITY * ship.draught),
-        )  # of 1 m
-        state[:, 0], state[:, 2], state[:, 3] = -ship.speed * t, np.pi, ship.speed
-        answer = wave_response(ship, w, np.pi, ship.speed)
-        met = encounter_frequency(w, np.pi, ship.speed)
+    for w in 2.0 * np.pi / sea.spectrum.period * np.array([0.8, 1.0, 1.35]):
+        drawn, state = np.zeros((len(t), 5 * COMPONENTS)), np.zeros((len(t), len(STATE)))
+        k, beta = w**2 / GRAVITY, 0.8 * np.pi
+        one = [w, 0.0, k, 0.0, w / k * np.exp(-0.5 * k * ship.draught)]  # of 1 m, to the north
+        drawn[:, ::COMPONENTS] = one
+        state[:, 2], state[:, 3] = -beta, ship.speed
+        state[:, :2] = np.outer(ship.speed * t, [np.cos(beta), -np.sin(beta)])
+        answer = wave_response(ship, w, beta, ship.speed)
+        met = encounter_frequency(w, beta, ship.speed)
         acting = sea.effect_at(drawn, t, np.zeros((len(t), 4)), state)
         heading, moved = np.cumsum(acting[:, 0]), sea.dt * np.cumsum(acting[:, -1])
         assert heading.var() == pytest.approx(0.5 * abs(answer[1] / met) ** 2, rel=0.02)
@@ -368,15 +397,8 @@ def test_wave_motion_does_not_depend_on_the_step(ship):
         if sea.dt * met < np.pi:
             rolled = np.sinc(0.5 * sea.dt * met / np.pi) * acting[:, 6].std()
             assert rolled == pytest.approx(
-                abs(wave_loads(ship, w, np.pi)[..., 2]) / np.sqrt(2.0), rel=0.02
+                abs(wave_loads(ship, w, beta)[..., 2]) / np.sqrt(2.0), rel=0.02
             )
-
-
-def test_yaw_is_largest_off_the_stern_and_small_ahead():
-    rates = MODERATE.yaw_rate(DEG * np.arange(0.0, 181.0, 5.0), 15.4)
-    assert 30.0 <= 5.0 * rates.argmax() <= 75.0
-    assert rates[-1] < 0.1 * rates.max()
-    assert 0.05 * rates.max() < rates[0] < 0.5 * rates.max()  # short crests leave something
 
 
 # --- wind and drift -------------------------------------------------------------------------------
@@ -384,12 +406,12 @@ def test_yaw_is_largest_off_the_stern_and_small_ahead():
 
 def slow_loads(sea: Seaway, beta: float, speed: float) -> dict[str, float]:
     state = np.zeros(len(STATE))
-    state[2], state[3] = heading_for(beta), speed
+    state[2], state[3] = -beta, speed
     return dict(zip(sea.forces, sea.effect(np.zeros(len(sea.names)), state), strict=True))
 
 
 def test_the_wind_of_a_rough_sea_needs_about_a_degree_of_rudder():
-    wind = Seaway(SHIP, height=1e-3, period=9.7, wind=24.5 * KNOT, current=0.0, dt=0.5)
+    wind = replace(ROUGH, spectrum=WaveSpectrum.of_systems(WaveSystem(1e-3, 9.7)))
     c, helm = SHIP.vector(), []
     for beta in DEG * np.arange(0.0, 181.0, 10.0):
         moment = slow_loads(wind, beta, SHIP.speed)["yaw moment"]
@@ -414,15 +436,15 @@ def test_wind_and_drift_push_to_leeward_and_not_from_ahead():
         loads = slow_loads(ROUGH, beta, 12.0)
         assert abs(loads["sway force"]) < 1.0
         assert abs(loads["yaw moment"]) < 1.0
-    beam = Seaway(SHIP, height=3.25, period=9.7, wind=0.0, current=0.0, dt=0.5)
-    drift = slow_loads(beam, 0.5 * np.pi, 0.0)["sway force"]
-    assert drift == pytest.approx(
-        SHIP.water_density * GRAVITY * SHIP.length * 3.25**2 / 16.0 * 0.25, rel=1e-9
-    )
+    calm = sea_toward(replace(ROUGH, wind=0.0), 0.0, spreading="long-crested")
+    for beta in (0.25 * np.pi, 0.5 * np.pi):
+        whole = SHIP.water_density * GRAVITY * SHIP.length * 3.25**2 / 16.0 * 0.25
+        drift = slow_loads(calm, beta, 0.0)["sway force"]
+        assert drift == pytest.approx(whole * np.sin(beta) ** 2, rel=0.02)
 
 
 @pytest.mark.parametrize(
-    ("sea", "leeway"), [(MODERATE, 0.195), (ROUGH, 0.360)], ids=["moderate", "rough"]
+    ("sea", "leeway"), [(MODERATE, 0.182), (ROUGH, 0.320)], ids=["moderate", "rough"]
 )
 def test_assumed_leeway_is_that_of_a_held_ship_in_beam_wind(sea, leeway):
     """She sails for ten minutes under a heading autopilot in wind and drift alone."""
@@ -487,6 +509,6 @@ def test_filters_assume_a_sea_without_direction():
     assert composition.inputs == ("yaw increment",)
     assert composition.names == ("x", "y", "psi", "u", "v", "r", "current north", "current east")
     assert composition.forces.disturbance == MODERATE.believed
-    beta = np.linspace(0.0, 2.0 * np.pi, 360, endpoint=False)
-    rms = np.sqrt((MODERATE.yaw_rate(beta, 0.8 * SHIP.speed) ** 2).mean())
+    psi = np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False)
+    rms = np.sqrt((MODERATE.yaw_rate(psi, 0.8 * SHIP.speed) ** 2).mean())
     assert np.sqrt(composition.forces.increment_cov[0, 0]) == pytest.approx(0.5 * rms, rel=0.05)

@@ -291,7 +291,7 @@ class BandedSeaway(Seaway):
         return Process.joined(self.bands.process(self.dt), self._current)
 
     def response(self, heading: np.ndarray, speed: float) -> np.ndarray:
-        """Complex response ``(6, ..., 3)`` to a unit of each wave, averaged over the coming step.
+        """Complex response ``(4, ..., 3)`` to a unit of each wave, averaged over the coming step.
 
         The first axis is the waves of the bands. The last axis is sway velocity [m/s], yaw rate
         [rad/s] and roll moment [N m].

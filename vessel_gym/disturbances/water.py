@@ -82,8 +82,9 @@ class SurfaceWater(Disturbance):
         instance("spectrum of SurfaceWater", self.spectrum, WaveSpectrum)
         instance("beside of SurfaceWater", self.beside, Water)
         check_numbers(self, not_negative="depth")
-        for index in (*self.place, self.down):
-            integer("an index of SurfaceWater", index, 0)
+        integer("down of SurfaceWater", self.down, 0)
+        for index in self.place:
+            integer("an index in place of SurfaceWater", index, 0)
         if len(self.place) != len(self.beside.names):
             raise ValueError(
                 f"place of SurfaceWater needs one index for each of {self.beside.names}"
@@ -165,7 +166,7 @@ class BandedSurfaceWater(SurfaceWater):
     def speeds(self) -> np.ndarray:
         """Velocities [m/s] north and east of a unit of each wave at 0, 1, 2, ... m depth.
 
-        The shape is ``(101, 6 * 2)``, or ``(101, 6)`` for a vehicle in the vertical plane.
+        The shape is ``(101, 4 * 2)``, or ``(101, 4)`` for a vehicle in the vertical plane.
         """
         depths = np.arange(101.0)
 

@@ -124,7 +124,7 @@ class WaveField:
 
 @dataclass(frozen=True, eq=False)
 class WaveBands:
-    """A filter's model of a `WaveField`: waves of three frequencies in two directions each.
+    """A filter's model of a `WaveField`: waves of two frequencies in two directions each.
 
     Each is a complex number ``z+ = exp((j w - b) dt) z + n`` whose variance is 1 at any frequency.
     The two directions of a frequency band lie as far to either side of its mean direction as keeps
@@ -143,8 +143,8 @@ class WaveBands:
 
     @cached_property
     def cells(self) -> tuple[np.ndarray, np.ndarray]:
-        """Frequencies [rad/s] and directions [rad] of equal energy in each band ``(3, 60)``."""
-        along, across = (np.arange(10) + 0.5) / 10.0, (np.arange(6) + 0.5) / 6.0
+        """Frequencies [rad/s] and directions [rad] of equal energy in each band ``(2, 144)``."""
+        along = across = (np.arange(12) + 0.5) / 12.0
         shares = _EDGES[:-1, None] + np.diff(_EDGES)[:, None] * along
         w = self.spectrum.frequency_at(shares)
         theta = np.array([[self.spectrum.directions_at(each, across) for each in row] for row in w])
@@ -152,29 +152,29 @@ class WaveBands:
 
     @cached_property
     def energies(self) -> np.ndarray:
-        """Energy of each band [m2] ``(3,)``."""
+        """Energy of each band [m2] ``(2,)``."""
         return np.diff(_EDGES) * self.spectrum.height**2 / 16.0
 
     @cached_property
     def frequencies(self) -> np.ndarray:
-        """Frequency of each wave [rad/s] ``(6,)``."""
+        """Frequency of each wave [rad/s] ``(4,)``."""
         return np.repeat(self.cells[0].mean(1), 2)
 
     @cached_property
     def directions(self) -> np.ndarray:
-        """Direction of each wave [rad] ``(6,)``."""
+        """Direction of each wave [rad] ``(4,)``."""
         mean = np.angle(np.exp(1j * self.cells[1]).mean(1))
         off = np.arcsin(np.sqrt((np.sin(self.cells[1] - mean[:, None]) ** 2).mean(1)))
         return np.stack([mean - off, mean + off], -1).ravel()
 
     @cached_property
     def numbers(self) -> np.ndarray:
-        """Wave numbers to the north and east ``(6, 2)`` [1/m], in deep water."""
+        """Wave numbers to the north and east ``(4, 2)`` [1/m], in deep water."""
         way = np.stack([np.cos(self.directions), np.sin(self.directions)], -1)
         return (self.frequencies**2 / GRAVITY)[:, None] * way
 
     def loadings(self, response: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
-        """Complex response ``(6, ...)`` to a unit of each wave.
+        """Complex response ``(4, ...)`` to a unit of each wave.
 
         Both waves of a band together have the power of all its cells.
 

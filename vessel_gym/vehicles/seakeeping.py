@@ -74,7 +74,7 @@ def wave_loads(
     accelerated = 1j * (
         frequency[..., None] * (water @ body.T) + met[..., None] * (water @ (inertia - body).T)
     )
-    roll = 1j * ship.mass * GRAVITY * ship.stiffness * k * side * even
+    roll = np.asarray(1j * ship.mass * GRAVITY * ship.stiffness * k * side * even)
     return np.concatenate([accelerated + water @ damping.T, roll[..., None]], -1)
 
 
