@@ -167,7 +167,9 @@ class AlteredCore(Core):
             rng = np.random.default_rng(2)
             for name in ("prior_normals", "slow_normals", "constant_uniforms"):
                 numbers = getattr(now, name)
-                setattr(now, name, numbers + rng.normal(size=numbers.shape))
+                uniform = name.endswith("uniforms")
+                other = rng.random(numbers.shape) if uniform else rng.normal(size=numbers.shape)
+                setattr(now, name, other)
             begin(now)
 
         world.begin, self.config.world = altered, world

@@ -256,12 +256,12 @@ def _increasing(name: str, frequency: object) -> np.ndarray:
 def _refuse_gap(w: np.ndarray) -> None:
     """Refuse a step of frequencies that is far larger than both of its neighbours."""
     steps = np.diff(w)
-    least = np.maximum(np.append(steps[1:], 0.0), np.append(0.0, steps[:-1]))
-    gaps = np.flatnonzero(steps > 2.5 * least) if len(steps) > 1 else []
-    if len(gaps):
-        i = gaps[0]
+    beside = np.pad(steps, 1)
+    gaps = np.flatnonzero(steps > 2.5 * np.maximum(beside[2:], beside[:-2]))
+    if len(steps) > 1 and len(gaps):
+        low, high = w[gaps[0] : gaps[0] + 2]
         raise ValueError(
-            f"frequencies of a spectrum have a gap from {w[i]:.4g} to {w[i + 1]:.4g} rad/s: give"
+            f"frequencies of a spectrum have a gap from {low:.4g} to {high:.4g} rad/s: give"
             " densities there, 0 where there is no energy"
         )
 

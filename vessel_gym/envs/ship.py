@@ -89,6 +89,6 @@ def channel_system(vessel: str, name: str) -> System:
     return replace(
         system,
         task=Channel(ship),
-        disturbances=seas(ship, system.task.dt, np.pi)
+        disturbances=seas(ship, Channel(ship).dt, np.pi)
         | {f"{name} quartering": quartering[name] for name in ("moderate", "rough")},
     )
