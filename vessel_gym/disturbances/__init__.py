@@ -1,4 +1,4 @@
-"""What acts on vehicles: waves, gusts, turbulence, currents, winds, and faults of actuators.
+"""Disturbances: waves, gusts, turbulence, currents, winds, and faults of actuators.
 
 They know vehicles' equations and the ground floor, and nothing of tasks, worlds or filters.
 """

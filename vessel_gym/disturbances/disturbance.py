@@ -1,4 +1,4 @@
-"""What disturbances have in common.
+"""Base class of disturbances.
 
 A disturbance is made from white noise. It has a state z of its own and acts on a vehicle through
 components of its exogenous input. Your own disturbance is a subclass of `Disturbance`:

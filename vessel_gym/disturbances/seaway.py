@@ -41,12 +41,13 @@ _LEAST = 1e-3
 class Seaway(Disturbance):
     """Disturbance of a ship that turns in a sea: first-order wave motion, wind, drift and current.
 
-    The waves are a `WaveField` of a `WaveSpectrum`. The ship meets a wave at the frequency ``w - k U
-    cos(beta)``, which is zero or negative if she overtakes it, and responds by the yaw rate and the
-    sway velocity of `wave_response`. These motions are superposed on manoeuvring (Fossen 2021, ch.
-    10): the yaw rate turns the heading, and the sway velocity shifts the track. The roll moment acts
-    on the ship. Wind (Blendermann 1994, a destroyer) and the drift of reflected waves (Faltinsen
-    1990) push her to leeward, which positions cannot distinguish from a current.
+    The waves are a `WaveField` of a `WaveSpectrum`. The ship meets a wave at the frequency
+    ``w - k U cos(beta)``, which is zero or negative if she overtakes it, and responds by the yaw
+    rate and the sway velocity of `wave_response`. These motions are superposed on manoeuvring
+    (Fossen 2021, ch. 10): the yaw rate turns the heading, and the sway velocity shifts the track.
+    The roll moment acts on the ship. Wind (Blendermann 1994, a destroyer) and the drift of
+    reflected waves (Faltinsen 1990) push her to leeward, which positions cannot distinguish from a
+    current.
 
     The current carries the ship and the waves, whose field is at rest in the water. The wind is
     given relative to the ground. Its force follows from the wind relative to the ship, which the

@@ -16,7 +16,7 @@ _FREQUENCY_UNITS = {"hertz": TURN, "rad/s": 1.0}
 _ANGLES = {"degree": _DEGREE, "radian": 1.0}
 _SENSES = {"coming from": np.pi, "going to": 0.0}
 _EDGES = np.linspace(-np.pi, np.pi, 181)
-"""Directions between which the energy of a system of waves is tabled, relative to its mean [rad]."""
+"""Directions [rad], relative to the mean, between which a system's energy is tabled."""
 
 
 def jonswap(
@@ -117,8 +117,8 @@ class WaveSpectrum:
         frequency: Increasing frequencies ``(f,)`` [rad/s].
         energy: Energy of all directions ``(f,)`` [m2 s], linear between frequencies.
         edges: Increasing directions ``(e,)`` [rad from north] over one turn.
-        share: Share ``(f, e)`` of a frequency's energy that runs to directions below each edge, from
-            0 to 1; ``(1, e)`` if it is equal for all frequencies.
+        share: Share ``(f, e)`` of a frequency's energy that runs to directions below each edge,
+            from 0 to 1; ``(1, e)`` if it is equal for all frequencies.
     """
 
     frequency: np.ndarray
@@ -204,7 +204,7 @@ class WaveSpectrum:
 
     @cached_property
     def cells(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Frequencies ``(f, 1)`` [rad/s], directions ``(d,)`` [rad] and energies ``(f, d)`` [m2]."""
+        """Frequencies ``(f, 1)`` [rad/s], directions ``(d,)`` [rad], energies ``(f, d)`` [m2]."""
         steps = np.diff(self.frequency)
         weights = 0.5 * (np.append(steps, 0.0) + np.append(0.0, steps))
         energy = (weights * self.energy)[:, None] * np.diff(self.share)
@@ -279,8 +279,8 @@ def _around(toward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     if len(directions) < 4 or steps.max() > 1.5 * np.median(steps):
         i = int(steps.argmax())
         raise ValueError(
-            "directions of a spectrum must cover the circle in regular steps, and there is none for"
-            f" {steps[i] / _DEGREE:.4g} degrees after waves to {directions[i] / _DEGREE:.4g} degrees"
+            "directions of a spectrum must cover the circle in regular steps; from"
+            f" {directions[i] / _DEGREE:.4g} degrees on, {steps[i] / _DEGREE:.4g} degrees lack one"
         )
     return directions, order
 
@@ -301,7 +301,7 @@ def _densities(density: object, shape: tuple[int, int]) -> np.ndarray:
 
 
 def _shares(cells: np.ndarray) -> np.ndarray:
-    """Cumulative shares ``(f, d + 1)`` of energies; a frequency without has those of all together."""
+    """Cumulative shares ``(f, d + 1)`` of energies; those of all where a frequency has none."""
     total = cells.sum(1, keepdims=True)
     shares = np.where(
         total > 0.0, cells / np.where(total > 0.0, total, 1.0), cells.sum(0) / cells.sum()

@@ -66,8 +66,8 @@ class SurfaceWater(Disturbance):
     """Water near the surface, with waves that carry a submerged vehicle to and fro.
 
     The waves are a `WaveField` of a `WaveSpectrum`, which the current carries. Their horizontal
-    orbital velocity decays with depth as ``exp(-k z)`` (Airy) and is added to the current; a vehicle
-    in the vertical plane meets its north component. The vertical orbital velocity is left out.
+    orbital velocity decays with depth as ``exp(-k z)`` (Airy) and is added to the current; a
+    vehicle in the vertical plane meets its north component. The vertical velocity is left out.
     """
 
     spectrum: WaveSpectrum

@@ -179,8 +179,8 @@ class WaveBands:
         Both waves of a band together have the power of all its cells.
 
         Args:
-            response: Complex response ``(k, ...)`` per metre of amplitude of frequencies [rad/s] and
-                directions [rad] ``(k,)``.
+            response: Complex response ``(k, ...)`` per metre of amplitude, of frequencies [rad/s]
+                and directions [rad] ``(k,)``.
         """
         each = []
         for band, energy in enumerate(self.energies):
@@ -210,7 +210,7 @@ class WaveBands:
     def at(
         self, z: np.ndarray, north: np.ndarray, east: np.ndarray
     ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Real and imaginary part ``(...)`` of each wave at a place, ``exp(-j (kx x + ky y)) z``."""
+        """Real and imaginary part ``(...)`` of each wave, ``exp(-j (kx x + ky y)) z``."""
         parts = []
         for wave, (kx, ky) in enumerate(self.numbers):
             sin, cos = sincos(kx * north + ky * east)
