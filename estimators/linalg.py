@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine import MatrixTracer, is_traced, linear
+from estimators.engine import is_traced, linear
 
 
 @cache
@@ -22,12 +22,12 @@ def identity(n: int) -> np.ndarray:
 
 def symmetrise(a: np.ndarray) -> np.ndarray:
     """The symmetric part of ``(..., n, n)``, so that rounding never accumulates."""
-    return linear.symmetrise(a) if isinstance(a, MatrixTracer) else 0.5 * (a + a.mT)
+    return linear.symmetrise(a) if is_traced(a) else 0.5 * (a + a.mT)
 
 
 def congruence(a: np.ndarray, p: np.ndarray) -> np.ndarray:
     """``A P A'``: the covariance of a linear map."""
-    if isinstance(a, MatrixTracer) or isinstance(p, MatrixTracer):
+    if is_traced(a) or is_traced(p):
         return linear.congruence(a, p)
     return a @ p @ a.mT
 
@@ -47,8 +47,6 @@ def equilibrated(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def joined(parts: Sequence[np.ndarray], axis: int) -> np.ndarray:
     """Matrices ``(..., i, j)`` below (axis -2) or beside (axis -1) each other, in one batch."""
-    if any(is_traced(part) for part in parts):
-        return linear.joined(parts, axis)
     batch = np.broadcast_shapes(*(part.shape[:-2] for part in parts))
     return np.concatenate([np.broadcast_to(part, batch + part.shape[-2:]) for part in parts], axis)
 

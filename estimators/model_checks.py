@@ -1,15 +1,12 @@
-"""Checks of a model's matrices: shapes, definiteness, and functions at their first call."""
+"""Checks of a model's matrices: shapes and definiteness."""
 
 import operator
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from estimators.checks import finite_array, frozen, integer, short_repr
-from estimators.first_use import FirstUse, is_own
-from estimators.linalg import masked
-from estimators.varying import Schedule, StateNoise
+from estimators.varying import Schedule
 
 
 def as_covariance(name: str, value: object) -> np.ndarray:
@@ -37,19 +34,15 @@ def as_covariance(name: str, value: object) -> np.ndarray:
     return 0.5 * cov + 0.5 * cov.mT
 
 
-def check_matrices(
-    model: Any, shapes: dict[str, str], of_state: str = "", **options: tuple[str, int | None]
-) -> None:
+def check_matrices(model: Any, shapes: dict[str, str], **options: tuple[str, int | None]) -> None:
     """Check a model's matrices and indices of angles, and set its sizes n, p and q.
 
-    Arrays are kept as read-only copies; functions are checked when they are first called. If only
-    one of G and H is given, the other is 0.
+    Arrays are kept as read-only copies. If only one of G and H is given, the other is 0.
 
     Args:
         model: `LinearModel` or `NonlinearModel`.
         shapes: Letters of rows and columns of each matrix, in the order in which sizes are sought;
             m is any size.
-        of_state: Matrices whose functions are of ``(x, u)``; others are of u.
         **options: For the letter of a size, the name of the argument that gives it, and its value.
 
     Raises:
@@ -76,7 +69,6 @@ def check_matrices(
         if table is not None and table.shape[-2:] != (shape[0], shape[1] or table.shape[-1]):
             expected = ", ".join("m" if each is None else str(each) for each in shape)
             raise ValueError(f"{name} has shape {table.shape}, expected (..., {expected})")
-        set_function(model, name, shape, name in of_state)
     vars(model).update(sizes)
     for name, size in ("state_angles", sizes["n"]), ("measurement_angles", sizes["p"]):
         indices = getattr(model, name)
@@ -87,26 +79,6 @@ def check_matrices(
         if any(not 0 <= i < size for i in angles):
             raise ValueError(f"{name} must be indices below {size}, got {short_repr(indices)}")
         vars(model)[name] = angles
-
-
-def set_function(
-    model: Any, name: str, shape: tuple[int | None, ...], of_state: bool = True
-) -> None:
-    """Let a function of a model be checked at its first use, unless it is this package's."""
-    value = getattr(model, name)
-    noise = isinstance(value, StateNoise)
-    function = value.function if isinstance(value, StateNoise | FirstUse) else value
-    function = function.function if isinstance(function, FirstUse) else function
-    if not callable(function) or is_own(function):
-        return
-    checks: dict[str, Any] = {"Q": partial(as_covariance, "Q"), "R": _check_noise}
-    used = FirstUse(name, function, shape, of_state or noise, checks.get(name))
-    vars(model)[name] = StateNoise(used, value.nominal) if noise else used
-
-
-def _check_noise(R: np.ndarray) -> None:
-    """Check R, except measurements whose variance is not finite, as some receivers report it."""
-    as_covariance("R", masked(R, np.isfinite(R.diagonal())))
 
 
 def _size(

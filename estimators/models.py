@@ -16,14 +16,12 @@ import numpy as np
 from estimators.checks import finite_array, frozen, short_repr
 from estimators.differences import central_differences, steps, values_at
 from estimators.engine import Compiled, columnwise, compiled, is_traced, linearise, matrix
-from estimators.first_use import FirstUse
-from estimators.model_checks import as_covariance, check_matrices, set_function
+from estimators.model_checks import as_covariance, check_matrices
 from estimators.varying import (
     Frozen,
     Function,
     Matrix,
     StateMatrix,
-    StateNoise,
     is_compiled,
     resolve,
 )
@@ -66,7 +64,7 @@ class Gaussian(Frozen):
 
 
 class _Model(Frozen):
-    """Checks of a model's functions before filters trace them."""
+    """What filters ask of linear and nonlinear models."""
 
     parts: ClassVar[dict[str, tuple[str, ...]]]
     """Names of the matrices and functions that a "predict", an "update" or a "step" uses."""
@@ -74,22 +72,6 @@ class _Model(Frozen):
     def is_compiled(self, step: str) -> bool:
         """Are all functions of a step compiled? Arrays and schedules count as compiled."""
         return all(map(is_compiled, map(partial(getattr, self), self.parts[step])))
-
-    def compare(self, x: np.ndarray, u: np.ndarray | None, step: str) -> None:
-        """Check a step's functions at their first use, before a compiled program includes them.
-
-        Args:
-            x: States ``(..., n)`` at which the functions are checked.
-            u: Known inputs ``(..., m)``.
-            step: "predict", "update", or "step" for both together.
-
-        Raises:
-            ValueError: naming the function, see `estimators.first_use`.
-        """
-        for value in map(partial(getattr, self), self.parts[step]):
-            function = value.function if isinstance(value, StateNoise) else value
-            if isinstance(function, FirstUse):
-                function.compare(*((x, u) if function.of_state else (u,)))
 
 
 def _parts(predict: tuple[str, ...], update: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
@@ -101,9 +83,9 @@ class LinearModel(_Model):
     """``x+ = A x + B u + G d + w``, ``y = C x + H d + v``.
 
     Every matrix is an array, possibly with leading batch axes, or a function of ``u``. Such a ``u``
-    holds the control and what else the matrices depend on, such as the time. Functions are checked
-    when first called. They must be pure: the same ``u`` gives the same matrix, so time enters as a
-    component of ``u``, not as a clock that is read.
+    holds the control and what else the matrices depend on, such as the time. Functions must be
+    pure: the same ``u`` gives the same matrix, so time enters as a component of ``u``, not as a
+    clock that is read.
 
     A model is immutable, and its arrays are read-only copies. To change a matrix, build another
     model with ``dataclasses.replace(model, A=...)``, and a new filter.
@@ -215,8 +197,7 @@ class NonlinearModel(_Model):
         delayed_feedthrough: H feeds d(k-1) through instead of d(k), see `LinearModel`.
 
     Functions run in NumPy unless they are decorated `@compiled`. They must be pure, as those of a
-    `LinearModel`. At its first use each function is checked: several rows together must give the
-    same values as each row alone. The model is immutable.
+    `LinearModel`; `check_filter` tries a filter on a model of your own. The model is immutable.
 
     Raises:
         ValueError: naming the argument whose shape or definiteness is wrong.
@@ -246,12 +227,10 @@ class NonlinearModel(_Model):
     def __post_init__(self) -> None:
         shapes = {"Q": "nn", "R": "pp", "G": "nq", "H": "pq"}
         sizes = {"n": ("states", self.states), "p": ("measurements", self.measurements)}
-        check_matrices(self, shapes, of_state="G", **sizes)
-        for name, rows in ("transition", self.n), ("measurement", self.p):
+        check_matrices(self, shapes, **sizes)
+        for name in "transition", "measurement":
             if not callable(function := getattr(self, name)):
                 raise ValueError(f"{name} must be a function of (x, u), got {short_repr(function)}")
-            set_function(self, name, (rows,))
-            set_function(self, f"{name}_jacobian", (rows, self.n))
 
     def check_known_input(self, u: np.ndarray | None) -> None:
         """Accept every known input: the model's functions decide how they use ``u``."""
@@ -283,10 +262,9 @@ class NonlinearModel(_Model):
     ) -> tuple[np.ndarray, np.ndarray]:
         function, slopes = getattr(self, name), getattr(self, f"{name}_jacobian")
         if is_traced(x):
-            found = linearise(function, x, u, slopes=slopes)
-            return tuple(map(partial(matrix, x.program), found))  # type: ignore[attr-defined]
+            return matrix(linearise(function, x, u, slopes=slopes))
         if slopes is None and is_compiled(function):
-            return _compiled(linearise, function, x, u)(x, u)
+            return _in_form(linearise, function)(x, u)
         if slopes is None:
             step = steps(x, cov, self.state_angles)
             return central_differences(name, function, x, u, size, angles, step)
@@ -302,7 +280,7 @@ def at_columns(
     if is_traced(points):
         return columnwise(function, points, u)
     if is_compiled(function):
-        return _compiled(columnwise, function, points[..., 0], u)(points, u)
+        return _in_form(columnwise, function)(points, u)
     return np.ascontiguousarray(at_points(function, points.mT, u).mT)
 
 
@@ -318,16 +296,6 @@ def at_points(function: Function, points: np.ndarray, u: np.ndarray | None) -> n
         The values ``(..., k, size)``.
     """
     return values_at(function, points, u).astype(float, copy=False)
-
-
-def _compiled(
-    form: Callable[..., Any], function: Any, x: np.ndarray, u: np.ndarray | None
-) -> Compiled:
-    """A compiled function in another form, compared with NumPy if this is its first use."""
-    if isinstance(function, FirstUse):
-        function.compare(x, u)
-        function = function.function
-    return _in_form(form, function)
 
 
 @lru_cache(1000)

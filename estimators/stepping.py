@@ -38,8 +38,6 @@ class StepProgram:
     def __init__(
         self, filter: Any, step: str, inside: bool, belief: Any, given: Sequence[Any]
     ) -> None:
-        if inside:
-            filter.model.compare(belief.mean, given[0], step)
         record, names, batch = filter.record, filter.record.names(), belief.mean.ndim - 1
         drawn: Any = _DRAWN if filter.random else ()
         answered = len(given) - len(_GIVEN + drawn)

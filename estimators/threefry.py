@@ -17,9 +17,7 @@ from estimators.engine import (
     columnwise,
     compiled,
     float_bits,
-    linear,
     sincos_near_zero,
-    split,
 )
 
 _PARITY = 0x1BD11BDAA9FC1A22
@@ -140,4 +138,5 @@ def of_members(key: Any, second: Any, *, members: int, count: int) -> Any:
         return four_normals(key, first, second[0])
 
     drawn = columnwise(four, counters, key, second[None])
-    return split(linear.joined([drawn.mT], -1), count)[..., :members]
+    by_component = np.concatenate([drawn.mT], -1).reshape(count, -1)
+    return by_component[..., :members]

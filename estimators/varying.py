@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from estimators.checks import finite_array, frozen, integer, number
-from estimators.engine import Compiled, MatrixTracer, is_traced, lookup, matrix
-from estimators.first_use import FirstUse
+from estimators.engine import Compiled, TracedMatrix, by_entries, is_traced, lookup, matrix
 
 Matrix = np.ndarray | Callable[[np.ndarray | None], np.ndarray]
 Function = Callable[[np.ndarray, np.ndarray | None], np.ndarray]
@@ -19,18 +18,14 @@ def resolve(value: Any, *arguments: Any) -> Any:
     """A matrix, or a function's value, in NumPy or traced entry by entry with its arguments."""
     if not callable(value):
         return value
-    program = next((each.program for each in arguments if isinstance(each, MatrixTracer)), None)
-    if program is None:
+    if not any(isinstance(each, TracedMatrix) for each in arguments):
         return value(*arguments)
-    assert is_compiled(value), "a function in NumPy cannot be traced"
-    entries = (each.scalars() if isinstance(each, MatrixTracer) else each for each in arguments)
-    return matrix(program, value(*entries))
+    return matrix(value(*map(by_entries, arguments)))
 
 
 def is_compiled(value: Any) -> bool:
     """Can a compiled program include it? Arrays, None, schedules and compiled functions can be."""
-    while isinstance(value, FirstUse | StateNoise):
-        value = value.function
+    value = value.function if isinstance(value, StateNoise) else value
     return not callable(value) or isinstance(value, Schedule | Compiled)
 
 
@@ -78,8 +73,7 @@ class Schedule(Frozen):
             raise ValueError(f"{follows} the known input, but u has {u.shape[-1]}")
         index = u[..., self.component] * self.scale + self.middle
         if is_traced(u):
-            found = lookup(self.table, index)
-            return matrix(u.program, found) if isinstance(u, MatrixTracer) else found
+            return lookup(self.table, index)
         # The first entry where u is not a number.
         within = np.fmin(np.fmax(index, 0.0), len(self.table) - 1.0)
         return self.table.take(within.astype(np.intp), axis=0)

@@ -40,4 +40,8 @@ class Layout:
 
     def traced(self, numbers: Any) -> dict[str, Any]:
         """The arrays of a row as vectors, matrices and numbers, from a traced vector ``(k,)``."""
-        return {name: numbers.part(self.first[name], shape) for name, shape in self._shapes.items()}
+        parts = {}
+        for name, shape in self._shapes.items():
+            start = self.first[name]
+            parts[name] = numbers[start : start + prod(shape)].reshape(shape)[()]
+        return parts

@@ -1,7 +1,6 @@
 """A whole step as one program: world, filter and mission, where all of them are compiled."""
 
 from collections.abc import Sequence
-from functools import partial
 from operator import itemgetter
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -9,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimators import RandomKeys
-from estimators.engine import Argument, MatrixTracer, SideBySide, TracedArray, matrix, trace
+from estimators.engine import Argument, SideBySide, TracedArray, by_entries, matrix, trace
 from vessel_gym.estimation import Estimation
 from vessel_gym.layout import Layout
 from vessel_gym.mission import Mission
@@ -177,7 +176,6 @@ class WholeStep:
 
     def _trace(self, last: State) -> None:
         """Trace the stages for rows of the record."""
-        self._filter.model.compare(last.belief.mean, last.u, "step")
         rows = {name: Argument(a.shape[1:], a.dtype.kind) for name, a in _arrays_of(last).items()}
         numbers = [n for n, row in rows.items() if row.kind == "f" and n not in _GIVEN + _FIXED]
         (self._observed,) = rows["observation"].shape
@@ -211,13 +209,12 @@ class WholeStep:
     def _changes(self, given: dict[str, Any]) -> tuple[Changes, list[Any]]:
         """Arrays that a step changes, and the arrays of ``info``."""
         fields, arrays = _apart(given)
-        row: Any = State(**{name: _entries(array) for name, array in fields.items()})
+        row: Any = State(**{name: by_entries(array) for name, array in fields.items()})
         row = row.but(steps=row.steps + 1, noise_before=row.noise, exogenous_before=row.exogenous)
         world, filter = self._world.step.function(row), self._filter
         row = row.but(**world)
-        whole = partial(_whole, row.steps.program)
         rng = RandomKeys(row.filtering, row.steps) if filter.random else None
-        data = whole(row.u), whole(row.y), whole(row.available), None, rng
+        data = *map(_whole, (row.u, row.y, row.available)), None, rng
         belief = filter.record.of(arrays | {"u": data[0]})
         changed = filter._changed("step", belief, data)
         row = row.but(belief=_entrywise(belief.replaced(changed)))
@@ -248,18 +245,13 @@ def _batched(arrays: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
     return arrays if arrays[0].ndim > 1 else [each[None] for each in arrays]
 
 
-def _entries(value: Any) -> Any:
-    """A traced vector or matrix, entry by entry."""
-    return value.scalars() if isinstance(value, MatrixTracer) else value
-
-
 def _entrywise(belief: Any) -> Any:
     """The arrays of a traced belief that missions and ``info`` read, entry by entry."""
     return SimpleNamespace(
-        mean=_entries(belief.mean), cov=belief.cov, input_mean=_entries(belief.input_mean)
+        mean=by_entries(belief.mean), cov=belief.cov, input_mean=by_entries(belief.input_mean)
     )
 
 
-def _whole(program: Any, value: Any) -> Any:
+def _whole(value: Any) -> Any:
     """A traced array as a vector or matrix."""
-    return matrix(program, TracedArray.of(value))
+    return matrix(TracedArray.of(value))

@@ -21,7 +21,14 @@ from estimators.engine.elementary import (
 )
 from estimators.engine.function import Argument, Function
 from estimators.engine.matching import invoker
-from estimators.engine.matrices import MatrixTracer, along, columnwise, is_traced, matrix, split
+from estimators.engine.matrices import (
+    TracedMatrix,
+    along,
+    by_entries,
+    columnwise,
+    is_traced,
+    matrix,
+)
 from estimators.engine.program import NotTraceable
 from estimators.engine.tables import lookup
 
@@ -29,15 +36,16 @@ __all__ = [
     "Argument",
     "Compiled",
     "Function",
-    "MatrixTracer",
     "NotTraceable",
     "SideBySide",
     "TracedArray",
+    "TracedMatrix",
     "along",
     "as_float",
     "as_integer",
     "as_word",
     "bits_float",
+    "by_entries",
     "columnwise",
     "compiled",
     "float_bits",
@@ -50,6 +58,5 @@ __all__ = [
     "matrix",
     "sincos",
     "sincos_near_zero",
-    "split",
     "trace",
 ]

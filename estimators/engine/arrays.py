@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -23,8 +23,6 @@ class TracedArray(np.ndarray):
     """Object array of `Tracer` and constants: one row of a batch, without the batch's axes."""
 
     __array_priority__ = 2000.0
-    stronger: ClassVar[set[type]] = set()
-    """Classes that take precedence as operands; `estimators.engine.matrices` adds its own."""
 
     @staticmethod
     def of(value: Any) -> "TracedArray":
@@ -37,13 +35,9 @@ class TracedArray(np.ndarray):
         return array.view(TracedArray)
 
     def __array_ufunc__(self, ufunc: Any, method: str, *operands: Any, **others: Any) -> Any:
-        if not self.stronger.isdisjoint(map(type, operands)):
-            return NotImplemented
         return _apply(ufunc, method, operands, others)
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        if not self.stronger.isdisjoint(types):
-            return NotImplemented
         if (own := FUNCTIONS.get(function)) is not None:
             return own(*args, **kwargs)
         if function.__name__ not in _REARRANGING:
@@ -85,7 +79,7 @@ class TracedArray(np.ndarray):
         return x if high is None else np.minimum(x, high)
 
 
-Tracer.as_array = TracedArray.of
+Tracer.array = TracedArray
 
 
 def _plain(value: Any) -> Any:

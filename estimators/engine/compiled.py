@@ -11,7 +11,7 @@ import numpy as np
 from estimators.engine.arrays import TracedArray, entries
 from estimators.engine.function import Argument, Function
 from estimators.engine.matching import in_memory
-from estimators.engine.matrices import MatrixTracer, is_traced, matrix_input
+from estimators.engine.matrices import TracedMatrix, is_small, is_traced, stored, view
 from estimators.engine.program import Program
 from estimators.engine.tracer import Tracer, cast
 
@@ -28,8 +28,8 @@ def trace(
     Args:
         function: Pure; it gets tracers of a row of each argument.
         rows: Shape and kind of a row of each argument; None for an argument that is None.
-        matrices: Are vectors and matrices traced as a whole (`MatrixTracer`), not entry by entry?
-            One answer, or one for each row.
+        matrices: Are operations of large vectors and matrices loops (`TracedMatrix`), not unrolled? One
+            answer, or one for each row.
         sealed: See `Function`.
         own: See `Function`.
 
@@ -42,7 +42,7 @@ def trace(
         if row is None:
             given.append(None)
         else:
-            inputs = matrix_input if as_matrix and row.kind in "fb" else scalar_inputs
+            inputs = matrix_inputs if as_matrix and row.kind in "fb" else scalar_inputs
             given.append(inputs(program, len(arguments), row.shape, row.kind))
             arguments.append(row)
     results = function(*given)
@@ -60,6 +60,14 @@ def scalar_inputs(program: Program, argument: int, shape: tuple[int, ...], kind:
     return scalars.reshape(shape).view(TracedArray)
 
 
+def matrix_inputs(program: Program, argument: int, shape: tuple[int, ...], kind: str) -> Any:
+    """An argument as a vector, matrix or number."""
+    if not shape:
+        return scalar_inputs(program, argument, shape, kind)[()]
+    value = program.add("input_matrix", (), "f", math.prod(shape), (argument,))
+    return stored(program, value, shape, kind)
+
+
 class SideBySide(list[Any]):
     """Arrays of floats whose entries are one result, a vector a row."""
 
@@ -70,15 +78,20 @@ def _output(program: Program, result: Any) -> tuple[list[Any], Argument]:
         parts = [_output(program, each) for each in result]
         size = sum(argument.size for _, argument in parts)
         return [each for part, _ in parts for each in part], Argument((size,))
-    if isinstance(result, MatrixTracer):
-        return [result.view], Argument(result.shape, result.kind)
     if not isinstance(result, Tracer):
-        result = TracedArray.of(result)
+        result = TracedArray.of(result) if not isinstance(result, TracedMatrix) else result
+    if isinstance(result, TracedMatrix) and not is_small(result):
+        return [view(program, result)], Argument(result.shape, _kind(entries(result, program)))
     scalars = entries(result, program)
-    kinds = {*map(attrgetter("kind"), scalars)}
-    kind = kinds.pop() if len(kinds) == 1 else "f"
+    kind = _kind(scalars)
     values = [*map(attrgetter("value"), map(partial(cast, kind=kind), scalars))]
     return values, Argument(result.shape, kind)
+
+
+def _kind(scalars: Sequence[Tracer]) -> str:
+    """The kind of an array of numbers."""
+    kinds = {*map(attrgetter("kind"), scalars)}
+    return kinds.pop() if len(kinds) == 1 else "f"
 
 
 class Compiled:

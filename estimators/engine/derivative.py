@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from estimators.engine.arrays import TracedArray, entries
+from estimators.engine.matrices import by_entries
 from estimators.engine.program import Instruction, NotTraceable, Program
 from estimators.engine.tracer import Tracer, operation, program_of, where
 
@@ -118,7 +119,6 @@ def linearise(
     Raises:
         NotTraceable: if an operation cannot be traced or has no derivative.
     """
-    x = x if isinstance(x, TracedArray) else x.scalars()
-    u = u.scalars() if hasattr(u, "scalars") else u
+    x, u = by_entries(x), by_entries(u)
     value = function(x, u)
     return value, jacobian(value, x) if slopes is None else slopes(x, u)

@@ -1,76 +1,73 @@
-"""Linear algebra of traced matrices: products, factorisations, solutions, each an instruction."""
+"""Linear algebra of traced matrices: products, factorisations, solutions.
 
-from functools import partial
+Those of small matrices are unrolled, scalar by scalar, without what is known to be zero: a
+covariance is computed in its lower half, and quotients by one number are products with its
+reciprocal. Those of large ones are single instructions.
+"""
+
 from typing import Any
 
 import numpy as np
 
-from estimators.engine import unrolled
-from estimators.engine.matrices import (
-    FUNCTIONS,
-    MatrixTracer,
-    by_scalars,
-    is_small,
-    joined,
-    matrix,
-    shapes,
-)
-from estimators.engine.program import Program
-from estimators.engine.tracer import program_of
+from estimators.engine.arrays import TracedArray
+from estimators.engine.matrices import PRODUCTS, is_small, loop, matrix
+from estimators.engine.tracer import Tracer, known, operation, where
 
 
-def _matrices(*operands: Any) -> tuple[Program, Any, Any]:
-    """The program of two operands, and the operands as matrices."""
-    program = program_of(operands)
-    return program, *map(partial(matrix, program), operands)
-
-
-def _misfit(word: str, *operands: Any) -> ValueError:
-    return ValueError(f"{shapes(operands)} have no {word} in a traced formula")
-
-
-def _for_every_row(program: Program, values: np.ndarray) -> MatrixTracer:
-    """A matrix that is the same for all rows, with the batch's axes."""
-    return MatrixTracer(program, program.table(values), values.shape)
-
-
-def _matmul(a: Any, b: Any) -> Any:
-    program, a, b = _matrices(a, b)
-    if not a.ndim == b.ndim == 2 or a.shape[1] != b.shape[0]:
-        raise _misfit("product (of a matrix and a vector: np.matvec)", a, b)
-    rows, columns = a.shape[0], b.shape[1]
-    if a.shape[1] == 0:
-        return _for_every_row(program, np.zeros((rows, columns)))
+def product(a: Any, b: Any) -> Any:
+    """``A B``."""
+    (rows, inner), (length, columns) = a.shape, b.shape
     if is_small(a, b):
-        return by_scalars(unrolled.product, a, b)
-    symmetric = a.view == b.mT.view
-    value = program.add("matmul", (a.view, b.view), "f", rows * columns, (symmetric,))
-    return MatrixTracer(program, value, (rows, columns))
+        return _array([[_inner(row, column) for column in b.T] for row in a], (rows, columns))
+    if inner != length:
+        raise ValueError(f"matrices of shapes {a.shape} and {b.shape} a row have no product")
+    return loop("matmul", (rows, columns), a, b)
 
 
 def congruence(a: Any, p: Any) -> Any:
     """``A P A'`` of a symmetric P."""
-    _, whole, p = _matrices(a, p)
-    return by_scalars(unrolled.congruence, whole, p) if is_small(whole, p) else a @ p @ a.mT
+    left = product(a, p)
+    if not is_small(a, p):
+        return product(left, a.mT)
+    return _symmetric(len(a), lambda i, j: _inner(left[i], a[j]))
 
 
 def symmetrise(a: Any) -> Any:
     """The symmetric part of A."""
-    return by_scalars(unrolled.symmetrise, a) if is_small(a) else 0.5 * (a + a.mT)
+    if not is_small(a):
+        return 0.5 * (a + a.mT)
+    return _symmetric(len(a), lambda i, j: _mean(a[i, j], a[j, i]))
 
 
-def _matvec(a: Any, x: Any) -> Any:
-    return _matmul(a, x[..., None])[..., 0]
+def cholesky(s: Any) -> Any:
+    """Lower triangular L with ``L L' = S``; NaN of an S that is not positive definite."""
+    if not is_small(s):
+        return loop("cholesky", s.shape, s)
+    root = _array(np.zeros(s.shape), s.shape)
+    for j in range(len(s)):
+        pivot = s[j, j] - _inner(root[j, :j], root[j, :j])
+        root[j, j] = operation("sqrt", where(pivot > 0.0, pivot, np.nan))
+        for i in range(j + 1, len(s)):
+            rest = s[i, j] - _inner(root[i, :j], root[j, :j])
+            root[i, j] = _divided(rest, root[j, j])
+    return root
+
+
+def semidefinite_cholesky(s: Any) -> Any:
+    """Lower triangular L with ``L L' = S`` of a positive semidefinite S."""
+    return loop("semidefinite_cholesky", s.shape, s)
 
 
 def solve_lower(t: Any, b: Any) -> Any:
     """``L^-1 B`` of a lower triangular L."""
-    program, t, b = _matrices(t, b)
-    if b.ndim != 2 or t.shape != (b.shape[0],) * 2:
-        raise _misfit("solution (of a vector b: b[..., None])", t, b)
-    if is_small(t, b):
-        return by_scalars(unrolled.solve_lower, t, b)
-    return MatrixTracer(program, program.add("solve_lower", (t.view, b.view), "f", b.size), b.shape)
+    if len(t) != len(b):
+        raise ValueError(f"matrices of shapes {t.shape} and {b.shape} a row have no solution")
+    if not is_small(t, b):
+        return loop("solve_lower", b.shape, t, b)
+    z = _array(np.zeros(b.shape), b.shape)
+    for i, j in np.ndindex(b.shape):
+        z[i, j] = _divided(b[i, j] - _inner(t[i, :i], z[:i, j]), t[i, i])
+    return z
 
 
 def solve_upper(t: Any, b: Any) -> Any:
@@ -84,59 +81,59 @@ def solve_definite(s: Any, b: Any) -> Any:
     return solve_upper(root.mT, solve_lower(root, b))
 
 
-def _of_square(opcode: str, a: Any) -> MatrixTracer:
-    if a.shape != a.shape[::-1] or a.ndim != 2:
-        raise _misfit(opcode, a)
-    return MatrixTracer(a.program, a.program.add(opcode, (a.view,), "f", a.size), a.shape)
-
-
-def cholesky(s: Any) -> Any:
-    """Lower triangular L with ``L L' = S``; NaN of an S that is not positive definite."""
-    small = is_small(s) and s.shape == s.shape[::-1]
-    return by_scalars(unrolled.cholesky, s) if small else _of_square("cholesky", s)
-
-
-semidefinite_cholesky: Any = partial(_of_square, "semidefinite_cholesky")
-"""Lower triangular L with ``L L' = S`` of a positive semidefinite S."""
-
-
 def rotated(a: Any) -> tuple[Any, Any]:
     """``A V`` with orthogonal columns, and the rotation V: an SVD without the last division.
 
     Source: Hestenes (1958), Inversion of matrices by biorthogonalization; de Rijk (1989) for its
     accuracy.
     """
-    return _rotated(a, True)
-
-
-def _rotated(a: Any, wanted: bool) -> tuple[Any, Any]:
-    program, (m, n), k = a.program, a.shape, a.shape[1] if wanted else 0
+    m, n = a.shape
     if n == 1:
-        return a, _for_every_row(program, np.ones((1, 1)))
-    value = program.add("rotate", (a.view,), "f", m * n + k * n, (k,))
-    rotation = np.arange(m * n, m * n + k * n).reshape(k, n)
-    return MatrixTracer(program, value, (m, n)), MatrixTracer(program, value, rotation)
+        return a, np.ones((1, 1))
+    both = loop("rotate", (m + n, n), a, attributes=(n,))
+    return both[:m], both[m:]
 
 
 def orthogonal(a: Any) -> Any:
     """``A V`` alone."""
-    return _rotated(a, False)[0]
+    return a if a.shape[1] == 1 else loop("rotate", a.shape, a, attributes=(0,))
 
 
-__all__ = [
-    "cholesky",
-    "congruence",
-    "joined",
-    "orthogonal",
-    "rotated",
-    "semidefinite_cholesky",
-    "solve_definite",
-    "solve_lower",
-    "solve_upper",
-    "symmetrise",
-]
-FUNCTIONS |= {
-    np.matmul: _matmul,
-    np.matvec: _matvec,
-    np.vecmat: lambda x, a: _matvec(a.mT if a.ndim == 2 else a, x),
+def _array(entries: Any, shape: tuple[int, ...]) -> Any:
+    """A matrix of scalars."""
+    return matrix(TracedArray.of(entries).reshape(shape))
+
+
+def _symmetric(n: int, entry: Any) -> Any:
+    """A symmetric matrix of the entries of its lower half."""
+    half = [[entry(i, j) for j in range(i + 1)] for i in range(n)]
+    return _array([[half[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)], (n, n))
+
+
+def _inner(x: Any, y: Any) -> Any:
+    """The inner product of two vectors."""
+    terms = [a * b for a, b in zip(x, y, strict=True) if not (_is_zero(a) or _is_zero(b))]
+    return sum(terms[1:], terms[0]) if terms else 0.0
+
+
+def _mean(x: Any, y: Any) -> Any:
+    """The mean of two numbers."""
+    same = isinstance(x, Tracer) and isinstance(y, Tracer) and x.value == y.value
+    return x if same else 0.5 * (x + y)
+
+
+def _divided(x: Any, y: Any) -> Any:
+    """``x / y`` by the reciprocal of y, which a program computes once."""
+    return 0.0 if _is_zero(x) else x * (1.0 / y)
+
+
+def _is_zero(x: Any) -> bool:
+    """Is a number known to be 0?"""
+    return bool((known(x) if isinstance(x, Tracer) else x) == 0.0)
+
+
+PRODUCTS |= {
+    np.matmul: product,
+    np.matvec: lambda a, x: product(a, x[:, None])[:, 0],
+    np.vecmat: lambda x, a: product(x[None], a)[0],
 }

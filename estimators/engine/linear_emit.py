@@ -57,9 +57,10 @@ class LinearEmitter(MatrixEmitter):
         emitter = LinearEmitter(program, self.module, self.width, {})
         operands: list[int | View] = []
         parameters: list[str] = []
+        places: dict[tuple[int, int], int] = {}
         for i, each in enumerate(instruction.operands):
             if isinstance(each, View):
-                value = program.new("f")
+                value = places.setdefault((each.value, each.start), program.new("f"))
                 operands.append(each._replace(value=value, start=0))
                 emitter.pointers[value] = f"%p{i}"
                 if each.value in self.program.tables:
@@ -90,7 +91,7 @@ class LinearEmitter(MatrixEmitter):
         result = self.matrix(instruction.result, (rows, columns))
         if inner >= 2 * CHUNK and a.view.steps[1] == b.view.steps[0] == 1:
             right = View(b.view.value, (columns, inner), b.view.start, b.view.steps[::-1])
-            self._inner_products(a.view, right, result, instruction.attributes[0])
+            self._inner_products(a.view, right, result)
             return
         together, target = self.width == 1 and b.view.steps[1] == 1, result.view
 
@@ -122,7 +123,9 @@ class LinearEmitter(MatrixEmitter):
         """Sums and the products that each index adds to them."""
         return self.loop(low, high, lambda k, *sums: list(map(add, sums, products(k))), sums, step)
 
-    def _inner_products(self, a: View, b: View, target: Matrix, symmetric: bool) -> None:
+    def _inner_products(self, a: View, b: View, target: Matrix) -> None:
+        symmetric = a == b
+
         def one(i: Index, j: Index) -> None:
             target[i, j] = total = self._inner_product(a, i, b, j)
             if symmetric:

@@ -1,188 +1,165 @@
-"""Tracers of vectors and matrices, whose operations are single instructions however large they are.
+"""Vectors and matrices of a row, whose operations are single instructions where they are large.
 
-Filters' equations are NumPy functions of vectors ``(..., n)`` and matrices ``(..., n, m)``. Traced,
-each function means the same as in NumPy for arrays with any leading axes. Tracing refuses
-everything else: a shape that does not fit, a mask in place of numbers, a function without an
-instruction.
+Filters' equations are NumPy functions of vectors ``(..., n)`` and matrices ``(..., n, m)``, traced
+for a row without leading axes. Operations of few rows and columns are unrolled.
 """
 
 import math
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from operator import attrgetter
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
-from estimators.engine.arrays import SCALAR_FUNCTIONS, TracedArray, each_entry, entries
+from estimators.engine.arrays import SCALAR_FUNCTIONS, TracedArray, entries
 from estimators.engine.program import NotTraceable, Program, View
-from estimators.engine.tracer import OPERATORS, UNARY, Tracer, cast, constant, program_of
+from estimators.engine.tracer import Tracer, cast, constant, program_of
 
 _FEW = 10  # rows or columns of a matrix up to which its operations are unrolled
-_INDICES = {slice, int, np.int64, type(None)}
-_Operators: Any = object  # which are set below, and unknown to a checker of types
 
 
-class MatrixTracer(_Operators):
-    """A vector or matrix of each row; entries of a mask are 1 and 0.
-
-    ``shape``, ``ndim`` and ``size`` are those of one row. So ``shape[-1]`` is the same as in NumPy,
-    but ``shape[0]`` is not.
-    """
-
-    __array_priority__ = 3000.0
-
-    def __init__(self, program: Program, value: int, places: Any, kind: str = "f") -> None:
-        """A new tracer.
-
-        Args:
-            program: Its program.
-            value: Its value, or the value that contains it.
-            places: Indices ``(n,)`` or ``(n, m)`` of its entries in the value; or a shape for all
-                entries in order.
-            kind: "b" for a mask.
-        """
-        if isinstance(places, tuple):
-            places = np.arange(math.prod(places)).reshape(places)
-        self.program, self.value, self.places, self.kind = program, value, places, kind
-        self.shape, self.ndim, self.size = places.shape, places.ndim, places.size
-        if not 1 <= self.ndim <= 2:
-            raise NotTraceable(
-                "a traced formula's arrays are numbers, vectors and matrices a row, not of shape"
-                f" {self.shape}"
-            )
-
-    def __bool__(self) -> bool:
-        raise NotTraceable(
-            "a formula is traced for all rows and cannot branch for some of them: use np.where"
-        )
-
-    def __array__(self, *_: Any, **__: Any) -> NoReturn:
-        raise NotTraceable(
-            "a traced formula cannot make a NumPy array of its own: use joined or np.where"
-        )
+class TracedMatrix(TracedArray):
+    """A vector or matrix of a row, whose operations are loops if it is large."""
 
     def __array_ufunc__(self, ufunc: Any, method: str, *operands: Any, **others: Any) -> Any:
-        if method != "__call__" or others:
-            raise NotTraceable(f"a traced formula cannot have np.{ufunc.__name__} in it, so used")
-        if ufunc in FUNCTIONS:
-            return FUNCTIONS[ufunc](*operands)
-        return entrywise(ufunc, *operands)
+        if method == "__call__" and ufunc in PRODUCTS:
+            return PRODUCTS[ufunc](*operands)
+        if method == "__call__" and not is_small(*operands):
+            return _each(ufunc.__name__, *operands)
+        return matrix(super().__array_ufunc__(ufunc, method, *operands, **others))
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        if function not in FUNCTIONS:
-            raise NotTraceable(
-                f"a traced formula cannot have np.{function.__name__} in it: estimators.linalg has"
-                " solve, cholesky and others that it can"
-            )
-        return FUNCTIONS[function](*args, **kwargs)
+        if function is np.where and not is_small(*args):
+            return _each("where", *args)
+        if function is np.concatenate and not is_small(*args[0]):
+            return _joined(*args, **kwargs)
+        return matrix(super().__array_function__(function, types, args, kwargs))
+
+    def sum(self, axis: Any = None, **others: Any) -> Any:  # type: ignore[override]
+        """The sum over axes of the row."""
+        if is_small(self) or axis not in (-1, -2, (-2, -1)):
+            return super().sum(axis, **others)
+        if self.ndim == 1:
+            return self[None].sum(-1)[0]
+        if axis == -1:
+            return np.matvec(self, np.ones(self.shape[1]))
+        over_rows: Any = np.vecmat(np.ones(self.shape[0]), self)
+        return over_rows if axis == -2 else over_rows.sum(-1)
+
+
+PRODUCTS: dict[Any, Callable[..., Any]] = {}
+"""NumPy's products of matrices; set by `estimators.engine.linear`."""
+
+
+class Entry(Tracer):
+    """An entry of a matrix in memory, which is read where it is used by itself."""
+
+    __slots__ = ("matrix", "place")
+
+    def __init__(self, program: Program, matrix: int, kind: str, place: int) -> None:
+        self.program, self.matrix, self.kind, self.place = program, matrix, kind, place
 
     @property
-    def view(self) -> View:
-        """Places of its entries, as those of a matrix; steps are 0 over one row or column."""
-        places = self.places if self.ndim == 2 else self.places[None]
-        down, right = places.strides
-        steps = down // 8 if len(places) > 1 else 0, right // 8 if places.shape[1] > 1 else 0
-        return View(self.value, places.shape, int(places[0, 0]) if self.size else 0, steps)
-
-    @property
-    def mT(self) -> "MatrixTracer":
-        """The transposed matrix."""
-        return self._part(self.places.mT)
-
-    def _part(self, places: Any) -> Any:
-        """Entries at some places; at one, a number."""
-        if getattr(places, "ndim", 0):
-            return MatrixTracer(self.program, self.value, places, self.kind)
-        return Tracer(self.program, self.program.entry(self.value, int(places), self.kind))
-
-    def part(self, start: int, shape: tuple[int, ...]) -> Any:
-        """Neighbouring entries of a vector, in another shape."""
-        return self._part(self.places[start : start + math.prod(shape)].reshape(shape))
-
-    def scalars(self) -> TracedArray:
-        """Its entries, one by one."""
-        return np.frompyfunc(self._part, 1, 1)(self.places).view(TracedArray)
-
-    def diagonal(self, *axes: int) -> "MatrixTracer":
-        """The diagonal of a matrix, whose axes are the last two."""
-        if axes != (0, -2, -1):
-            raise NotTraceable("a traced formula's matrices have diagonal(0, -2, -1) alone")
-        return self._part(self.places.diagonal())
-
-    def sum(self, axis: int | tuple[int, int] | None = None) -> Any:
-        """The sum over the last axis, the one before, or both."""
-        if axis not in (-1, -2, (-2, -1)) or (self.ndim == 1 and axis != -1):
-            raise NotTraceable("a traced formula sums over its last axes, -1, -2 or (-2, -1)")
-        whole: Any = self[..., None, :] if self.ndim == 1 else self
-        if axis != -1:
-            whole = (np.zeros((1, whole.shape[0])) + 1.0) @ whole
-        if axis == -2:
-            return whole[..., 0, :]
-        total = (whole @ (np.zeros((whole.shape[1], 1)) + 1.0))[..., 0]
-        return total if axis == -1 and self.ndim == 2 else total[..., 0]
-
-    def __getitem__(self, key: Any) -> Any:
-        first, *named = key if isinstance(key, tuple) else (key,)
-        if first is not Ellipsis or not {*map(type, named)} <= _INDICES:
-            raise NotTraceable(
-                "a traced formula's arrays are indexed from behind, by a[..., i] with whole"
-                " numbers, slices and None"
-            )
-        return self._part(self.places[key])
+    def value(self) -> int:  # type: ignore[override]
+        """Its value as a scalar."""
+        return self.program.entry(self.matrix, self.place, self.kind)
 
 
-def _operator(name: str, swapped: bool = False) -> Callable[..., Any]:
-    ufunc = getattr(np, name)
-    return lambda self, *other: ufunc(*other, self) if swapped else ufunc(self, *other)
+def matrix(value: Any) -> Any:
+    """Traced arrays as matrices; anything else as it is."""
+    if isinstance(value, tuple | list):
+        return type(value)(map(matrix, value))
+    return value.view(TracedMatrix) if isinstance(value, TracedArray) else value
 
 
-for _name, _opcode in (OPERATORS | {"matmul": "matmul"}).items():
-    setattr(MatrixTracer, f"__{_name}__", _operator(_opcode))
-    setattr(MatrixTracer, f"__r{_name}__", _operator(_opcode, True))
-for _name, _opcode in UNARY.items():
-    setattr(MatrixTracer, f"__{_name}__", _operator(_opcode))
-TracedArray.stronger.add(MatrixTracer)
+def by_entries(value: Any) -> Any:
+    """A matrix as an array whose operations are unrolled, however large it is."""
+    return value.view(TracedArray) if isinstance(value, TracedMatrix) else value
 
 
-def matrix(program: Program, value: Any) -> Any:
-    """Tracer of a vector or matrix: a tracer as it is, packed scalars, or an array for all rows."""
-    if isinstance(value, MatrixTracer | Tracer):
-        return value
-    array = np.asarray(value)
-    if array.ndim == 0:
-        return constant(program, array)
-    if not isinstance(value, TracedArray):
-        kind = "b" if array.dtype.kind == "b" else "f"
-        return MatrixTracer(program, program.table(array), array.shape, kind)
-    scalars = entries(value, program)
-    kind = "b" if {*map(_kind, scalars)} == {"b"} else "f"
-    return MatrixTracer(program, program.pack((*map(_value, scalars),)), value.shape, kind)
-
-
-_kind, _value = attrgetter("kind"), attrgetter("value")
+def stored(
+    program: Program, value: int, shape: tuple[int, ...], kind: str = "f", first: int = 0
+) -> TracedMatrix:
+    """A matrix of the entries of a value, from one of them on, row by row."""
+    places = np.arange(first, first + math.prod(shape)).reshape(shape)
+    return np.frompyfunc(partial(Entry, program, value, kind), 1, 1)(places).view(TracedMatrix)
 
 
 def is_small(*operands: Any) -> bool:
     """Are operations of these unrolled? They are of matrices with few rows and columns."""
-    return all(max(operand.shape, default=1) <= _FEW for operand in operands)
+    return all(max(getattr(each, "shape", ()), default=1) <= _FEW for each in operands)
 
 
-def by_scalars(function: Callable[..., Any], *operands: Any) -> Any:
-    """The matrix that a function of arrays of scalars returns for matrices."""
-    scalars = (TracedArray.of(getattr(each, "scalars", lambda x=each: x)()) for each in operands)
-    return matrix(program_of(operands), TracedArray.of(function(*scalars)))
+def view(program: Program, array: Any) -> View:
+    """Where the entries of a matrix stand in memory; those of several values are packed."""
+    rows = np.asarray(array)
+    rows = rows if rows.ndim == 2 else rows[None]
+    if rows.dtype != object:
+        return View(program.table(rows), rows.shape, 0, _steps(np.arange(rows.size), rows.shape))
+    flat = rows.ravel().tolist()
+    if {*map(type, flat)} == {Entry} and len({*map(_matrix, flat)}) == 1:
+        places = np.array([*map(attrgetter("place"), flat)])
+        start, steps = int(places[0]), _steps(places, rows.shape)
+        if (places == start + np.indices(rows.shape).reshape(2, -1).T @ steps).all():
+            return View(flat[0].matrix, rows.shape, start, steps)
+    scalars = (*map(attrgetter("value"), map(partial(constant, program), flat)),)
+    value = program.add("pack", scalars, "f", len(flat))
+    return View(value, rows.shape, 0, _steps(np.arange(rows.size), rows.shape))
 
 
-def matrix_input(program: Program, argument: int, shape: tuple[int, ...], kind: str) -> Any:
-    """An argument as a vector or matrix; without axes, a number."""
-    if not shape:
-        return Tracer(program, program.add("input", (), kind, None, (argument, 0)))
-    value = program.add("input_matrix", (), "f", math.prod(shape), (argument,))
-    return MatrixTracer(program, value, shape, kind)
+_matrix = attrgetter("matrix")
 
 
-def columnwise(function: Any, *operands: Any) -> MatrixTracer:
+def _steps(places: np.ndarray, shape: tuple[int, ...]) -> tuple[int, int]:
+    """Steps to the next row and column of a matrix; 0 over a single one."""
+    rows, columns = shape
+    down = int(places[columns] - places[0]) if rows > 1 else 0
+    return down, int(places[1] - places[0]) if columns > 1 else 0
+
+
+def loop(opcode: str, shape: tuple[int, ...], *operands: Any, attributes: Any = ()) -> TracedMatrix:
+    """The result of an instruction of matrices."""
+    program = program_of(operands)
+    views = (*map(partial(view, program), operands),)
+    value = program.add(opcode, views, "f", math.prod(shape), attributes)
+    return stored(program, value, shape)
+
+
+def _each(name: str, *operands: Any) -> TracedMatrix:
+    """One of NumPy's functions entry by entry; a single row or column is repeated."""
+    if name not in SCALAR_FUNCTIONS:
+        raise NotTraceable(f"a traced function cannot have np.{name} in it")
+    program, kinds, views = program_of(operands), "", list[Any]()
+    for each in operands:
+        masks = {*map(attrgetter("kind"), entries(each, program))} == {"b"}
+        kinds += "b" if masks or (name == "where" and not kinds) else "f"
+        views.append(view(program, each) if np.ndim(each) else constant(program, each).value)
+    shape = np.broadcast_shapes(*map(np.shape, operands))
+    rows, columns = (1,) * (2 - len(shape)) + shape
+    attributes = name, kinds, rows, columns
+    value = program.add("each", tuple(views), "f", rows * columns, attributes)
+    return stored(program, value, shape, _result_kind(name, kinds))
+
+
+@cache
+def _result_kind(name: str, kinds: str) -> Any:
+    """The kind of the result of NumPy's function of that name for scalars of some kinds."""
+    program = Program()
+    values = map(program.new, kinds)
+    return SCALAR_FUNCTIONS[name](*map(partial(Tracer, program), values)).kind
+
+
+def _joined(parts: Sequence[Any], axis: int) -> TracedMatrix:
+    """Matrices below (axis -2) or beside (axis -1) each other."""
+    shape = np.concatenate([np.empty(part.shape) for part in parts], axis).shape
+    step = shape[-1] if axis == -2 else 1
+    sizes = np.cumsum([0, *(part.shape[axis] for part in parts[:-1])])
+    places = tuple((sizes * step).tolist())
+    return loop("join", shape, *parts, attributes=(places, shape[-1]))
+
+
+def columnwise(function: Any, *operands: Any) -> TracedMatrix:
     """Results ``(k, N)`` of a function of vectors ``(n,)`` for each column of matrices ``(n, N)``.
 
     Args:
@@ -190,28 +167,17 @@ def columnwise(function: Any, *operands: Any) -> MatrixTracer:
         operands: Matrices, whose columns it gets; vectors ``(m,)`` and None are passed as they are.
     """
     program = program_of(operands)
-    given: list[Any] = [
-        each if each is None or isinstance(each, TracedArray) else matrix(program, each)
-        for each in operands
-    ]
-    views: list[View] = [each.view for each in given if each is not None and each.ndim == 2]
-    vectors = [
-        each.scalars() if isinstance(each, MatrixTracer) and each.ndim == 1 else each
-        for each in given
-    ]
+    views = [view(program, each) for each in operands if np.ndim(each) == 2]
 
     def body(*parameters: tuple[int, ...]) -> list[int]:
         columns = (
             TracedArray.of([Tracer(program, value) for value in column]) for column in parameters
         )
-        arguments = [
-            next(columns) if each is not None and each.ndim == 2 else vector
-            for each, vector in zip(given, vectors, strict=True)
-        ]
+        arguments = [next(columns) if np.ndim(x) == 2 else by_entries(x) for x in operands]
         return [cast(each, "f").value for each in entries(function(*arguments), program)]
 
     value, count = program.columns(views, body), views[0].shape[1]
-    return MatrixTracer(program, value, (program.sizes[value] // count, count))
+    return stored(program, value, (program.sizes[value] // count, count))
 
 
 def along(function: Any, *rows: Any) -> tuple[Any, ...]:
@@ -225,82 +191,15 @@ def along(function: Any, *rows: Any) -> tuple[Any, ...]:
             numbers or arrays, and may use other values that are the same for all entries.
         rows: Rows of the same length.
     """
-    program = program_of(rows) if any(map(is_traced, rows)) else None
-    if program is None:
+    if not any(map(is_traced, rows)):
         each = [function(*(row[..., i] for row in rows)) for i in range(np.shape(rows[0])[-1])]
         return tuple(np.stack(found, -1) for found in zip(*each, strict=True))
-    columns = matrix(program, TracedArray.of(np.stack(rows)))
+    columns = TracedArray.of(np.stack(rows))
     return tuple(
-        columnwise(lambda column: TracedArray.of(list(function(*column))), columns).scalars()
+        by_entries(columnwise(lambda column: TracedArray.of(list(function(*column))), columns))
     )
-
-
-def split(row: MatrixTracer, count: int) -> MatrixTracer:
-    """Entries, row by row, as ``count`` rows."""
-    return MatrixTracer(row.program, row.value, (count, row.size // count))
 
 
 def is_traced(value: Any) -> bool:
     """Is a value a tracer, which stands for numbers that differ from row to row?"""
-    return isinstance(value, MatrixTracer | Tracer | TracedArray)
-
-
-@cache
-def _result_kind(name: str, kinds: str) -> Any:
-    """The kind of the result of NumPy's function of that name for scalars of some kinds."""
-    program = Program()
-    values = map(program.new, kinds)
-    return SCALAR_FUNCTIONS[name](*map(partial(Tracer, program), values)).kind
-
-
-def entrywise(function: Any, *values: Any) -> Any:
-    """One of NumPy's functions entry by entry; a single row or column is repeated."""
-    name, program = function.__name__, program_of(values)
-    if name not in SCALAR_FUNCTIONS:
-        raise NotTraceable(f"a traced formula cannot have np.{name} in it")
-    operands = [*map(partial(matrix, program), values)]
-    kinds, views, places, axes = "", [], [], set()
-    for each in operands:
-        whole = isinstance(each, MatrixTracer)
-        kinds += "b" if each.kind == "b" or (name == "where" and not kinds) else "f"
-        views.append(each.view if whole else each.value)
-        places.append(each.places if whole else 0)
-        if each.value not in program.tables and each.value not in program.constants:
-            axes.add(each.ndim)
-    kind, shape = _result_kind(name, kinds), np.broadcast(*places).shape
-    if axes - {len(shape)}:  # NumPy would take the rows of a batch for those of a matrix
-        raise ValueError(f"{shapes(operands)} differ in axes: add some by a[..., None]")
-    if is_small(*operands):
-        return by_scalars(partial(each_entry, SCALAR_FUNCTIONS[name]), *operands)
-    rows, columns = (1,) * (2 - len(shape)) + shape
-    value = program.add("each", tuple(views), "f", rows * columns, (name, kinds, rows, columns))
-    return MatrixTracer(program, value, shape, kind)
-
-
-def shapes(operands: Sequence[Any]) -> str:
-    """Shapes of operands, for a sentence."""
-    return f"arrays of shapes {' and '.join(str(operand.shape) for operand in operands)} a row"
-
-
-def joined(parts: Sequence[Any], axis: int) -> Any:
-    """Arrays below (axis -2) or beside (axis -1) each other; constants among them are matrices."""
-    parts = [*map(partial(matrix, program := program_of(parts)), parts)]
-    if axis >= 0:
-        raise NotTraceable("a traced formula's arrays are joined along their last axes, -1 or -2")
-    shape = np.concatenate([part.places for part in parts], axis).shape
-    if is_small(*parts):
-        return by_scalars(lambda *scalars: np.concatenate(scalars, axis), *parts)
-    step = shape[-1] if axis == -2 else 1
-    sizes = np.cumsum([0, *(part.shape[axis] for part in parts[:-1])])
-    places = tuple((sizes * step).tolist())
-    value = program.add(
-        "join", tuple(part.view for part in parts), "f", math.prod(shape), (places, shape[-1])
-    )
-    return MatrixTracer(program, value, shape, "b" if {*map(_kind, parts)} == {"b"} else "f")
-
-
-FUNCTIONS: dict[Any, Any] = {
-    np.where: partial(entrywise, np.where),
-    np.concatenate: joined,
-}
-"""NumPy's functions of whole matrices; `estimators.engine.linear` adds linear algebra."""
+    return isinstance(value, Tracer | TracedArray)

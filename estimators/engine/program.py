@@ -78,7 +78,6 @@ class Program:
         self.sizes: dict[int, int] = {}
         self.constants: dict[int, Any] = {}
         self.tables: dict[int, np.ndarray] = {}
-        self._packs: dict[int, tuple[int, ...]] = {}
         self._blocks: list[dict[Any, Instruction]] = [{}]  # in order
         self._constants: dict[tuple[str, Any], int] = {}
 
@@ -106,18 +105,8 @@ class Program:
             self.tables[self._constants[key]] = flat
         return self._constants[key]
 
-    def pack(self, scalars: tuple[int, ...]) -> int:
-        """A matrix of scalars."""
-        value = self.add("pack", scalars, "f", len(scalars))
-        self._packs[value] = scalars
-        return value
-
     def entry(self, value: int, place: int, kind: str) -> int:
-        """An entry of a matrix; of one that was packed, the scalar itself."""
-        if value in self.tables:
-            return self.constant(KINDS[kind].type(self.tables[value][place]), kind)
-        if value in self._packs and self.kinds[packed := self._packs[value][place]] == kind:
-            return packed
+        """An entry of a matrix."""
         return self.add("element", (View(value, (1, 1), place, (0, 0)),), kind)
 
     def add(
@@ -134,7 +123,8 @@ class Program:
                 "its loops are too long to be unrolled: use NumPy's functions of arrays"
             )
         result = self.new(kind, size)
-        self._blocks[-1][key] = Instruction(opcode, operands, result, attributes)
+        block = self._blocks[0 if opcode == "element" else -1]  # a loop reads it once, before
+        block[key] = Instruction(opcode, operands, result, attributes)
         return result
 
     def columns(self, views: Sequence[View], body: Callable[..., Sequence[int]]) -> int:

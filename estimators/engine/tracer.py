@@ -16,8 +16,8 @@ class Tracer(_Operators):
     """A scalar of each row: a number, a word or a mask."""
 
     __slots__ = ("kind", "program", "value")
-    as_array: ClassVar[Callable[["Tracer"], Any]]
-    """Class of a scalar's array, whose methods a tracer has; set by `estimators.engine.arrays`."""
+    array: ClassVar[Any]
+    """Class of arrays of tracers, whose methods a tracer has; set by `estimators.engine.arrays`."""
     __array_priority__ = 1000.0
     ndim = 0
     shape = ()
@@ -52,20 +52,24 @@ class Tracer(_Operators):
         return array
 
     def __array_ufunc__(self, ufunc: Any, method: str, *operands: Any, **others: Any) -> Any:
-        return self.as_array().__array_ufunc__(ufunc, method, *operands, **others)
+        if any(isinstance(each, self.array) for each in operands):
+            return NotImplemented
+        return self.array.of(self).__array_ufunc__(ufunc, method, *operands, **others)
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        return self.as_array().__array_function__(function, types, args, kwargs)
+        if any(issubclass(each, self.array) for each in types):
+            return NotImplemented
+        return self.array.of(self).__array_function__(function, types, args, kwargs)
 
     def __getitem__(self, key: Any) -> Any:
-        return self.as_array()[key]
+        return self.array.of(self)[key]
 
     def __getattr__(self, name: str) -> Any:
         if name in OPCODES:  # NumPy calls them of the entries of plain object arrays
             return lambda: operation(name, self)
         if name.startswith("__") or not hasattr(np.ndarray, name):
             raise AttributeError(f"a traced number has no .{name}")
-        return getattr(self.as_array(), name)
+        return getattr(self.array.of(self), name)
 
     def conjugate(self) -> "Tracer":
         """The number itself, as all numbers are real."""
@@ -76,7 +80,7 @@ def constant(program: Program, value: Any) -> Tracer:
     """The tracer of a constant scalar."""
     if isinstance(value, np.ndarray):
         value = value[()]
-    if type(value) is Tracer:
+    if isinstance(value, Tracer):
         return value
     kind = "f" if isinstance(value, float) else np.asarray(value).dtype.kind
     if kind not in KINDS:

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from estimators import linalg
-from estimators.engine import NotTraceable, trace
+from estimators.engine import trace
 from estimators.engine.function import Argument
 from tests.estimators.cases import random_covariance
 
@@ -131,6 +131,7 @@ def test_large_matrices_are_loops_and_not_unrolled_and_empty_ones_are_sums_of_no
         lambda S, B, x, m: linalg.solve(S, B[..., :2, :]),
         lambda S, B, x, m: np.concatenate([B[..., :1, :], S], -1),
         lambda S, B, x, m: np.where(m[..., :2], x, 0.0),
+        lambda S, B, x, m: linalg.joined([S] * 4, -1) @ linalg.joined([S] * 5, -2),
         lambda S, B, x, m: S[..., 3, :],
     ],
 )
@@ -138,24 +139,3 @@ def test_what_numpy_refuses_is_refused_while_it_is_traced(formula: Formula):
     for traced in (lambda: formula(*arguments(11)), lambda: trace(formula, SHAPES, matrices=True)):
         with pytest.raises((ValueError, IndexError)):
             traced()
-
-
-@pytest.mark.parametrize(
-    ("formula", "sentence"),
-    [
-        (lambda S, B, x, m: S.sum(0), "sums over its last axes"),
-        (lambda S, B, x, m: x[:1], "indexed from behind"),
-        (lambda S, B, x, m: np.sort(x), r"cannot have np\.sort in it"),
-        (lambda S, B, x, m: 1.0 if (x > 0.0) else 2.0, r"use np\.where"),
-    ],
-)
-def test_a_word_of_other_meaning_is_refused_with_what_to_do(formula: Formula, sentence: str):
-    with pytest.raises(NotTraceable, match=sentence):
-        trace(formula, SHAPES, matrices=True)
-
-
-def test_a_vector_and_a_matrix_are_not_added():
-    """NumPy would add the rows of a batch to those of a matrix."""
-    rows = [Argument((3,)), Argument((3, 3))]
-    with pytest.raises(ValueError, match="differ in axes"):
-        trace(lambda v, M: M + v, rows, True)

@@ -783,12 +783,8 @@ GIVEN = {
         ({"state": lambda env, obs: np.array([np.nan, 0.0])}, ValueError, "state gave what is not finite"),
         ({"known_input": 3}, TypeError, "known_input must be a function of the action, got 3"),
         ({"observation": lambda x: [np.nan, 0.0, 0.0]}, ValueError, "observation gave NaN of the state"),
-        ({"model": NonlinearModel(_identity, _first, np.eye(2), np.eye(2))}, ValueError,
-         r"measurement gave shape \(1,\) for one row, expected \(2,\)"),
         ({"observation": None}, ValueError, "give observation=, a function of the state"),
         ({"observation": lambda x: np.zeros(2)}, ValueError, r"wants \(3,\) numbers, the estimate gives shape \(2,\)"),
-        ({"model": NonlinearModel(lambda x, u: np.array([x[0], x[1]]), _first, np.eye(2), [[1.0]])}, ValueError,
-         "transition must broadcast over leading axes"),
         ({"model": NonlinearModel(_identity, lambda x, u: x, np.eye(2), np.eye(2) + 0.5)}, ValueError, "diagonal R"),
     ],
 )  # fmt: skip
