@@ -53,9 +53,8 @@ class Wrapped:
         self.vehicle = SimpleNamespace(dt=time_step(env))
         self.estimator = "" if watch is None else watch.estimator
         names = () if watch is None else watch.sensors.state_names
-        self.composition = SimpleNamespace(names=names)
         filter = SimpleNamespace(name=self.estimator, model=getattr(watch, "model", None))
-        self.estimation = SimpleNamespace(filter=filter)
+        self.estimation = SimpleNamespace(filter=filter, space=SimpleNamespace(names=names))
         self.true_state = SimpleNamespace(in_filter_order=np.asarray)  # all of it is estimated
         self.sensors: Any = getattr(watch, "sensors", None)
 

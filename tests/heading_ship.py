@@ -60,7 +60,8 @@ class HeadingShip(Ship):
         )
 
     def linear(self, kind: str) -> tuple[Any, ...]:
-        return linear_matrices(self.ship, self.dt)
+        flows = len(self.ambient_flows)
+        return *linear_matrices(self.ship, self.dt), np.zeros((3, flows))
 
 
 SHIP = load("corvette-thesis")

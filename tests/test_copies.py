@@ -108,7 +108,8 @@ def test_a_compiled_copy_gives_the_bits_of_ours(name: str, part: str) -> None:
     assert core.config.mission.step.compiled
     for function in ("transition", "measurement"):
         assert isinstance(
-            getattr(core.config.composition.model, function, None), Compiled | types.MethodType
+            getattr(core.config.estimation.filter.model, function, None),
+            Compiled | types.MethodType,
         )
     again = Core(own, 1)
     assert again.config.world is core.config.world

@@ -171,7 +171,7 @@ def test_the_printed_covariance_prediction_lacks_sign_gain_and_s() -> None:
     noise = 1e-3 * np.eye(3)  # eq. 4.6
     printed = Core(
         ThesisCorvetteEnv.system, estimator_options={"model": "as-printed"}
-    ).config.composition.model
+    ).config.estimation.filter.model
     model = replace(printed, Q=noise, R=1e-3 * np.eye(2))
     A, C, G, H, Q, R = (
         np.asarray(matrix) for matrix in (model.A, model.C, model.G, model.H, model.Q, model.R)

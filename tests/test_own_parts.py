@@ -28,7 +28,7 @@ def test_equations_of_pages_are_compiled_with_exact_jacobians(
     env.reset(seed=0)
     core = env.unwrapped.core
     model, x, u = (
-        core.config.composition.model,
+        core.config.estimation.filter.model,
         core.now.belief.mean,
         core.config.system.vehicle.cruise[1][None],
     )

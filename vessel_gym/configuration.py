@@ -12,12 +12,12 @@ from vessel_gym.checks import is_compiled, one_of
 from vessel_gym.checks import options as checked_options
 from vessel_gym.delivery import Delivery
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
-from vessel_gym.filter_models.build import Composition
-from vessel_gym.filter_models.exogenous import Forces
-from vessel_gym.input_conditions import check_causal
 from vessel_gym.loop import Estimator
 from vessel_gym.mission import Mission
+from vessel_gym.models.assumed import check_fit
+from vessel_gym.models.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
+from vessel_gym.models.input_conditions import check_causal
+from vessel_gym.models.state_space import StateSpace
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor, Sensors
 from vessel_gym.sharing import shared
@@ -42,10 +42,12 @@ def _world(
     disturbance: str | Disturbance,
 ) -> World:
     """World of an environment: vehicle, sensors, disturbance and task."""
-    forces = Forces(system.vehicle, chosen_disturbance(system, disturbance))
+    chosen = chosen_disturbance(system, disturbance)
+    check_fit(system.vehicle, chosen)
     given = system.sensors_of(sensors, faults)
-    check_causal(given, forces)
-    return World(forces, given)
+    space = StateSpace.of_world(system.vehicle, chosen, given)
+    check_causal(space)
+    return World(space)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +61,7 @@ class Options:
             or a function of the model that returns a filter, also serves.
         estimator_options: Options of the estimator, which override the environment's tuning.
             ``model`` selects one of several models. ``assume`` sets the filter's assumptions about
-            the world (see `vessel_gym.estimation.Assumptions`). ``late`` sets the use of late
+            the world (see `vessel_gym.models.estimation.Assumptions`). ``late`` sets the use of late
             measurements: ``"fused"`` at the time when they were taken (the default), ``"as new"``
             or ``"discarded"``.
         sensors: ``"clean"``, ``"nominal"``, ``"degraded"`` (10 % of the nominal measurements are
@@ -186,7 +188,7 @@ class Configuration:
         vehicle, raw = system.vehicle, options.observe == "measurement"
         self.moving_methods = _moving_methods(vehicle, world.disturbance)
         self.scoring_methods = _scoring_methods(system.task)
-        rest = world.sensors, world.forces.disturbance
+        rest = world.sensors, world.disturbance
         choice = system.estimator if options.estimator is None else options.estimator
         self.estimation: Estimation = build(system, choice, options.estimator_options, *rest)
         self.raw: Estimation | None = None
@@ -204,7 +206,7 @@ class Configuration:
         guided = bool(options.guidance) and options.observe == "mean"
         ending = str(options.termination)
         self.mission = _mission(system.task, self.estimation, ending, self.prior_index, guided, raw)
-        self.true_state = TrueState.of(world, self.composition)
+        self.true_state = TrueState.of(world, self.estimation.space)
         self.unknown_input = UnknownInput.of(world, self.estimation.inputs)
         true = self.true_state, self.unknown_input
         self.delivery = Delivery(world.sensors)
@@ -252,7 +254,7 @@ class Configuration:
     def observation_size(self) -> int:
         """Number of components of an observation."""
         seen = observed(self.observe_mode, bool(self.options.guidance))
-        sizes = self.system.task.sizes(self.sensors.size, len(self.composition.names))
+        sizes = self.system.task.sizes(self.sensors.size, len(self.estimation.space.names))
         return sum(sizes[part] for part in seen)
 
     def scores(self, total: np.ndarray, steps: np.ndarray) -> np.ndarray:
@@ -271,11 +273,6 @@ class Configuration:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         return self
-
-    @property
-    def composition(self) -> Composition:
-        """Composition of the filter's model."""
-        return self.estimation.composition
 
     @property
     def sensors(self) -> Sensors:

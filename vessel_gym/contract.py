@@ -18,7 +18,7 @@ from estimators.checks import frozen, short_repr
 from estimators.engine import Compiled, compiled
 from vessel_gym.checks import is_compiled, refuse_other_ends
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.filter_models.exogenous import change_of, input_channels
+from vessel_gym.models.state_space import input_channels
 from vessel_gym.system import Estimate, System, Task, Vehicle
 
 _ROWS = 3
@@ -104,7 +104,7 @@ def _contradictions(disturbance: Disturbance, vehicle: Vehicle) -> Iterator[str]
     for attribute, known in (
         ("forces", input_channels(vehicle)), ("averaged", forces),
         ("white_increments", [name for name in vehicle.increments if name not in forces]),
-        ("inputs", (*forces, *white, *map(change_of, names))),
+        ("inputs", (*forces, *white)),
     ):  # fmt: skip
         given: Any = getattr(disturbance, attribute) or ()
         if not {*given} <= {*known} or len({*given}) < len(given):

@@ -233,7 +233,7 @@ class Core:
         config.delivery.begin(now)
         config.delivery(now, given)
         for estimator in config.estimators:
-            estimator.begin(now, filter_prior(prior, estimator.composition))
+            estimator.begin(now, filter_prior(prior, estimator.estimation.space))
         config.mission.begin(now)
         now = now.without_start()
         self.now = now if len(rows) == self.num_envs else self.now.merged(rows, now)
@@ -261,7 +261,7 @@ class Core:
             prior_normals=numbers["vehicle"], slow_normals=numbers["slow"],
             constant_uniforms=numbers["field"], episode_constants=numbers["field"],
             noise_before=np.zeros((count, len(config.world.root))),
-            exogenous_before=np.zeros((count, config.world.forces.size)),
+            exogenous_before=np.zeros((count, len(config.world.space.channels))),
             action=np.zeros((count, config.action_size)),
             reward=np.zeros(count), total=np.zeros(count), end=np.zeros(count, int),
         )  # fmt: skip
@@ -300,21 +300,21 @@ class Core:
             parts = [task.observe_measurements(config.sensors, *given), mission]
             if config.raw is None:
                 return parts
-            estimate = self._estimate(now.raw, config.raw.composition)
+            estimate = self._estimate(now.raw, config.raw.space)
             reference = task.reference(now.scenario, now.steps, estimate.state)
             return [task.observe(estimate, now.scenario, reference, now.actuators), *parts]
-        estimate = self._estimate(now.belief, config.composition)
+        estimate = self._estimate(now.belief, config.estimation.space)
         if config.options.guidance:
             parts = [task.observe(estimate, now.scenario, now.reference, now.actuators)]
         else:
             parts = [task.observe_state(estimate, now.scenario), mission]
         return [*parts, task.observe_std(estimate)] if "std" in config.observe_mode else parts
 
-    def _estimate(self, belief: Any, composition: Any) -> Estimate:
+    def _estimate(self, belief: Any, space: Any) -> Estimate:
         """The part of a belief that the task observes."""
-        estimate = estimate_of(composition, belief.mean, belief.input_mean)
+        estimate = estimate_of(space, belief.mean, belief.input_mean)
         if "std" in self.config.observe_mode:
-            estimate.sd, estimate.scale = standard_deviations(belief.cov), composition.scale
+            estimate.sd, estimate.scale = standard_deviations(belief.cov), space.scale
             if estimate.input_mean is not None and belief.input_cov is not None:
                 estimate.input_sd = standard_deviations(belief.input_cov)
         return estimate

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimators import Gaussian, RandomKeys
 from vessel_gym.delivery import youngest
-from vessel_gym.estimation import Estimation
+from vessel_gym.models.estimation import Estimation
 from vessel_gym.state import State
 
 
@@ -22,7 +22,7 @@ class Estimator:
     def __init__(
         self, estimation: Estimation, field: str, truth: Callable[[State], np.ndarray]
     ) -> None:
-        self.estimation, self.field, self.composition = estimation, field, estimation.composition
+        self.estimation, self.field = estimation, field
         self.filter, self._random = estimation.delayed, estimation.filter.random
         self._truth = truth if estimation.tells_truth else None
 

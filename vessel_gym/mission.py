@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from vessel_gym.checks import is_compiled
-from vessel_gym.estimation import Estimation
-from vessel_gym.filter_models.build import Composition
+from vessel_gym.models.estimation import Estimation
+from vessel_gym.models.state_space import StateSpace
 from vessel_gym.state import Changes, Stage, State
 from vessel_gym.tasks.task import Estimate
 
@@ -33,19 +33,15 @@ class Mission:
         self, task: Any, estimation: Estimation, termination: str, prior_index: Sequence[int],
         guided: bool, measured: bool,
     ) -> None:  # fmt: skip
-        self.task, self.composition, self.prior_index = (
-            task,
-            estimation.composition,
-            list(prior_index),
-        )
+        self.task, self.space, self.prior_index = task, estimation.space, list(prior_index)
         self.true_end, self.guided, self.measured = termination == "task", guided, measured
         self.commanding = task.commanding if is_compiled(task) else None
-        compiled = is_compiled(task) and is_compiled(self.composition.forces.disturbance)
+        compiled = is_compiled(task) and is_compiled(self.space.disturbance)
         self.step, self.begin = Stage(self._step, compiled), Stage(self._begin, compiled)
 
     def _step(self, now: State) -> Changes:
         """Reference, reward, end, score state and, if ``guided``, the observation."""
-        task, acting = self.task, now.exogenous[..., : self.composition.forces.outside]
+        task, acting = self.task, now.exogenous[..., : self.space.outside]
         reference = self._reference(now, self.measured)
         ending = reference
         if self.true_end != self.measured:
@@ -95,18 +91,16 @@ class Mission:
             return {"reference": reference}
         belief, task = now.belief, self.task
         with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
-            estimate = estimate_of(self.composition, belief.mean, belief.input_mean)
+            estimate = estimate_of(self.space, belief.mean, belief.input_mean)
             seen = task.observe(estimate, now.scenario, reference, now.actuators)
             seen = np.clip(seen, -task.BOUND, task.BOUND)
         return {"reference": reference, "observation": seen}
 
 
-def estimate_of(
-    composition: Composition, mean: np.ndarray, input_mean: np.ndarray | None
-) -> Estimate:
+def estimate_of(space: StateSpace, mean: np.ndarray, input_mean: np.ndarray | None) -> Estimate:
     """Estimate for the task, from means ``(..., n)`` of the state and ``(..., q)`` of d."""
     known = input_mean if input_mean is not None and input_mean.shape[-1] else None
-    return Estimate(mean[..., : composition.base], composition.flow(mean, known), known)
+    return Estimate(mean[..., : len(space.own)], space.flow(mean, known), known)
 
 
 def standard_deviations(cov: np.ndarray) -> np.ndarray:

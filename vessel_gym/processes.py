@@ -212,9 +212,9 @@ def interpolated(table: np.ndarray, at: np.ndarray) -> np.ndarray:
 
 def advance(
     keys: np.ndarray, step: np.ndarray, z: np.ndarray, noise: np.ndarray, counts: np.ndarray,
-    root: np.ndarray, transition: np.ndarray, gains: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
-    """States of the processes a step later, next noise, and the exogenous input from both.
+    root: np.ndarray, transition: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """States of the processes a step later, and the noise of the coming step.
 
     The processes are the disturbance and each sensor's bias, together called parts; s is the number
     of white increments.
@@ -227,10 +227,9 @@ def advance(
         counts: Number of normal random numbers that each part draws in a step.
         root: ``(s + k, m)`` root of the noise's covariance.
         transition: ``(k, k)`` of the processes.
-        gains: ``(f, s + k)`` of white increments and processes.
 
     Returns:
-        New ``z (..., k)``, ``noise (..., s + k)`` and exogenous input ``(..., f)``.
+        New ``z (..., k)`` and ``noise (..., s + k)``.
     """
     white, word = len(root) - len(transition), as_word(step)
     drawn = [
@@ -242,5 +241,4 @@ def advance(
     noise = np.zeros_like(noise)
     if drawn:
         noise = product(root, np.stack(drawn, -1), noise)
-    given = np.concatenate([noise[..., :white], z], -1)
-    return z, noise, product(gains, given, np.zeros((*z.shape[:-1], len(gains))))
+    return z, noise

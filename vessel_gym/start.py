@@ -12,10 +12,8 @@ from estimators.engine import as_word, compiled
 from estimators.randomness import word
 from estimators.threefry import normals, threefry, two_uniforms
 from vessel_gym.checks import is_integer
-from vessel_gym.filter_models.build import Composition
-from vessel_gym.filter_models.exogenous import Forces
+from vessel_gym.models.state_space import StateSpace
 from vessel_gym.processes import block_diagonal
-from vessel_gym.sensors import Sensors
 from vessel_gym.world import World
 
 DRAWN = ("task", "vehicle", "parameters", "filter", "field")
@@ -65,7 +63,7 @@ class Draws(NamedTuple):
         parts = "disturbance", *(f"bias of {sensor.name}" for sensor in biased)
         sensed = (f"sensor {sensor.name}" for sensor in world.sensors.each)
         words = tuple(word(name) for name in (*DRAWN, *parts, *sensed))
-        spread = world.forces.vehicle.normals if mismatch else 0
+        spread = world.vehicle.normals if mismatch else 0
         starts = [(0, root.shape[-1], 1) for root in world.start_roots]
         own = (
             (uniforms, 0, 0),
@@ -117,44 +115,25 @@ def draw(
     return np.stack(keys, -2), np.stack(numbers, -1) if numbers else empty
 
 
-def joint_prior(cov: np.ndarray, forces: Forces, sensors: Sensors) -> np.ndarray:
-    """Joint prior covariance of vehicle, disturbance and biases, from the vehicle's ``(n, n)``.
-
-    The flow carries a vehicle with velocities over ground from the first moment.
-    """
-    process = forces.disturbance.process
-    whole = block_diagonal(cov, process.start_cov, sensors.bias.start_cov)
-    if forces.carried is None:
-        return whole
-    root = np.eye(len(whole))
-    n = len(cov)
-    root[:n, n : n + process.size] = forces.carried
-    return root @ whole @ root.T
-
-
-def filter_prior(prior: Gaussian, composition: Composition) -> Gaussian:
+def filter_prior(prior: Gaussian, space: StateSpace) -> Gaussian:
     """Prior of the states that a filter estimates."""
-    start = _start(prior.cov.tobytes(), composition)
+    start, n = _start(prior.cov.tobytes(), space), len(space.own)
     mean = np.zeros((len(prior.mean), len(start.cov)))
-    mean[:, : composition.base] = prior.mean[:, : composition.base]
+    mean[:, :n] = prior.mean[:, :n]
     return start.about(mean)
 
 
 @lru_cache(maxsize=16)
-def _start(cov: bytes, composition: Composition) -> Gaussian:
+def _start(cov: bytes, space: StateSpace) -> Gaussian:
     """Prior of a filter about 0, given the covariance ``(n, n)`` of the vehicle."""
-    whole = joint_prior(_square(cov), composition.forces, composition.sensors)
-    n, bias = len(_square(cov)), np.arange(len(whole) - composition.sensors.bias.size, len(whole))
-    kept = np.concatenate([np.arange(composition.base), n + composition.estimated, bias])
+    whole = space.joint_prior(_square(cov))
+    n, bias = len(_square(cov)), np.arange(len(whole) - space.sensors.bias.size, len(whole))
+    kept = np.concatenate([np.arange(len(space.own)), n + space.kept, bias])
     known = whole[np.ix_(kept, kept)]
-    if composition.late:
-        known = block_diagonal(known, composition.forces.input_cov)
-    if (
-        composition.ended
-    ):  # nothing acted before the start: a negligible variance that is not singular
-        known = block_diagonal(
-            known, 1e-6 * composition.forces.cov[np.ix_(composition.ended, composition.ended)]
-        )
+    if space.late:
+        known = block_diagonal(known, space.input_cov)
+    if space.last:  # nothing acted before the start: a negligible, not singular variance
+        known = block_diagonal(known, 1e-6 * space.cov[np.ix_(space.last, space.last)])
     return Gaussian(np.zeros(len(known)), known)
 
 

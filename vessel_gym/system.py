@@ -10,7 +10,7 @@ from gymnasium.envs.registration import load_env_creator
 from estimators.checks import finite_array, integer, short_repr
 from vessel_gym.checks import all_are, check_names, check_numbers, instance, one_of, options
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.filter_models.build import Composition
+from vessel_gym.models.state_space import StateSpace
 from vessel_gym.sensor_faults import SensorFault, lost_fix
 from vessel_gym.sensors import SUITE_NAMES, SUITES, Sensor, Sensors
 from vessel_gym.tasks.task import Estimate, Task
@@ -97,7 +97,7 @@ class System:
         disturbances: Disturbances by name: ``"calm"``, ``"moderate"``, ``"rough"``.
         estimator: The default estimator.
         filter_model: Kind of the filters' model.
-        tuning: Function of a filter's name and of the `Composition` of its model that returns
+        tuning: Function of a filter's name and of the `StateSpace` of its model that returns
             options of the filter.
         filter_models: Kinds of the models of particular filters, by name of the filter.
         sensors: Sensors in nominal quality; None for the vehicle's own.
@@ -109,7 +109,7 @@ class System:
     disturbances: Mapping[str, Disturbance]
     estimator: str
     filter_model: str
-    tuning: Callable[[str, Composition], dict[str, Any]]
+    tuning: Callable[[str, StateSpace], dict[str, Any]]
     filter_models: Mapping[str, str] = field(default_factory=dict)
     sensors: tuple[Sensor, ...] | None = None
 
@@ -147,7 +147,7 @@ class System:
             )
         if not callable(self.tuning):
             raise TypeError(
-                "tuning of a system must be a function of (name, composition), got"
+                "tuning of a system must be a function of (name, space), got"
                 f" {short_repr(self.tuning)}"
             )
 

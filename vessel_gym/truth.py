@@ -5,8 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vessel_gym.filter_models.build import Composition
-from vessel_gym.filter_models.exogenous import change_of, input_channels
+from vessel_gym.models.state_space import StateSpace
 from vessel_gym.sensors import columns
 from vessel_gym.state import Changes, State
 from vessel_gym.world import World
@@ -43,15 +42,15 @@ class TrueState(NamedTuple):
         return state
 
     @classmethod
-    def of(cls, world: World, composition: Composition) -> "TrueState":
+    def of(cls, world: World, space: StateSpace) -> "TrueState":
         """The true state of a world, with the places of a filter's states."""
-        disturbance, vehicle = world.forces.disturbance, world.forces.vehicle.state_names
-        waves = disturbance.assumed_as == "states" or len(composition.estimated) > 0
+        disturbance, vehicle = world.disturbance, world.vehicle.state_names
+        waves = disturbance.assumed_as == "states" or len(space.kept) > 0
         names = *vehicle, *(disturbance.names if waves else ()), *world.sensors.bias_names
-        names = *names, *composition.ended_names
-        estimated = [names.index(name) if name in names else -1 for name in composition.names]
+        names = *names, *space.last_names
+        estimated = [names.index(name) if name in names else -1 for name in space.names]
         slow = slice(0 if waves else world.size, None)
-        return cls(names, slow, len(names) == len(vehicle), estimated, composition.ended)
+        return cls(names, slow, len(names) == len(vehicle), estimated, [*space.last])
 
 
 class UnknownInput(NamedTuple):
@@ -77,13 +76,9 @@ class UnknownInput(NamedTuple):
     @classmethod
     def of(cls, world: World, names: tuple[str, ...]) -> "UnknownInput":
         """Places of the components of the unknown input, by their names."""
-        disturbance = world.forces.disturbance
-        new = (*disturbance.names, *world.sensors.bias_names)
-        new = (*disturbance.white_increments, *map(change_of, new))  # components of `noise`
-        vehicle = world.forces.vehicle
-        channels, increments = input_channels(vehicle)[: world.forces.size], vehicle.increments
+        channels, increments = world.space.channels, world.vehicle.increments
         arrays = {
-            "noise_before": new,
+            "noise_before": world.space.new_names,
             "exogenous_before": [name if name in increments else None for name in channels],
             "exogenous": [None if name in increments else name for name in channels],
         }  # fmt: skip

@@ -9,9 +9,9 @@ import numpy as np
 
 from estimators import RandomKeys
 from estimators.engine import Argument, SideBySide, TracedArray, by_entries, matrix, trace
-from vessel_gym.estimation import Estimation
 from vessel_gym.layout import Layout
 from vessel_gym.mission import Mission
+from vessel_gym.models.estimation import Estimation
 from vessel_gym.state import Changes, State
 from vessel_gym.truth import INFO, TrueState, UnknownInput, info_arrays
 from vessel_gym.world import World
@@ -120,7 +120,7 @@ class WholeStep:
 
     def __init__(self, world: World, estimation: Estimation, mission: Mission, info: bool) -> None:
         self._world, self._mission, self._filter = world, mission, estimation.filter
-        self._true_state = TrueState.of(world, estimation.composition)
+        self._true_state = TrueState.of(world, estimation.space)
         self._unknown_input = UnknownInput.of(world, estimation.inputs)
         self._info = INFO if info else ()
         self._read: Any = None

@@ -5,9 +5,8 @@ from typing import Any
 import numpy as np
 
 from vessel_gym.checks import is_compiled
-from vessel_gym.filter_models.exogenous import Forces
+from vessel_gym.models.state_space import StateSpace
 from vessel_gym.processes import advance, block_diagonal, product
-from vessel_gym.sensors import Sensors
 from vessel_gym.state import Changes, Stage, Stages, State
 
 
@@ -15,8 +14,7 @@ class World:
     """The true world: vehicle, disturbance and sensors.
 
     Args:
-        forces: Vehicle, and effect of the disturbance on it.
-        sensors: Sensors.
+        space: State space of the world.
 
     Attributes:
         begin: Stage that starts episodes.
@@ -26,20 +24,18 @@ class World:
         size: Number of components of the disturbance's state.
     """
 
-    def __init__(self, forces: Forces, sensors: Sensors) -> None:
-        vehicle, disturbance = forces.vehicle, forces.disturbance
-        self.vehicle: Any = vehicle
+    def __init__(self, space: StateSpace) -> None:
+        vehicle, disturbance, sensors = space.vehicle, space.disturbance, space.sensors
+        self.space, self.vehicle, self.sensors = space, vehicle, sensors
         self.disturbance: Any = disturbance
-        self.forces, self.sensors = forces, sensors
         processes = [disturbance.process]
         processes += [s.bias.process(sensors.dt) for s in sensors.each if s.bias is not None]
-        self.size, self.increments = disturbance.process.size, len(vehicle.increments)
+        self.size, self.white = disturbance.process.size, len(disturbance.white)
         readable = [float(name not in disturbance.averaged) for name in vehicle.ambient_flows]
         self.readable = np.array(readable)
         self.parts = np.array([process.normals for process in processes])
         self.parts[0] += disturbance.white.shape[-1]
         self.start_roots = [process.start_root for process in processes]
-        self.transition = block_diagonal(disturbance.process.transition, sensors.bias.transition)
         self.root = block_diagonal(disturbance.white, disturbance.process.root, sensors.bias.root)
         moves = is_compiled(vehicle) and is_compiled(disturbance)
         senses = sensors.reads_compiled
@@ -66,9 +62,10 @@ class World:
         after = self.vehicle.actuate(now.actuators, now.action)
         u = self.vehicle.known_input(now.actuators, after, now.commanded)
         state = self._moved(now, after)
-        slow, noise, linear = self._advanced(now, self.transition)
-        slow = self._met(slow, now.state, state)
-        exogenous = self._acting(now, slow, linear, state, after)
+        slow, noise = self._advanced(now, self.space.slow.transition)
+        z = self.disturbance.met(slow[..., : self.size], now.state, state)
+        slow = np.concatenate([z, slow[..., self.size :]], -1)
+        exogenous = self._acting(now, slow, noise, state, after)
         return {
             "actuators": after, "u": u, "state": state, "slow": slow, "noise": noise,
             "exogenous": exogenous,
@@ -79,16 +76,16 @@ class World:
         root = block_diagonal(*self.start_roots)
         slow = product(root, now.slow_normals, np.zeros((*now.steps.shape, len(root))))
         x = now.prior_mean + (now.prior_root * now.prior_normals[..., None, :]).sum(-1)
-        if self.forces.carried is not None:
-            x = product(self.forces.carried, slow, x)
+        if self.space.start_effect is not None:
+            x = product(self.space.start_effect, slow, x)
         state, actuators = self.vehicle.start(x)
         constants = now.constant_uniforms
         if self.disturbance.uniforms:
             constants = self.disturbance.draw(constants)
         quiet = np.zeros((*now.steps.shape, len(self.root)))
         now = now.but(episode_constants=constants, slow=slow, noise=quiet)
-        slow, noise, linear = self._advanced(now, np.eye(len(self.transition)))
-        exogenous = self._acting(now, slow, linear, state, actuators)
+        slow, noise = self._advanced(now, np.eye(self.space.slow.size))
+        exogenous = self._acting(now, slow, noise, state, actuators)
         u = self.vehicle.known_input(actuators, actuators, now.commanded)
         return {
             "actuators": actuators, "u": u, "state": state, "slow": slow, "noise": noise,
@@ -97,41 +94,29 @@ class World:
 
     def _moved(self, now: State, after: np.ndarray) -> np.ndarray:
         """State of the vehicle a step later."""
-        before, acting = now.actuators, now.exogenous
-        if self.forces.faulty:
-            offsets, _ = self.forces.of_actuators(acting)
-            before, after = before + offsets, after + offsets
-        outside = acting[..., : self.forces.outside]
-        return self.vehicle.step(now.state, before, after, outside, now.parameters)
+        before, outside = now.actuators, self.space.outside
+        if self.space.faulty:
+            faults = now.exogenous[..., outside:]
+            before, after = before + faults, after + faults
+        acting = now.exogenous[..., :outside]
+        return self.vehicle.step(now.state, before, after, acting, now.parameters)
 
     def _advanced(self, now: State, transition: np.ndarray) -> tuple[np.ndarray, ...]:
-        """States of disturbance and biases, noise, and the linear part of the exogenous input."""
-        return advance(
-            now.keys, now.steps, now.slow, now.noise, self.parts, self.root, transition,
-            self.forces.gains,
-        )  # fmt: skip
-
-    def _met(self, slow: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
-        """States of disturbance and biases, after the vehicle has moved through the disturbance."""
-        if not self.forces.meets:
-            return slow
-        z = self.disturbance.met(slow[..., : self.size], before, after)
-        return np.concatenate([z, slow[..., self.size :]], -1)
+        """States of disturbance and biases, and noise, without an effect of the vehicle."""
+        return advance(now.keys, now.steps, now.slow, now.noise, self.parts, self.root, transition)
 
     def _acting(
-        self, now: State, slow: np.ndarray, exogenous: np.ndarray, state: np.ndarray,
+        self, now: State, slow: np.ndarray, noise: np.ndarray, state: np.ndarray,
         actuators: np.ndarray,
     ) -> np.ndarray:  # fmt: skip
         """Exogenous input over the coming step: of white noise, the disturbance and the task."""
-        own, z, outside = self.disturbance, slow[..., : self.size], self.forces.outside
-        if not self.forces.constant:
+        own, z, outside = self.disturbance, slow[..., : self.size], self.space.outside
+        if own.uniforms:
             time = self.sensors.dt * now.steps
-            effect = (
-                own.effect_at(now.episode_constants, time, z, state)
-                if own.uniforms
-                else own.effect(z, state)
-            )
-            exogenous = self.forces.add(exogenous, effect, actuators)
+            effect = own.effect_at(now.episode_constants, time, z, state)
+        else:
+            effect = own.effect(z, state)
+        exogenous = self.space.exogenous(effect, actuators, noise[..., : self.white])
         if now.imposed is None:
             return exogenous
         within = exogenous[..., :outside] + now.imposed
@@ -143,10 +128,10 @@ class World:
         Sensors read the increments of the step that has ended, which the state includes, and the
         flows of the coming step; zeros stand for means over that step.
         """
-        flows = now.exogenous[..., self.increments : self.forces.outside]
+        flows = now.exogenous[..., self.space.flows]
         if not self.readable.all():
             flows = flows * self.readable
-        read = np.concatenate([now.exogenous_before[..., : self.increments], flows], -1)
+        read = np.concatenate([now.exogenous_before[..., : self.space.increments], flows], -1)
         biases = now.slow[..., self.size :]
         y, available = self.sensors.read(now.state, read, biases, now.steps, now.sensing)
         return {"y": y, "available": available}

@@ -45,7 +45,7 @@ def _environments() -> list[list[str]]:
 def _estimators(env_id: str) -> list[list[str]]:
     """Estimators that an environment can carry, and their variants."""
     from agents.studies.worlds import estimated_world, refusal
-    from vessel_gym.estimation import VARIANTS, estimator_names
+    from vessel_gym.models.estimation import VARIANTS, estimator_names
 
     default = estimated_world(env_id).estimator
     refused = {name: refusal(env_id, {"estimator": name}) for name in estimator_names()}

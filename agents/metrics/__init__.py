@@ -33,7 +33,7 @@ from agents.metrics.metric import (
 from agents.rollouts import Rollout
 from agents.statistics import Interval, crossed_interval, share_interval
 from agents.wrapped import Wrapped
-from vessel_gym.estimation import build, chosen_disturbance
+from vessel_gym.models.estimation import build, chosen_disturbance
 from vessel_gym.registry import Registry
 from vessel_gym.system import System
 
@@ -155,7 +155,7 @@ def mean(metric: Metric, values: np.ndarray) -> Interval | None:
 def _estimated(system: System | Wrapped) -> tuple[str, ...]:
     """Names of the components that filters estimate by default."""
     if isinstance(system, Wrapped):
-        return system.composition.names
+        return system.estimation.space.names
     world = system.sensors_of("nominal"), chosen_disturbance(system, "moderate")
     model = {"model": system.vehicle.kinds[0]}
-    return build(system, "dead-reckoning", model, *world).composition.names
+    return build(system, "dead-reckoning", model, *world).space.names

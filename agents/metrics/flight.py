@@ -37,13 +37,14 @@ def _clearance(rollout: Rollout) -> np.ndarray:
 def _energy(rollout: Rollout) -> np.ndarray | None:
     """Relative energy of the propeller ``(N,)``; None if the truth does not hold the wind."""
     config, h = rollout.config, rollout.history
-    forces, names = config.world.forces, config.true_state.names
+    space, names = config.world.space, config.true_state.names
     task, vehicle = config.system.task, config.system.vehicle
-    if not set(forces.disturbance.names) <= set(names):
+    if not set(space.disturbance.names) <= set(names):
         return None
-    z = h["truth"][..., [names.index(name) for name in forces.disturbance.names]]
+    z = h["truth"][..., [names.index(name) for name in space.disturbance.names]]
     state = h["truth"][..., : len(vehicle.state_names)]
-    wind = forces.on(z, state)[..., len(vehicle.increments) : forces.outside]
+    acting = space.exogenous(space.disturbance.effect(z, state), h["actuators"])
+    wind = acting[..., space.flows]
     power = h["actuators"][1:, :, 0] * airspeed(state, wind)[1:]
     work = power.sum(0, where=rollout.alive[1:]) * vehicle.dt
     return work / (task.body.cruise[0] * task.length_of(rollout.scenario))

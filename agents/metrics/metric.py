@@ -11,7 +11,7 @@ import numpy as np
 from agents.rollouts import Rollout
 from estimators import nees
 from estimators.angles import difference
-from vessel_gym.estimation import WITHOUT_COVARIANCE
+from vessel_gym.models.estimation import WITHOUT_COVARIANCE
 
 PerEpisode = Callable[[Rollout], np.ndarray | None]
 """One number of every episode of a rollout, ``(N,)``; NaN, or None for all, where there is none."""
@@ -128,11 +128,11 @@ def input_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def _input_rmse(rollout: Rollout) -> np.ndarray | None:
-    composition, found = rollout.config.composition, input_errors(rollout)
-    if found is None or not composition.inputs:
+    space, found = rollout.config.estimation.space, input_errors(rollout)
+    if found is None or not space.inputs:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):
-        error = found[0] / np.sqrt(np.diag(composition.forces.input_cov))
+        error = found[0] / np.sqrt(np.diag(space.input_cov))
     return rms(np.sqrt((error**2).mean(-1)), found[1])
 
 
@@ -157,7 +157,7 @@ SCORE, RETURN, STEPS, INPUT, NEES, UNHEALTHY = described(
 
 def components(rollout: Rollout, *names: str) -> tuple[int, ...]:
     """Indices of the components of the estimated state with these names."""
-    return tuple(i for i, name in enumerate(rollout.config.composition.names) if name in names)
+    return tuple(i for i, name in enumerate(rollout.config.estimation.space.names) if name in names)
 
 
 def rms(error: np.ndarray, mask: np.ndarray) -> np.ndarray:

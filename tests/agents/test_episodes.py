@@ -65,7 +65,7 @@ def test_a_page_holds_what_was_flown(flown: tuple[str, Episode]):
         assert [(each["label"], each["value"], each["unit"]) for each in flight["costs"]] == paid
         truth = pose(again.history["truth"][:, 0], core.config.true_state.names)
         np.testing.assert_allclose(unpacked(flight["true"]), truth, rtol=2e-7)
-        focus = [core.config.composition.names.index(key) for key in ("y", "x")]
+        focus = [core.config.estimation.space.names.index(key) for key in ("y", "x")]
         error = again.history["estimate"][:, 0, focus] - truth[:, [1, 0]]
         np.testing.assert_allclose(unpacked(flight["error"])[:, :2], error, rtol=1e-4, atol=1e-4)
         cov = again.history["covariance"][:, 0][:, focus][:, :, focus]

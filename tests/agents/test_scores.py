@@ -60,7 +60,7 @@ def changed(kept: Rollout, **history: np.ndarray) -> Rollout:
 def perfect(env_id: str) -> Rollout:
     """The flight, had the filter known everything."""
     h, core = flown(env_id).history, core_of(flown(env_id))
-    assert core.config.composition.names == ESTIMATED[env_id]
+    assert core.config.estimation.space.names == ESTIMATED[env_id]
     known = {
         "estimate": core.config.true_state.in_filter_order(h["truth"]),
         "input_estimate": h["unknown_input"].copy(),

@@ -17,7 +17,7 @@ import vessel_gym  # noqa: F401  (registers the environments)
 from vessel_gym.configuration import observed
 from vessel_gym.core import Core
 from vessel_gym.envs import VesselEnv, VesselVectorEnv
-from vessel_gym.estimation import estimator_names
+from vessel_gym.models.estimation import estimator_names
 from vessel_gym.sensors import SUITES, Sensors, SensorSuite
 from vessel_gym.state import State
 

@@ -2,11 +2,13 @@
 
 import numpy as np
 
-from estimators import Gaussian
+from estimators import Gaussian, Model
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.filter_models.build import Composition
+from vessel_gym.models.assumed import assumed_space
+from vessel_gym.models.linear import filter_model
+from vessel_gym.models.reference_filters import ZeroOrderHold
+from vessel_gym.models.state_space import StateSpace
 from vessel_gym.processes import Process
-from vessel_gym.reference_filters import ZeroOrderHold
 from vessel_gym.sensors import Sensors, SensorSuite
 from vessel_gym.system import Vehicle
 
@@ -41,8 +43,20 @@ class UnevenWater(Disturbance):
         self.process = Process.wandering(currents, 200.0, vehicle.dt)
 
 
+def assumed(
+    vehicle: Vehicle,
+    kind: str,
+    disturbance: Disturbance,
+    sensors: Sensors,
+    how: str | None = None,
+) -> tuple[StateSpace, Model]:
+    """A filter's state space, and its model."""
+    space = assumed_space(vehicle, kind, disturbance, sensors, how)
+    return space, filter_model(space)
+
+
 def without_a_filter(
-    composition: Composition,
+    assumed: tuple[StateSpace, Model],
     inputs: tuple[str, ...],
     measurements: np.ndarray,
     previous: np.ndarray | None = None,
@@ -51,19 +65,20 @@ def without_a_filter(
     """State ``(B, n)`` and unknown input ``(B, q)`` that the last measurements ``(B, p)`` give, held.
 
     Args:
-        composition: What is known of the world.
+        assumed: State space and model of a filter.
         inputs: Names of the unknown input.
         measurements: The last ones.
         previous: Those before; None: these are the first.
         steps: How many steps lie between the two.
     """
-    held = ZeroOrderHold(composition, inputs)
-    n = len(composition.names)
+    space, model = assumed
+    held = ZeroOrderHold(space, model, inputs)
+    n = len(space.names)
     belief = held.init(Gaussian(np.zeros((len(measurements), n)), np.eye(n)))
     if previous is not None:
-        belief = held.update(belief, previous, u=composition.vehicle.cruise[1])
+        belief = held.update(belief, previous, u=space.vehicle.cruise[1])
         for _ in range(steps):
-            belief = held.predict(belief, composition.vehicle.cruise[1])
-    belief = held.update(belief, measurements, u=composition.vehicle.cruise[1])
+            belief = held.predict(belief, space.vehicle.cruise[1])
+    belief = held.update(belief, measurements, u=space.vehicle.cruise[1])
     assert belief.input_mean is not None
     return belief.mean, belief.input_mean

@@ -16,7 +16,7 @@ from refusals import refusal
 
 from estimators.kalman import ExtendedKalmanFilter
 from vessel_gym.configuration import OBSERVE
-from vessel_gym.estimation import estimator_names
+from vessel_gym.models.estimation import estimator_names
 from vessel_gym.sensors import SUITE_NAMES
 
 SHIP, AUV = "SigmaCorvette-v0", "SegorogeniAUV-v0"

@@ -183,7 +183,7 @@ def test_white_increments_that_sensors_show_are_estimated_consistently(assumed: 
         if assumed in ("unknown-input", "white-input"):
             mean, var = belief.input_mean[:, 0], belief.input_cov[:, 0, 0]
         else:
-            assert core.config.composition.names[-1] == "last yaw increment"
+            assert core.config.estimation.space.names[-1] == "last yaw increment"
             mean, var = belief.mean[:, -1], belief.cov[:, -1, -1]
         if k >= 20:
             found.append((mean - core.config.unknown_input.values(core.now)[:, 0]) ** 2 / var)

@@ -403,11 +403,11 @@ def test_info_holds_the_truth_that_the_environment_holds(env_id: str):
     config, now = single.unwrapped.core.config, single.unwrapped.core.now
     assert single.unwrapped.truth.shape == (len(config.true_state.names),)
     column = dict(zip(config.true_state.names, info["truth"], strict=True))
-    slow = *config.world.forces.disturbance.names, *config.sensors.bias_names
+    slow = *config.world.disturbance.names, *config.sensors.bias_names
     for names, values in ((config.system.vehicle.state_names, now.state), (slow, now.slow)):
         for name, value in zip(names, values[0], strict=True):
             assert column.get(name, value) == value, name
-    disturbance = config.world.forces.disturbance
+    disturbance = config.world.disturbance
     assert {*config.system.vehicle.state_names, *config.sensors.bias_names} <= column.keys()
     assert disturbance.assumed_as != "states" or {*disturbance.names} <= column.keys()
 

@@ -8,7 +8,7 @@ import pytest
 from manoeuvres import DEG, initial_turning, overshoots, rates_of, sailed, turning_circle
 from scipy.integrate import quad
 from scipy.linalg import expm
-from sensing import sensors_of, without_a_filter
+from sensing import assumed, sensors_of, without_a_filter
 from stepping import corvette_step
 
 from estimators import LinearModel, wrap, zero_order_hold
@@ -16,7 +16,6 @@ from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.envs import ThesisCorvetteEnv
 from vessel_gym.envs.thesis_corvette import UnknownStep
-from vessel_gym.filter_models.build import compose
 from vessel_gym.vehicles.corvette import (
     linear_matrices,
     secant_models,
@@ -120,7 +119,7 @@ def test_equations_linearise_to_clarke_with_rudder_inflow():
 
 def filter_model(kind: str, noise: float = 1.0) -> LinearModel:
     """The model that filters have of the thesis' ship."""
-    return compose(VEHICLE, kind, UnknownStep(), sensors_of(VEHICLE, noise)).model
+    return assumed(VEHICLE, kind, UnknownStep(), sensors_of(VEHICLE, noise))[1]
 
 
 # --- the compiled equations -----------------------------------------------------------------------
@@ -447,7 +446,7 @@ def test_the_nonlinear_model_is_the_ship_with_its_rudder_held():
     rng = np.random.default_rng(7)
     states, controls = random_motions(rng, 6)
     sensors = sensors_of(AT_SEA)
-    model = compose(AT_SEA, "nonlinear", Disturbance(), sensors).model
+    _, model = assumed(AT_SEA, "nonlinear", Disturbance(), sensors)
     states[:, 6:] = 0.0  # upright
     x, u = states[:, :6], np.stack([controls[:, 0], *np.zeros((3, 6))], -1)
     after = corvette_step(states, controls[:, [0, 0]], np.zeros(len(AROUND)), SHIP.vector(), 0.5, 1)
@@ -552,8 +551,8 @@ def seen_by_filters(state: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("kind", VEHICLE.kinds)
 def test_the_thesis_filters_estimate_sway_yaw_rate_and_heading(kind):
-    composed = compose(VEHICLE, kind, UnknownStep(), sensors_of(VEHICLE))
-    assert composed.names == VEHICLE.estimated(kind) == ("v", "r", "psi")
+    space, _ = assumed(VEHICLE, kind, UnknownStep(), sensors_of(VEHICLE))
+    assert space.names == VEHICLE.estimated(kind) == ("v", "r", "psi")
     core = Core(ThesisCorvetteEnv.system, 3, "kf", {"model": kind}, sensors="clean")
     core.start(seed=1)
     core.step(np.ones((3, 1)))
@@ -587,7 +586,7 @@ def test_unknown_input_enters_the_thesis_filter_not_the_ship():
 
 
 def test_yaw_rate_from_two_headings_across_the_cut():
-    told = compose(VEHICLE, "corrected", UnknownStep(), sensors_of(VEHICLE))
+    told = assumed(VEHICLE, "corrected", UnknownStep(), sensors_of(VEHICLE))
     measurements, previous = (
         np.array([[-3.1, 0.01], [0.3, 0.02]]),
         np.array([[3.1, 0.0], [0.2, 0.0]]),

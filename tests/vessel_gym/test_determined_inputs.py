@@ -1,6 +1,5 @@
 """Which filters of an unknown input an environment accepts, and what it says of the others."""
 
-from dataclasses import dataclass, fields
 from itertools import product
 from typing import Any
 
@@ -9,21 +8,13 @@ import pytest
 
 from estimators import make
 from tests.vessel_gym.contract import make_core
-from vessel_gym.disturbances import Air, Fault
+from vessel_gym.disturbances import Fault
 from vessel_gym.envs import PunaUAVEnv, SegorogeniAUVEnv, SigmaCorvetteEnv
 from vessel_gym.envs.auv import PLANE_WATERS, WATERS
-from vessel_gym.input_conditions import VAGUEST, nominal_flight
+from vessel_gym.models.input_conditions import VAGUEST, nominal_flight
 
 AUV, PLANE, AIRCRAFT, SHIP = "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0", "SigmaCorvette-v0"
 AIR = PunaUAVEnv.system.disturbances["moderate"]
-
-
-@dataclass(frozen=True)
-class Front(Air):
-    """Air whose mean wind changes in ways that are unknown."""
-
-    assumed_as = "unknown-input"
-    inputs = ("change of mean wind north", "change of mean wind east")
 
 
 def only(*names: str) -> list[Any]:
@@ -33,7 +24,8 @@ def only(*names: str) -> list[Any]:
 
 REFUSED: dict[str, tuple[str, str, dict[str, Any], str]] = {
     "too many inputs": (
-        AIRCRAFT, "ekf-ui-wdf", {"disturbance": Front(**{f.name: getattr(AIR, f.name) for f in fields(AIR)})},
+        AIRCRAFT, "ekf-ui-wdf",
+        {"disturbance": Fault("bank", beside=Fault("thrust", beside=AIR)), "sensors": only("barometer", "GNSS")},
         "the measurements of every step determine 1 of its 2 directions",
     ),
     "seen weakly": (

@@ -13,10 +13,11 @@ from heading_ship import SEAS
 from scipy.integrate import quad
 from scipy.linalg import block_diag, expm
 from scipy.stats import chi2
+from sensing import sensors_of
 
 from vessel_gym.disturbances import Air, Disturbance, Fault, Sea, SurfaceWater, Water
 from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem
-from vessel_gym.filter_models.exogenous import Forces
+from vessel_gym.models.state_space import StateSpace
 from vessel_gym.sensors.sensor import Bias
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.ship import Ship
@@ -33,7 +34,8 @@ def transition_and_noise(disturbance: Disturbance) -> tuple[np.ndarray, np.ndarr
 
 def yaw_increment_var(sea: Sea) -> float:
     """Stationary variance of the yaw increment that a sea gives a ship in a step."""
-    return Forces(Ship(dt=sea.dt), sea).increment_cov.item()
+    ship = Ship(dt=sea.dt)
+    return StateSpace.of_world(ship, sea, sensors_of(ship)).cov[0, 0]
 
 
 def assert_variance(samples: np.ndarray, variance: float):
@@ -276,8 +278,8 @@ def test_noise_of_a_step_is_white_with_its_covariance(env_id: str):
         core.step(np.zeros((rows, core.config.action_size)))
         noise.append(core.now.noise.copy())
     white, process, bias = (
-        core.config.world.forces.disturbance.white,
-        core.config.world.forces.disturbance.process,
+        core.config.world.disturbance.white,
+        core.config.world.disturbance.process,
         core.config.sensors.bias,
     )
     cov = block_diagonal(white @ white.T, process.root @ process.root.T, bias.root @ bias.root.T)
@@ -302,7 +304,7 @@ def test_noise_of_a_step_is_white_with_its_covariance(env_id: str):
 def test_disturbance_is_stationary_from_the_first_step(env_id: str):
     core = make_core(env_id, 2000, seed=12, estimator="truth", disturbance="rough")
     core.reset()
-    process = core.config.world.forces.disturbance.process
+    process = core.config.world.disturbance.process
     for step in range(31):
         if step in (0, 1, 30):
             for component, variance in zip(
@@ -320,7 +322,7 @@ def test_exogenous_input_is_effect_and_white_increments(env_id: str):
     core = make_core(env_id, 3, seed=13, estimator="truth", disturbance="rough")
     core.reset()
     disturbance, names = (
-        core.config.world.forces.disturbance,
+        core.config.world.disturbance,
         core.config.system.vehicle.increments + core.config.system.vehicle.ambient_flows,
     )
     dt = core.config.system.vehicle.dt

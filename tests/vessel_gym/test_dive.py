@@ -13,10 +13,9 @@ from scipy.spatial.transform import Rotation
 from estimators import Gaussian
 from vessel_gym.core import Core
 from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv
-from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.guidance.dive_path import arc_to, path_point
+from vessel_gym.models.state_space import StateSpace
 from vessel_gym.sensors import SUITES, Sensors
-from vessel_gym.start import joint_prior
 from vessel_gym.system import Estimate, System
 from vessel_gym.tasks.dive import Dive, SpatialDive, VerticalDive
 
@@ -170,7 +169,8 @@ def test_prior_is_level_at_path_start_at_cruising_speed(system: System):
     np.testing.assert_array_equal(prior.mean, state(task, np.zeros((3, 3))))
     assert prior.cov.shape == (n, n)
     for water in system.disturbances.values():
-        cov = joint_prior(prior.cov, Forces(system.vehicle, water), sensors_of(system))
+        space = StateSpace.of_world(system.vehicle, water, sensors_of(system))
+        cov = space.joint_prior(prior.cov)
         assert (
             np.linalg.eigvalsh(cov[: n + ambient_flows(task), : n + ambient_flows(task)]).min()
             > 0.0
@@ -305,9 +305,7 @@ def test_observed_standard_deviations_are_one_at_the_start(system: System):
         core.reset()
         known = Gaussian(
             core.now.belief.mean,
-            joint_prior(
-                task.prior(core.now.scenario).cov, core.config.world.forces, core.config.sensors
-            ),
+            core.config.world.space.joint_prior(task.prior(core.now.scenario).cov),
         )
         core.now.belief = core.config.estimation.filter.init(known)
         core.now.belief = core.now.belief.replace(cov=factor * core.now.belief.cov)

@@ -7,11 +7,11 @@ import pytest
 from contract import make_core
 from heading_ship import HEADING_SHIP
 from scipy.stats import t as student
+from sensing import assumed
 
 from agents import load_agent
 from estimators import Gaussian, LinearModel, chi_square_band, make, nees, wrap
 from vessel_gym.core import Core
-from vessel_gym.filter_models.build import compose
 from vessel_gym.processes import root_of
 
 SEEDS = 64
@@ -175,9 +175,9 @@ def linear_truth(
 def consistency(estimator: str, disturbance: str | None, seed: int = 3) -> np.ndarray:
     """NEES ``(T, M)``: one value a time and run; for kf-umv-ui of the state, and of state and input together."""
     sensors = make_core(HEADING_SHIP.name, 1).config.sensors
-    model = compose(
+    _, model = assumed(
         HEADING_SHIP.vehicle, "corrected", HEADING_SHIP.disturbances["calm"], sensors
-    ).model
+    )
     u = np.array([0.15, 0.02])  # rudder and commanded yaw rate of a turn
     prior = Gaussian(np.array([0.0, 0.0, 0.5]), np.diag([0.2, 0.002, 0.03]) ** 2)
     states, _, measurements = linear_truth(model, u, disturbance, seed, prior)

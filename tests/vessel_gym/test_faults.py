@@ -127,8 +127,8 @@ def test_effect_of_fault_is_G_times_it_to_first_order(env_id: str):
     told = faulty(env_id, *SEEN[env_id])
     core = make_core(env_id, 5, seed=4, disturbance=told, estimator="ekf-ui-wdf")
     core.reset()
-    model, vehicle = core.config.composition.model, core.config.system.vehicle
-    base = core.config.composition.base
+    model, vehicle = core.config.estimation.filter.model, core.config.system.vehicle
+    base = len(core.config.estimation.space.own)
     for step in moved(core, 5):
         x, u = core.now.belief.mean, vehicle.known_input(step["before"], step["after"], None)
         G = model.input_matrix(x, u)
@@ -138,7 +138,7 @@ def test_effect_of_fault_is_G_times_it_to_first_order(env_id: str):
         for size in (0.04, 0.02):
             offset = np.zeros((5, len(step["before"][0])))
             offset[:, [ACTUATORS[env_id].index(name) for name in SEEN[env_id]]] = size
-            there = model.transition(x, vehicle.faulty(u, offset, np.zeros(offset.shape)))  # type: ignore[attr-defined]
+            there = model.transition(x, vehicle.faulty(u, offset))  # type: ignore[attr-defined]
             did = there - model.transition(x, u)
             errors.append(np.abs(did - size * G.sum(-1)).max())
             assert errors[-1] < 0.03 * np.abs(did).max()
@@ -148,15 +148,18 @@ def test_effect_of_fault_is_G_times_it_to_first_order(env_id: str):
 @every_vehicle
 def test_fault_as_unknown_input_leaves_model_as_without(env_id: str):
     fault = faulty(env_id, *SEEN[env_id], bias=0.1, amplitude=0.1, start=0.1, loss=0.5)
-    told = make_core(env_id, 1, disturbance=fault, estimator="ekf-ui-wdf").config.composition
-    sound = make_core(env_id, 1, disturbance=BESIDE[env_id], estimator="ekf").config.composition
-    assert told.names == sound.names
-    x, u = np.ones((2, len(sound.names))), np.tile(told.vehicle.cruise[1], (2, 1))
-    np.testing.assert_array_equal(told.model.transition(x, u), sound.model.transition(x, u))
-    np.testing.assert_array_equal(told.model.measurement(x, u), sound.model.measurement(x, u))
-    np.testing.assert_array_equal(told.model.Q, sound.model.Q)
-    assert not np.any(told.model.H)
-    np.testing.assert_allclose(np.sqrt(np.diag(told.forces.input_cov)), 5.0 * DEG)
+    faulty_one, sound_one = (
+        make_core(env_id, 1, disturbance=disturbance, estimator=estimator).config.estimation
+        for disturbance, estimator in ((fault, "ekf-ui-wdf"), (BESIDE[env_id], "ekf"))
+    )
+    assert faulty_one.space.names == sound_one.space.names
+    model, sound = faulty_one.filter.model, sound_one.filter.model
+    x, u = np.ones((2, sound.n)), np.tile(faulty_one.space.vehicle.cruise[1], (2, 1))
+    np.testing.assert_array_equal(model.transition(x, u), sound.transition(x, u))
+    np.testing.assert_array_equal(model.measurement(x, u), sound.measurement(x, u))
+    np.testing.assert_array_equal(model.Q, sound.Q)
+    assert not np.any(model.H)
+    np.testing.assert_allclose(np.sqrt(np.diag(faulty_one.space.input_cov)), 5.0 * DEG)
 
 
 @every_vehicle
@@ -174,7 +177,7 @@ def test_fault_assumed_as_random_walk_is_found(env_id: str):
     }
     core = make_core(env_id, 20, seed=5, estimator_options=walk, **options)
     core.reset()
-    at = core.config.composition.names.index(f"{actuator} offset")
+    at = core.config.estimation.space.names.index(f"{actuator} offset")
     moved(core, 60)
     error = (core.now.belief.mean[:, at] - 5.0 * DEG) / np.sqrt(core.now.belief.cov[:, at, at])
     assert np.abs(error).max() < 4.5

@@ -7,10 +7,9 @@ import pytest
 from contract import make_core
 
 from vessel_gym.envs import PunaUAVEnv
-from vessel_gym.filter_models.exogenous import Forces
 from vessel_gym.guidance.dubins import Path, approach, lengths, plan, shortest
 from vessel_gym.guidance.path_following import ANYWHERE, LEAD, locate
-from vessel_gym.start import joint_prior
+from vessel_gym.models.state_space import StateSpace
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.flight import END_REASONS, OBSTACLES, SEGMENTS, Flight
 from vessel_gym.vehicles.puna import STATE, airspeed
@@ -265,7 +264,8 @@ def test_the_prior_flies_along_the_path_through_an_unknown_wind():
     scenario = scenarios(4)
     prior = TASK.prior(scenario)
     sensors = make_core("PunaUAV-v0", 1).config.sensors
-    cov = joint_prior(prior.cov, Forces(PunaUAVEnv.system.vehicle, AIR), sensors)
+    space = StateSpace.of_world(PunaUAVEnv.system.vehicle, AIR, sensors)
+    cov = space.joint_prior(prior.cov)
     assert cov.shape == (16, 16)
     assert np.linalg.eigvalsh(cov).min() > 0.0
     x = np.random.default_rng(0).standard_normal((20_000, 16)) @ np.linalg.cholesky(cov).T

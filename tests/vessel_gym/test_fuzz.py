@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as npst
 
 from vessel_gym.core import Core
 from vessel_gym.envs import VesselEnv
-from vessel_gym.estimation import estimator_names
+from vessel_gym.models.estimation import estimator_names
 from vessel_gym.sensors import SUITES
 
 EXTREME = st.sampled_from(

@@ -9,14 +9,13 @@ from energies import energy_in_the_plane as energy
 from energies import inertia as inertia_in_space
 from energies import inertia_in_the_plane as inertia
 from scipy.optimize import root
-from sensing import UnevenWater, exogenous, sensors_of
+from sensing import UnevenWater, assumed, exogenous, sensors_of
 from stepping import itsunusa_step
 from vehicle_cases import AUVS
 
 from agents import rollout
 from vessel_gym.disturbances import Fault
 from vessel_gym.envs.auv import PLANE_WATERS as WATERS
-from vessel_gym.filter_models.build import compose
 from vessel_gym.vehicles.auv import UNCERTAIN, VERTICAL
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.itsunusa import Itsunusa, itsunusa_rates
@@ -208,7 +207,7 @@ def test_mismatch_is_that_of_six_degrees_of_freedom():
 
 def test_linear_model_is_first_order_about_each_steady_dive():
     fault = Fault("stern plane", beside=WATER)
-    bent, straight = (compose(VEHICLE, kind, fault, SENSORS).model for kind in VEHICLE.kinds)
+    bent, straight = (assumed(VEHICLE, kind, fault, SENSORS)[1] for kind in VEHICLE.kinds)
     trims = VEHICLE.linear("steady dives")
     x = np.hstack([trims.x, np.zeros((len(trims.x), 1))])
     angle = x[:, 5] - np.arctan2(x[:, 1], x[:, 0])
@@ -242,7 +241,7 @@ def test_linear_model_is_first_order_about_each_steady_dive():
 
 @pytest.mark.parametrize("angle", [-0.5, -0.1, 0.004, 0.3])
 def test_linear_model_follows_the_commanded_path_angle(angle: float):
-    model = compose(VEHICLE, "steady dives", WATER, SENSORS).model
+    _, model = assumed(VEHICLE, "steady dives", WATER, SENSORS)
     trims, (x, u) = VEHICLE.linear("steady dives"), VEHICLE.cruise
     u = np.concatenate([u[:4], [angle, 1.0]])
     nearest = np.abs(trims.u[:, 4] - angle).argmin()

@@ -15,7 +15,7 @@ from contract import MANUALS, OURS, single_class, sizes_by_mode, vector_class
 
 import vessel_gym
 from vessel_gym.configuration import OBSERVE
-from vessel_gym.estimation import estimator_names
+from vessel_gym.models.estimation import estimator_names
 from vessel_gym.sensors import SUITE_NAMES
 
 ROOT = Path(__file__).parents[2]
@@ -140,7 +140,9 @@ def test_the_docstring_of_an_environment_is_its_manual(env_id: str):
     core = cls().core
     system, bound = cls.system, core.config.system.task.BOUND
     sizes = sizes_by_mode(
-        core.config.system.task.sizes(core.config.sensors.size, len(core.config.composition.names))
+        core.config.system.task.sizes(
+            core.config.sensors.size, len(core.config.estimation.space.names)
+        )
     )
     names = [
         *system.disturbances,

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sensing import exogenous, sensors_of, without_a_filter
+from sensing import assumed, exogenous, sensors_of, without_a_filter
 from stepping import puna_step
 
-from estimators import wrap
+from estimators import Model, wrap
 from studies.papers.puna.model import PlanarPuna, planar_derivative
 from vessel_gym.disturbances import Air
-from vessel_gym.filter_models.build import Composition, compose
+from vessel_gym.models.state_space import StateSpace
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, PointMass
 from vessel_gym.vehicles.puna import STATE, Puna, airspeed, puna_rates, trim
@@ -393,9 +393,9 @@ def test_published_missile_cannot_fly_at_20_m_s():
 # --- the vehicle in an environment ----------------------------------------------------------------
 
 
-def told(noise: float = 1.0, how: str | None = None, air: Air = AIR) -> Composition:
+def told(noise: float = 1.0, how: str | None = None, air: Air = AIR) -> tuple[StateSpace, Model]:
     """What filters are told of the aircraft in an air, with so many times the sensors' nominal noise."""
-    return compose(VEHICLE, "nonlinear", air, sensors_of(VEHICLE, noise), how)
+    return assumed(VEHICLE, "nonlinear", air, sensors_of(VEHICLE, noise), how)
 
 
 AROUND = (
@@ -501,7 +501,7 @@ def test_exact_measurements_give_the_state_in_along_wind():
     measurements = SENSORS.exact(own, exogenous(VEHICLE, states[:, 7:]))
     whole = np.hstack([own, states[:, 7:9], np.zeros((20, 7))])  # the wind is taken for a mean one
     known = SENSORS.states_from(measurements)
-    given = [known.get(name, np.zeros(20)) for name in told().names]
+    given = [known.get(name, np.zeros(20)) for name in told()[0].names]
     np.testing.assert_allclose(np.stack(given, -1), whole, rtol=0, atol=1e-10)
     x, d = without_a_filter(told(), VEHICLE.increments, measurements)
     np.testing.assert_allclose(x, whole, rtol=0, atol=1e-10)

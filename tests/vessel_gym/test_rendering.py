@@ -61,7 +61,7 @@ def picture(core, *moments):
     for truth, belief in moments or [(None, None)]:
         core.now.state = put(state, core.config.system.vehicle.state_names, truth)
         core.now.belief = core.now.belief.replace(
-            mean=put(mean, core.config.composition.names, belief)
+            mean=put(mean, core.config.estimation.space.names, belief)
         )
         renderer.record()
     core.now.state, core.now.belief = state, core.now.belief.replace(mean=mean)

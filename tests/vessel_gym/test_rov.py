@@ -235,6 +235,6 @@ def test_a_filter_follows_the_vehicle_head_over_heels(recipe: str):
 def test_the_filter_of_the_recipe_runs_compiled(recipe: str):
     env = gym.make(recipe)
     env.reset(seed=0)
-    model = env.unwrapped.core.config.composition.model
+    model = env.unwrapped.core.config.estimation.filter.model
     assert is_compiled(model.transition)
     assert is_compiled(model.measurement)

@@ -505,10 +505,10 @@ def test_nomotos_figures_lie_by_those_of_a_frigate_of_her_size():
 
 def test_filters_assume_a_sea_without_direction():
     core = Core(CORVETTE, 2)
-    composition = core.config.composition
-    assert composition.inputs == ("yaw increment",)
-    assert composition.names == ("x", "y", "psi", "u", "v", "r", "current north", "current east")
-    assert composition.forces.disturbance == MODERATE.believed
+    space = core.config.estimation.space
+    assert space.inputs == ("yaw increment",)
+    assert space.names == ("x", "y", "psi", "u", "v", "r", "current north", "current east")
+    assert space.disturbance == MODERATE.believed
     psi = np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False)
     rms = np.sqrt((MODERATE.yaw_rate(psi, 0.8 * SHIP.speed) ** 2).mean())
-    assert np.sqrt(composition.forces.increment_cov[0, 0]) == pytest.approx(0.5 * rms, rel=0.05)
+    assert np.sqrt(space.cov[0, 0]) == pytest.approx(0.5 * rms, rel=0.05)

@@ -314,7 +314,7 @@ def test_budget_sensors_err_slowly_and_filters_know_it(env_id: str):
     assert all(sensor.bias is not None and any(sensor.bias.start) for sensor in sensors.each)
     assert sensors.faults == ()
     core = make_core(env_id, 1, estimator="dead-reckoning", sensors="budget")
-    assert core.config.composition.names[-len(sensors.bias_names) :] == sensors.bias_names
+    assert core.config.estimation.space.names[-len(sensors.bias_names) :] == sensors.bias_names
 
 
 def test_rates_and_latencies_of_grade_fall_on_steps(tmp_path: Path):

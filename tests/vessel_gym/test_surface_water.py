@@ -73,7 +73,7 @@ def test_a_filter_has_the_waves_as_states(name):
     water = above(name)
     core = Core(SYSTEMS[name], 4, disturbance=water)
     core.start(0)
-    slow = core.config.composition.names[: -core.config.sensors.bias.size or None]
+    slow = core.config.estimation.space.names[: -core.config.sensors.bias.size or None]
     assert slow[-8:] == water.modelled.names[-8:]
     for _ in range(30):
         core.step(np.zeros((4, core.config.action_size)))

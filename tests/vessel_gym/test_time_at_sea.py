@@ -27,7 +27,7 @@ from scipy.stats import chi2
 from test_autoreset import assert_same_in_every_mode
 
 from vessel_gym.core import Core
-from vessel_gym.estimation import LATE
+from vessel_gym.models.estimation import LATE
 from vessel_gym.sensor_faults import KINDS, SensorFault
 from vessel_gym.sensors import LONGEST, SUITES, Sensor, Sensors, plain
 from vessel_gym.state import State
@@ -345,7 +345,7 @@ def test_raw_measurements_show_what_has_come():
     observation, info = env.reset(seed=0)
     core, p = env.unwrapped.core, env.unwrapped.core.config.sensors.size
     assert not info["available"].any()
-    guided = core.config.system.task.sizes(p, len(core.config.composition.names))["guided"]
+    guided = core.config.system.task.sizes(p, len(core.config.estimation.space.names))["guided"]
     for step in range(1, 12):
         observation, _, _, _, info = env.step(np.zeros(3, np.float32))
         seen = observation[guided + p : guided + 2 * p]

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from scipy.optimize import root
+from sensing import assumed
 
 from estimators import Belief, Gaussian, make
 from vessel_gym.envs.thesis_corvette import UnknownStep
-from vessel_gym.filter_models.build import compose
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.turning_circle import TurningCircle
@@ -37,7 +37,7 @@ SENSORS = Sensors(
 
 
 def started(rows: int, estimator: str = "kf-umv-ui") -> Belief:
-    kf = make(estimator, compose(VEHICLE, "corrected", UnknownStep(), SENSORS).model)
+    kf = make(estimator, assumed(VEHICLE, "corrected", UnknownStep(), SENSORS)[1])
     n = kf.model.n
     prior = TASK.prior(scenarios(rows))
     return kf.init(Gaussian(prior.mean[:, :n], prior.cov[:n, :n]))

@@ -16,8 +16,8 @@ from contract import CARRIED, FEW_MEMBERS, make_core, random_walk, single_class
 
 from estimators import Belief, Gaussian, models, wrap
 from vessel_gym.core import Core
-from vessel_gym.estimation import ENVIRONMENT_ONLY, Estimation, build
-from vessel_gym.reference_filters import HeldBelief, Oracle, ZeroOrderHold
+from vessel_gym.models.estimation import ENVIRONMENT_ONLY, Estimation, build
+from vessel_gym.models.reference_filters import HeldBelief, Oracle, ZeroOrderHold
 from vessel_gym.start import filter_prior
 
 FAR = {"x": 6e5, "y": -5e6, "north [m]": 6e5, "east [m]": -5e6}
@@ -64,7 +64,7 @@ class Axes(NamedTuple):
 def names(core: Core) -> tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
     """Components of the widest state that filters have, of the unknown input and of the measurements."""
     return (
-        core.config.composition.names,
+        core.config.estimation.space.names,
         core.config.estimation.inputs,
         core.config.sensors.channels,
     )
@@ -88,7 +88,7 @@ def elsewhere(core: Core) -> Axes:
 def estimation(core: Core, name: str, options: dict[str, object] | None) -> Estimation:
     """An estimator of the core's system, told what there is."""
     return build(
-        core.config.system, name, options, core.config.sensors, core.config.world.forces.disturbance
+        core.config.system, name, options, core.config.sensors, core.config.world.disturbance
     )
 
 
@@ -110,7 +110,7 @@ def episode(env_id: str) -> Episode:
     core.reset(options=NORTH.get(env_id))
     vehicle, task = core.config.system.vehicle, core.config.system.task
     state, _, channels = names(core)
-    prior = filter_prior(task.prior(core.now.scenario), core.config.composition)
+    prior = filter_prior(task.prior(core.now.scenario), core.config.estimation.space)
     north = -prior.mean[:, state.index("psi")] if env_id == "ThesisCorvette-v0" else np.zeros(ROWS)
     of_state, of_measurements = (
         np.multiply.outer(north, np.isin(part, HEADINGS)) for part in (state, channels)
@@ -148,8 +148,8 @@ def seen_from(told: Episode, axes: Axes, turns: int = 0) -> Episode:
 def track(name: str, told: Episode) -> list[Belief]:
     """What an estimator believes after every measurement, as an environment asks it."""
     built = estimation(told.core, name, FEW_MEMBERS.get(name))
-    filter, n, rng = built.filter, len(built.composition.names), np.random.default_rng(3)
-    assert built.composition.names == names(told.core)[0][:n]
+    filter, n, rng = built.filter, len(built.space.names), np.random.default_rng(3)
+    assert built.space.names == names(told.core)[0][:n]
     belief, beliefs = (
         filter.init(Gaussian(told.prior.mean[:, :n], told.prior.cov[:n, :n]), rng=rng),
         [],
@@ -189,12 +189,9 @@ def apart(told: Episode, axes: Axes, one: list[Belief], other: list[Belief]) -> 
             scale = told.d.std((0, 1)) + 1e-3
             found.append((b.input_mean - written(a.input_mean, axes.d)) / scale)
         if isinstance(a, HeldBelief):
-            for key in ("held", "previous"):
-                found.append(
-                    short(getattr(b, key) - written(getattr(a, key), axes.y), angles[2])
-                    / told.core.config.sensors.sd
-                )
-            np.testing.assert_array_equal(b.interval, a.interval)
+            sd, dt = told.core.config.sensors.sd, told.core.config.system.vehicle.dt
+            found.append(short(b.held - written(a.held, axes.y), angles[2]) / sd)
+            found.append((b.slope - axes.y[0] * a.slope) * dt / sd)
         worst = max(worst, *(float(np.abs(part).max()) for part in found))
         np.testing.assert_array_equal(b.healthy, a.healthy)
     return worst

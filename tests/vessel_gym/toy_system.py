@@ -83,5 +83,5 @@ def spread(y: Any) -> Any:
 POD = Sensor("pod", ("airspeed [m/s]",), read, spread)
 SYSTEM = System(
     "Cart-v0", Cart(), Post(), {"moderate": Breeze(), "calm": Disturbance()}, "ekf", "nonlinear",
-    lambda name, composition: {}, sensors=(*Cart.sensors, POD),
+    lambda name, space: {}, sensors=(*Cart.sensors, POD),
 )  # fmt: skip

@@ -7,11 +7,12 @@ import energies
 import numpy as np
 from energies import DRAG
 from scipy.integrate import solve_ivp
-from sensing import UnevenWater, sensors_of
+from sensing import UnevenWater, assumed, sensors_of
 from stepping import step
 
+from estimators import Model
 from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv
-from vessel_gym.filter_models.build import Composition, compose
+from vessel_gym.models.state_space import StateSpace
 from vessel_gym.system import System
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.hydrodynamics import Coefficients
@@ -176,10 +177,10 @@ class AUV:
             + weights["righting_moment"] * tilt
         )
 
-    def composed(self, noise: float = 1.0, how: str | None = None) -> Composition:
-        """The filters' model in that water, with so many times the sensors' nominal noise."""
+    def composed(self, noise: float = 1.0, how: str | None = None) -> tuple[StateSpace, Model]:
+        """State space and model of filters in that water, with so many times the sensors' nominal noise."""
         water = UnevenWater(self.vehicle, self.increments, self.currents)
-        return compose(self.vehicle, "nonlinear", water, sensors_of(self.vehicle, noise), how)
+        return assumed(self.vehicle, "nonlinear", water, sensors_of(self.vehicle, noise), how)
 
 
 AUVS = {

@@ -27,11 +27,9 @@ class Disturbance:
         white_increments: Increments of the vehicle that are white noise.
         white: Root ``(len(white_increments), m)`` of the covariance of ``white_increments``.
         assumed_as: Default way in which filters model the disturbance, see
-            `vessel_gym.filter_models.build.ASSUMED`.
+            `vessel_gym.models.assumed.ASSUMED`.
         inputs: Components of the unknown input d, where filters assume one: names from ``forces``
-            or ``white_increments``, or ``"change of NAME"`` for the change of a component of
-            ``names`` in a step. None: all names in ``forces``
-            and ``white_increments`` that are increments of the vehicle.
+            or ``white_increments``. None: all of these that are increments of the vehicle.
         input_sd: Standard deviations of d that filters assume where no measurement shows d. None:
             derived from `process` and ``white``.
         scale: An agent that observes standard deviations receives those of z divided by these
@@ -60,6 +58,7 @@ class Disturbance:
     modelled: "Disturbance | None" = None
     uniforms: int = 0
 
+    @compiled
     def met(self, z: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
         """State z ``(..., k)`` after the vehicle moved from ``before`` to ``after``; default: z."""
         return z

@@ -13,7 +13,7 @@ from estimators.factory import unknown
 from vessel_gym.checks import one_of
 from vessel_gym.configuration import Options
 from vessel_gym.core import Core
-from vessel_gym.filter_models.build import BESIDE_BIASES, OF_UNKNOWN_INPUTS, Composition
+from vessel_gym.models.state_space import StateSpace
 
 
 def observation_space(core: Core) -> Box:
@@ -59,10 +59,20 @@ def first_seed(env: gym.Env | gym.vector.VectorEnv, core: Core) -> int | None:
     return None if seed == -1 else seed  # -1: np_random was set from outside
 
 
-def tuning(name: str, composition: Composition) -> dict[str, Any]:
+BESIDE_BIASES = 1e-6
+"""Radius of `robust-kf` that suits slow biases.
+
+The ball enlarges the largest standard deviation of a prediction by 0.07 % a step, which is less
+than the slowest bias of a sensor returns to zero.
+"""
+_OF_UNKNOWN_INPUTS = ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise")
+"""Filters with a prior of the unknown input, which must be true where no measurement shows it."""
+
+
+def tuning(name: str, space: StateSpace) -> dict[str, Any]:
     """Options of filters: the variance of the unknown input, and the radius of `robust-kf`."""
     if name == "robust-kf":
         return {"radius": BESIDE_BIASES}
-    if name in OF_UNKNOWN_INPUTS and composition.inputs:
-        return {"input_prior": composition.forces.input_cov}
+    if name in _OF_UNKNOWN_INPUTS and space.inputs:
+        return {"input_prior": space.input_cov}
     return {}

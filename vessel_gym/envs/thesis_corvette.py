@@ -6,7 +6,8 @@ import numpy as np
 
 from estimators.engine import compiled
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.filter_models.build import BESIDE_BIASES, Composition
+from vessel_gym.envs.shared import BESIDE_BIASES
+from vessel_gym.models.state_space import StateSpace
 from vessel_gym.processes import linear
 from vessel_gym.system import System
 from vessel_gym.tasks.turning_trial import TurningTrial
@@ -27,7 +28,7 @@ class UnknownStep(Disturbance):
         return np.zeros((*state.shape[:-1], 1))
 
 
-def _tuning(name: str, composition: Composition) -> dict[str, Any]:
+def _tuning(name: str, space: StateSpace) -> dict[str, Any]:
     return {"radius": BESIDE_BIASES} if name == "robust-kf" else {}
 
 

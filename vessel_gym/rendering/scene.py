@@ -13,7 +13,7 @@ from estimators.angles import difference
 from vessel_gym.core import Core
 from vessel_gym.disturbances.seaway import Seaway
 from vessel_gym.disturbances.water import SurfaceWater
-from vessel_gym.estimation import WITHOUT_COVARIANCE
+from vessel_gym.models.estimation import WITHOUT_COVARIANCE
 from vessel_gym.surroundings import Surroundings, in_words, pose
 
 RECORDED = (
@@ -87,7 +87,7 @@ def ambients(core: Core, history: dict[str, np.ndarray]) -> list[Ambient]:
     truth, names, disturbance = (
         history["truth"],
         core.config.true_state.names,
-        core.config.world.forces.disturbance,
+        core.config.world.disturbance,
     )
 
     def level(*each: str) -> np.ndarray:
@@ -138,7 +138,7 @@ class Components:
         config, vehicle = core.config, core.config.system.vehicle
         state, turns = vehicle.state_names, [name in vehicle.angles for name in names]
         at, angles = (
-            [config.composition.names.index(name) for name in names],
+            [config.estimation.space.names.index(name) for name in names],
             tuple(np.flatnonzero(turns).tolist()),
         )
         self.names, self.words = names, [in_words(name, vehicle.angles) for name in names]
@@ -192,7 +192,7 @@ class Scene:
     ) -> None:
         self.core, self.surroundings, self.history = core, surroundings, history
         config = core.config
-        names = config.composition.names[: config.composition.base]
+        names = config.estimation.space.own
         self._estimated = sorted(
             names, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST)
         )

@@ -111,13 +111,11 @@ class WholeState(Simulated):
         """Names of the faults of actuators, which are additions in the actuators' units."""
         return tuple(f"{name} fault" for name in self.action_names)
 
-    def faulty(self, u: np.ndarray, offsets: np.ndarray, losses: np.ndarray) -> np.ndarray:
-        """Known input with additions ``offsets`` to actuators and without the shares ``losses``."""
+    def faulty(self, u: np.ndarray, faults: np.ndarray) -> np.ndarray:
+        """Known input with additions ``faults (..., a)`` to actuators."""
         a = len(self.action_names)
-        before, after, rest = u[..., :a], u[..., a : 2 * a], u[..., 2 * a :]
-        added = offsets - losses * before
-        rest = np.broadcast_to(rest, (*added.shape[:-1], rest.shape[-1]))
-        return np.concatenate([before + added, after + added, rest], -1)
+        rest = np.broadcast_to(u[..., 2 * a :], (*faults.shape[:-1], u.shape[-1] - 2 * a))
+        return np.concatenate([u[..., :a] + faults, u[..., a : 2 * a] + faults, rest], -1)
 
     def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
         """True coefficients ``(B, k)``; mismatch is their relative standard deviation."""

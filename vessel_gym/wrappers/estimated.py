@@ -11,7 +11,7 @@ from gymnasium.utils import RecordConstructorArgs
 from estimators import Gaussian, Model
 from estimators.checks import numbers
 from vessel_gym import checks
-from vessel_gym.estimation import EstimatorChoice
+from vessel_gym.models.estimation import EstimatorChoice
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
 from vessel_gym.wrappers.simulation import sampled_prior

@@ -28,9 +28,9 @@ from estimators.randomness import word
 from vessel_gym import checks
 from vessel_gym.configuration import OBSERVE
 from vessel_gym.delivery import Delivery
-from vessel_gym.estimation import LATE, Estimation, EstimatorChoice, is_own, own_filter
 from vessel_gym.loop import Estimator
-from vessel_gym.reference_filters import DeadReckoning, Oracle
+from vessel_gym.models.estimation import LATE, Estimation, EstimatorChoice, is_own, own_filter
+from vessel_gym.models.reference_filters import DeadReckoning, Oracle
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, Sensors
 from vessel_gym.state import State

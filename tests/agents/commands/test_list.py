@@ -6,7 +6,7 @@ import pytest
 from agents.commands import list as command
 from agents.commands.console import print_answer
 from agents.refusal import Refusal
-from vessel_gym.estimation import accepted, chosen_disturbance
+from vessel_gym.models.estimation import accepted, chosen_disturbance
 
 SWINGING = "swinging:Swinging-v0"
 

@@ -12,7 +12,7 @@ from agents.studies.plan import Plan, plan
 from agents.studies.records import RAW, Agent, Condition, Estimator, Study
 from agents.studies.results import Results
 from agents.studies.worlds import system_of
-from vessel_gym.estimation import WITHOUT_COVARIANCE
+from vessel_gym.models.estimation import WITHOUT_COVARIANCE
 
 CORVETTE, SEGOROGENI = "SigmaCorvette-v0", "SegorogeniAUV-v0"
 QUALITY = {

@@ -5,11 +5,19 @@ from typing import Any
 
 import numpy as np
 
-from estimators import ExtendedKalmanFilter, Filter, InputBelief, LinearModel, compiled, wrap
+from estimators import (
+    ExtendedKalmanFilter,
+    Filter,
+    InputBelief,
+    LinearModel,
+    Model,
+    compiled,
+    wrap,
+)  # fmt: skip
 from estimators.filter import Changes
 from estimators.kalman import unseen_input
 from estimators.varying import resolve
-from vessel_gym.filter_models.build import Composition
+from vessel_gym.models.state_space import StateSpace
 
 
 @compiled
@@ -51,11 +59,10 @@ class DeadReckoning(ExtendedKalmanFilter):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class HeldBelief(InputBelief):
-    """Belief with the last two measurements of every channel, ``(..., p)`` each."""
+    """Belief with the last measurement of every channel, ``(..., p)`` each."""
 
     held: np.ndarray
-    previous: np.ndarray  # the measurement before the held one
-    interval: np.ndarray  # time between the two, s
+    slope: np.ndarray  # change from the measurement before, in a second
     seen: np.ndarray  # has the channel been measured yet?
     age: np.ndarray  # steps since the last measurement
 
@@ -71,59 +78,43 @@ class ZeroOrderHold(Filter[HeldBelief]):
     name = "measurement"
     record = HeldBelief
 
-    def __init__(self, composition: Composition, inputs: tuple[str, ...]) -> None:
-        super().__init__(composition.model)
-        vehicle, self._sensors = composition.vehicle, composition.sensors
-        self._names, self._inputs, self._dt, self._cruise = (
-            composition.names,
-            inputs,
-            vehicle.dt,
-            vehicle.cruise[1],
-        )
-        given = self._sensors.gives
+    def __init__(self, space: StateSpace, model: Model, inputs: tuple[str, ...]) -> None:
+        super().__init__(model)
+        vehicle, self._sensors, self._dt = space.vehicle, space.sensors, space.vehicle.dt
+        self._names = *space.names, *inputs
+        self._turns = np.isin(np.arange(model.p), space.sensors.angles)
+        given = space.sensors.gives
         self._differenced = [
-            (rate, of, given.index(of), of in vehicle.angles)
+            (rate, given.index(of))
             for rate, of in vehicle.rates.items()
             if rate not in given and of in given
         ]
-        self._variance, self._input_variance = self._claimed()
+        self._variance = self._claimed(np.diagonal(resolve(model.R, vehicle.cruise[1])))
 
-    def _claimed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Variances ``(n,)`` and ``(q,)`` of the derived state and d, from sensor noise alone."""
-        eye, zero = np.eye(self.model.p), np.zeros((self.model.p, self.model.p))
-        interval, noise = (
-            np.full_like(zero, self._dt),
-            np.diagonal(resolve(self.model.R, self._cruise)),
-        )
-        now, before = self._derived(eye, zero, interval), self._derived(zero, eye, interval)
-        state, unknown = (noise @ (a**2 + b**2) for a, b in zip(now, before, strict=True))
-        return state, unknown
+    def _claimed(self, noise: np.ndarray) -> np.ndarray:
+        """Variances ``(n + q,)`` of the derived state and d, from those of the sensors ``(p,)``."""
+        eye, zero = np.eye(len(noise)), np.zeros(2 * noise.shape)
+        now, before = self._derived(eye, eye / self._dt), self._derived(zero, eye / self._dt)
+        variances: np.ndarray = noise @ (now**2 + before**2)
+        return variances
 
-    def _derived(
-        self, measurements: np.ndarray, previous: np.ndarray, interval: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(..., n)`` and unknown input ``(..., q)`` from two measurements ``(..., p)``."""
+    def _derived(self, measurements: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        """State and unknown input ``(..., n + q)`` from measurements and slopes ``(..., p)``."""
         known = self._sensors.states_from(measurements)
-        for rate, _, channel, angle in self._differenced:
-            change = measurements[..., channel] - previous[..., channel]
-            known[rate] = (wrap(change) if angle else change) / interval[..., channel]
+        known |= {rate: slopes[..., channel] for rate, channel in self._differenced}
         nothing = np.zeros(measurements.shape[:-1])
-        state = np.stack([known.get(name, nothing) for name in self._names], -1)
-        if not self._inputs:
-            return state, np.zeros(measurements.shape[:-1] + (0,))
-        return state, np.stack([known.get(name, nothing) for name in self._inputs], -1)
+        return np.stack([known.get(name, nothing) for name in self._names], -1)
 
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
-        shape, sizes = mean.shape[:-1] + (self.model.p,), self._input_variance.shape
-        held = self.model.measurement(mean, None)
+        n, shape = mean.shape[-1], mean.shape[:-1] + (self.model.p,)
+        state, unknown = np.split(self._variance, [n])
         # What no measurement shows (the sway, a current) keeps the variance of the prior.
-        variance = np.where(self._variance > 0.0, self._variance, np.diagonal(cov, 0, -2, -1))
-        input_cov = np.zeros(shape[:-1] + 2 * sizes) + np.diag(self._input_variance)
+        variance = np.where(state > 0.0, state, np.diagonal(cov, 0, -2, -1))
+        input_cov = np.zeros((*shape[:-1], 1, 1)) + np.diag(unknown)
         return unseen_input(mean, input_cov) | {
-            "cov": variance[..., None] * np.eye(mean.shape[-1]),
-            "held": held,
-            "previous": held,
-            "interval": np.full(shape, self._dt),
+            "cov": variance[..., None] * np.eye(n),
+            "held": self.model.measurement(mean, None),
+            "slope": np.zeros(shape),
             "seen": np.zeros(shape, bool),
             "age": np.zeros(shape),
         }
@@ -143,18 +134,18 @@ class ZeroOrderHold(Filter[HeldBelief]):
     def _update(
         self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any, *_: Any
     ) -> Changes:
-        measured = self.model.measurement(belief.mean, u) + e
-        held = np.where(available, measured, belief.held)
-        previous = np.where(available, np.where(belief.seen, belief.held, held), belief.previous)
-        interval = np.where(available, np.maximum(belief.age, 1.0) * self._dt, belief.interval)
-        mean, unknown_input = self._derived(held, previous, interval)
+        held = np.where(available, self.model.measurement(belief.mean, u) + e, belief.held)
+        change = held - belief.held
+        change = np.where(self._turns, wrap(change), change)
+        slope = change / (np.maximum(belief.age, 1.0) * self._dt)
+        slope = np.where(available, np.where(belief.seen, slope, 0.0), belief.slope)
+        derived, n = self._derived(held, slope), self.model.n
         return {
-            "mean": mean,
-            "input_mean": unknown_input,
+            "mean": derived[..., :n],
+            "input_mean": derived[..., n:],
             "innovation_cov": R,
             "held": held,
-            "previous": previous,
-            "interval": interval,
+            "slope": slope,
             "seen": belief.seen | available,
             "age": np.where(available, 0.0, belief.age),
         }

@@ -13,10 +13,11 @@ from estimators.checks import number, short_repr
 from estimators.robust import RobustKalmanFilter
 from vessel_gym import checks
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.filter_models.build import Composition, checked_assumption, compose, unknown_inputs
-from vessel_gym.filter_models.exogenous import Forces, input_channels
-from vessel_gym.input_conditions import check_input, check_own
-from vessel_gym.reference_filters import DeadReckoning, Oracle, ZeroOrderHold
+from vessel_gym.models.assumed import assumed_space, checked_assumption
+from vessel_gym.models.input_conditions import check_ambient_flows, check_input, check_own
+from vessel_gym.models.linear import filter_model
+from vessel_gym.models.reference_filters import DeadReckoning, Oracle, ZeroOrderHold
+from vessel_gym.models.state_space import StateSpace
 from vessel_gym.sensors import Sensors
 from vessel_gym.sharing import shared
 from vessel_gym.system import System
@@ -26,6 +27,8 @@ LATE = ("fused", "as new", "discarded")
 ENVIRONMENT_ONLY = ("truth", "measurement", "dead-reckoning")
 WITHOUT_COVARIANCE = ("truth", "measurement")
 """Estimators without a covariance of their own, so that their NEES means nothing."""
+_STACKED = ("kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv")
+"""Filters that cannot handle feedthrough of the present d, which is appended to their state."""
 
 
 def estimator_names() -> tuple[str, ...]:
@@ -66,7 +69,7 @@ class Assumptions:
 
     Attributes:
         disturbance: Assumed disturbance, by name or as an object; None: the true one.
-        how: One of `vessel_gym.filter_models.build.ASSUMED` (``"as"`` in the options); None: the
+        how: One of `vessel_gym.models.assumed.ASSUMED` (``"as"`` in the options); None: the
             disturbance's default.
         Q: Factor on the covariances of process noise and of a white input.
         R: Factor on the covariance of measurement noise.
@@ -102,6 +105,16 @@ class Assumptions:
             given["how"] = checked_assumption(given.pop("as"))
         return cls(**given)
 
+    def scaled(self, model: Any) -> Any:
+        """A model with the factors on Q and R."""
+        if self.Q == self.R == 1.0:
+            return model
+        Q, R = (
+            noise.changed(partial(np.multiply, factor)) if callable(noise) else factor * noise
+            for factor, noise in ((self.Q, model.Q), (self.R, model.R))
+        )
+        return replace(model, Q=Q, R=R)
+
 
 @dataclass(frozen=True, eq=False)
 class Estimation:
@@ -109,16 +122,16 @@ class Estimation:
 
     Attributes:
         filter: The filter.
-        composition: Parts of the filter's model.
+        space: State space of the filter's model.
         prior: Factor on the covariance of the prior.
         inputs: Names of the unknown inputs kept for scoring: the filter's d or, if it has none,
-            `unknown_inputs`.
+            `vessel_gym.models.state_space.StateSpace.scored_inputs`.
         late: Use of late measurements, one of `LATE`.
         horizon: Largest delay of measurements in steps.
     """
 
     filter: Filter
-    composition: Composition
+    space: StateSpace
     prior: float
     inputs: tuple[str, ...]
     late: str = LATE[0]
@@ -127,11 +140,9 @@ class Estimation:
     @cached_property
     def input_delay(self) -> int:
         """Steps by which the estimate of the unknown input lags behind the true one in ``info``."""
-        vehicle = self.composition.vehicle
-        levels = set(input_channels(vehicle)) - set(
-            vehicle.increments
-        )  # ``info`` has their present values
-        as_it_acts = self.composition.late or levels.isdisjoint(self.inputs)
+        # ``info`` has the present values of flows and faults
+        levels = self.space.channels[self.space.increments :]
+        as_it_acts = self.space.late or {*levels}.isdisjoint(self.inputs)
         return 0 if as_it_acts else self.filter.input_delay or 0
 
     @cached_property
@@ -199,31 +210,28 @@ def _built(
     assumptions: Assumptions, sensors: Sensors, disturbance: Disturbance,
 ) -> Estimation:  # fmt: skip
     """Estimator of an environment, under assumptions and with the items of its options."""
-    options, own = {name: value for name, value, _ in items}, callable(estimator)
+    options = {name: value for name, value, _ in items}
     late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
     if estimator == "truth":  # its assumptions are the world's
         assumptions = Assumptions()
-    default = system.filter_models.get(str(estimator), system.filter_model)
-    composition = _composed(
-        system, options.pop("model", default), assumptions, sensors, disturbance
-    )
-    if not own:
-        composition = composition.adapted_to(str(estimator))
-    nature = (
-        composition.forces
-        if assumptions.disturbance is None
-        else Forces(system.vehicle, disturbance)
-    )
-    inputs = composition.inputs or unknown_inputs(nature, sensors)
+    kind = options.pop("model", system.filter_models.get(str(estimator), system.filter_model))
+    space = _space(system, kind, assumptions, sensors, disturbance)
+    model = assumptions.scaled(filter_model(space))
+    if estimator in _STACKED and not model.delayed_feedthrough:
+        from estimators import stacked  # late, as few filters need it
+
+        space, model = replace(space, late=True), stacked(model)
+    true = StateSpace.of_world(system.vehicle, disturbance, sensors)
+    inputs = space.inputs or (space if assumptions.disturbance is None else true).scored_inputs
     if estimator not in ENVIRONMENT_ONLY:  # reference filters have no model of measurements
         if assumptions.how is None:
-            composition.check_ambient_flows()
-        composition.check_white_input(estimator)
-    made = _filter(system, estimator, options, composition, inputs, assumptions.Q)
-    check_input(made, composition)
+            check_ambient_flows(space)
+        _check_white_input(space, estimator)
+    made = _filter(system, estimator, options, space, model, inputs, assumptions.Q)
+    check_input(made, space, model)
     if isinstance(made, RobustKalmanFilter):
         _warn_of_biases(made, sensors, system.task.horizon)
-    return Estimation(made, composition, assumptions.prior, inputs, late, sensors.horizon)
+    return Estimation(made, space, assumptions.prior, inputs, late, sensors.horizon)
 
 
 _shared = shared(_built)
@@ -261,16 +269,18 @@ def is_own(estimator: object) -> bool:
 
 
 def _filter(
-    system: System, estimator: Any, options: dict[str, Any], composition: Composition,
+    system: System, estimator: Any, options: dict[str, Any], space: StateSpace, model: Model,
     inputs: tuple[str, ...], factor: float,
 ) -> Filter:  # fmt: skip
     """A filter of the package or of the user; an error about linear models names the option."""
     try:
         if callable(estimator):
-            made = own_filter(estimator, options, composition.model)
-            check_own(made, composition)
+            made = own_filter(estimator, options, model)
+            check_own(made, space, model)
             return made
-        return _made(system, estimator, options, composition, inputs, factor)
+        if estimator in ENVIRONMENT_ONLY:
+            return _reference(estimator, options, space, model, inputs)
+        return _tuned(system, estimator, options, space, model, factor)
     except ValueError as error:
         linear = system.vehicle.linear_kinds
         if not linear or "needs a LinearModel" not in str(error):
@@ -286,36 +296,52 @@ def own_filter(estimator: Any, options: dict[str, Any], model: Model) -> Filter:
     return made
 
 
-def _made(
-    system: System, name: str, options: dict[str, Any], composition: Composition,
-    inputs: tuple[str, ...], factor: float,
+def _reference(
+    name: str, options: dict[str, Any], space: StateSpace, model: Model, inputs: tuple[str, ...]
+) -> Filter:
+    """Oracle, zero-order hold or dead reckoning."""
+    if options:
+        raise TypeError(
+            f"{name} has no option {next(iter(options))!r}: it takes model, assume and late"
+        )
+    if name == "truth":
+        return Oracle(model.n, len(inputs))
+    return DeadReckoning(model) if name == "dead-reckoning" else ZeroOrderHold(space, model, inputs)
+
+
+def _tuned(
+    system: System, name: str, options: dict[str, Any], space: StateSpace, model: Model,
+    factor: float,
 ) -> Filter:  # fmt: skip
-    """A filter of the package, tuned; ``inputs`` are those of oracle and zero-order hold."""
-    makers: dict[str, Callable[[], Filter]] = {
-        "truth": lambda: Oracle(composition.model.n, len(inputs)),
-        "measurement": lambda: ZeroOrderHold(composition, inputs),
-        "dead-reckoning": lambda: DeadReckoning(composition.model),
-    }
-    if name in makers:
-        if options:
-            raise TypeError(
-                f"{name} has no option {next(iter(options))!r}: it takes model, assume and late"
-            )
-        return makers[name]()
-    tuned = {**system.tuning(name, composition), **options}
-    if composition.assumed_as == "white-input":
-        tuned = {"input_cov": factor * composition.forces.input_cov, **tuned}
+    """A filter of the package, with the system's tuning; ``factor`` is that on covariances."""
+    tuned = {**system.tuning(name, space), **options}
+    if space.assumed_as == "white-input":
+        tuned = {"input_cov": factor * space.input_cov, **tuned}
     try:
-        return factory.make(name, composition.model, **tuned)
+        return factory.make(name, model, **tuned)
     except ValueError as error:
         if "needs an unknown input" not in str(error):
             raise
-        acting = type(composition.forces.disturbance).__name__
+        acting = type(space.disturbance).__name__
         raise ValueError(
-            f'{name} needs an unknown input, but assumes {acting} as "{composition.assumed_as}":'
+            f'{name} needs an unknown input, but assumes {acting} as "{space.assumed_as}":'
             ' assume one with increments, with {"as": "unknown-input"}, or choose another'
             " estimator"
         ) from None
+
+
+def _check_white_input(space: StateSpace, estimator: object) -> None:
+    """Refuse a white input of known variance for every filter but the Kalman filter.
+
+    Raises:
+        ValueError: naming the estimator.
+    """
+    if space.assumed_as == "white-input" and estimator != "kf":
+        name = estimator if isinstance(estimator, str) else "an estimator of one's own"
+        raise ValueError(
+            f'only kf can assume a white input of known variance, not {name}: say "as":'
+            ' "process-noise"'
+        )
 
 
 def _warn_of_biases(filter: RobustKalmanFilter, sensors: Sensors, horizon: int) -> None:
@@ -357,11 +383,11 @@ def accepted(
     return tuple(names)
 
 
-def _composed(
+def _space(
     system: System, kind: object, assumptions: Assumptions, sensors: Sensors,
     disturbance: Disturbance,
-) -> Composition:  # fmt: skip
-    """Model of a kind under a filter's assumptions, with its composition."""
+) -> StateSpace:  # fmt: skip
+    """State space of a filter under its assumptions."""
     if not isinstance(kind, str):
         raise TypeError(
             f"model must be the name of a filter model, such as {system.filter_model!r}, got"
@@ -374,15 +400,7 @@ def _composed(
     elif disturbance.believed is not None:
         disturbance = disturbance.believed
     disturbance = disturbance.modelled or disturbance
-    composition = compose(system.vehicle, kind, disturbance, sensors, assumptions.how)
-    if assumptions.Q == assumptions.R == 1.0:
-        return composition
-    model: Any = composition.model
-    Q, R = (
-        noise.changed(partial(np.multiply, factor)) if callable(noise) else factor * noise
-        for factor, noise in ((assumptions.Q, model.Q), (assumptions.R, model.R))
-    )
-    return replace(composition, model=replace(model, Q=Q, R=R))
+    return assumed_space(system.vehicle, kind, disturbance, sensors, assumptions.how)
 
 
 def chosen_disturbance(system: System, choice: object) -> Disturbance:

@@ -11,11 +11,9 @@ import numpy as np
 from estimators import Filter, Gaussian, LinearModel, NonlinearModel
 from estimators.unknown_input import UnknownInputFilter
 from estimators.varying import resolve
-from vessel_gym.filter_models.build import Composition
-from vessel_gym.filter_models.exogenous import Forces, input_channels
-from vessel_gym.filter_models.parts import seen_anywhere
-from vessel_gym.sensors import Sensors
-from vessel_gym.system import Vehicle
+from vessel_gym.models.state_space import StateSpace
+from vessel_gym.models.structure import reader
+from vessel_gym.vehicles.vehicle import Vehicle
 
 if TYPE_CHECKING:
     from estimators import InputConditions
@@ -27,24 +25,38 @@ _NEAR = 1e-4
 """Variance of each initial state for the check of a filter, in SI units and radians."""
 
 
-def check_causal(sensors: Sensors, forces: Forces) -> None:
+def check_causal(world: StateSpace) -> None:
     """Refuse a sensor that reads a mean over the coming step, which is not known yet.
 
     Raises:
         ValueError: naming the sensor and the mean.
     """
-    for name in forces.disturbance.averaged:
-        feedthrough = seen_anywhere(forces.vehicle, sensors)[
-            :, input_channels(forces.vehicle).index(name)
-        ]
-        if feedthrough.any():
+    for name in world.disturbance.averaged:
+        if sensor := reader(world.sensors, name):
             raise ValueError(
-                f"{sensors.of_channel(np.argmax(feedthrough)).name} reads {name}, a mean over the"
-                " coming step: let it read states, increments, currents or forces"
+                f"{sensor.name} reads {name}, a mean over the coming step: let it read states,"
+                " increments, currents or forces"
             )
 
 
-def check_input(filter: Filter, composition: Composition) -> None:
+def check_ambient_flows(space: StateSpace) -> None:
+    """Refuse a sensor that reads a flow which the filter does not model.
+
+    Raises:
+        ValueError: naming the sensor and the flow.
+    """
+    if space.assumed_as != "process-noise":
+        return
+    for name in space.vehicle.ambient_flows:
+        if name in space.disturbance.forces and (sensor := reader(space.sensors, name)):
+            raise ValueError(
+                f"{sensor.name} reads {name}, of which a filter knows nothing that assumes"
+                f' {type(space.disturbance).__name__} as "{space.assumed_as}": assume it with'
+                ' {"as": "states"}, or leave it out'
+            )
+
+
+def check_input(filter: Filter, space: StateSpace, model: LinearModel | NonlinearModel) -> None:
     """Refuse a filter of an unknown input d that the measurements do not determine.
 
     The check runs along a nominal trajectory, with the measurements of every step (between less
@@ -55,17 +67,17 @@ def check_input(filter: Filter, composition: Composition) -> None:
     Raises:
         ValueError: naming the condition that fails, and by how much.
     """
-    model, sensors = composition.model, composition.sensors
-    if not composition.inputs:
+    sensors = space.sensors
+    if not space.inputs:
         return
     _check_timing(filter, model)
     if not isinstance(filter, UnknownInputFilter):
         return
     from estimators import input_conditions  # late, as only filters of an unknown input need it
 
-    base, u = nominal_flight(composition.vehicle, composition.names[: composition.base])
-    x = np.zeros((len(base), model.n))
-    x[:, : composition.base] = base
+    own, u = nominal_flight(space.vehicle, space.own)
+    x = np.zeros((len(own), model.n))
+    x[:, : len(space.own)] = own
     periods = np.array([sensor.period(sensors.dt) for sensor in sensors.each])
     often = np.flatnonzero(periods[sensors.owner] == 1)
     Q, R = (resolve(matrix, u[0]) for matrix in (model.Q, model.R))
@@ -77,13 +89,13 @@ def check_input(filter: Filter, composition: Composition) -> None:
         why = "no sensor reads in every step"
         if len(often):
             seen = C[often], G, H[often], Q, R[np.ix_(often, often)]
-            found = input_conditions(A, *seen, composition.forces.input_cov)
-            why = _undetermined(found, composition.inputs)
+            found = input_conditions(A, *seen, space.input_cov)
+            why = _undetermined(found, space.inputs)
         if why:
-            acting = type(composition.forces.disturbance).__name__
+            acting = type(space.disturbance).__name__
             raise ValueError(
-                f'{filter.name} cannot assume {acting} as "{composition.assumed_as}", with the'
-                f" unknown input {', '.join(composition.inputs)}: {why}; assume it with"
+                f'{filter.name} cannot assume {acting} as "{space.assumed_as}", with the'
+                f" unknown input {', '.join(space.inputs)}: {why}; assume it with"
                 ' {"as": "states"}, or add a sensor'
             )
 
@@ -124,7 +136,7 @@ def _check_timing(filter: Filter, model: LinearModel | NonlinearModel) -> None:
         )
 
 
-def check_own(filter: Filter, composition: Composition) -> None:
+def check_own(filter: Filter, space: StateSpace, model: LinearModel | NonlinearModel) -> None:
     """Refuse a user's filter that breaks the contract within a few ordinary steps of its model.
 
     Raises:
@@ -134,9 +146,9 @@ def check_own(filter: Filter, composition: Composition) -> None:
         return
     from estimators.check import check_steps  # late, as the package's own filters need none
 
-    base, u = nominal_flight(composition.vehicle, composition.names[: composition.base])
-    mean = np.zeros(composition.model.n)
-    mean[: composition.base] = base[-1]
+    own, u = nominal_flight(space.vehicle, space.own)
+    mean = np.zeros(model.n)
+    mean[: len(space.own)] = own[-1]
     check_steps(filter, Gaussian(mean, _NEAR * np.eye(len(mean))), u[-1])
 
 
@@ -150,18 +162,11 @@ def nominal_flight(vehicle: Vehicle, estimated: tuple[str, ...]) -> tuple[np.nda
         [np.zeros(actions), np.random.default_rng(0).uniform(-1.0, 1.0, (2, actions))]
     )
     rows = len(action)
-
-    def whole(values: np.ndarray) -> np.ndarray:
-        """Array in float64 with one row for each trajectory."""
-        return np.array(np.broadcast_to(np.asarray(values, float), (rows, values.shape[-1])))
-
-    state, after = map(whole, vehicle.start(np.tile(cruising, (rows, 1))))
-    parameters = whole(vehicle.parameters(0.0, np.zeros((rows, vehicle.normals))))
+    state, after = vehicle.start(np.tile(cruising, (rows, 1)))
+    parameters = vehicle.parameters(0.0, np.zeros((rows, vehicle.normals)))
     calm = np.zeros((rows, len(vehicle.increments + vehicle.ambient_flows)))
     for _ in range(_STEPS):
-        before, after = after, whole(vehicle.actuate(after, action))
-        state = whole(vehicle.step(state, before, after, calm, parameters))
+        before, after = after, vehicle.actuate(after, action)
+        state = vehicle.step(state, before, after, calm, parameters)
     places = [vehicle.state_names.index(name) for name in estimated]
-    return state[:, places], whole(
-        vehicle.known_input(after, whole(vehicle.actuate(after, action)), None)
-    )
+    return state[:, places], vehicle.known_input(after, vehicle.actuate(after, action), None)
