@@ -1,19 +1,23 @@
-"""A ship of three or four states in a simple random sea, which turns as commanded: a small system for tests.
+"""A ship of three or four states in a simple random sea, which holds a commanded turning circle: a system for tests.
 
 Linear filters estimate (v, r, psi), nonlinear ones u besides. With d the yaw increment that waves
 and gusts give in a step, ``psi+ = psi + dt r + d``, ``y1 = psi + d`` and ``y2 = d``.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from estimators import Gaussian
+from estimators.engine import compiled
 from vessel_gym.disturbances import Sea
 from vessel_gym.envs.own import register_environment
 from vessel_gym.envs.shared import tuning
 from vessel_gym.system import System
-from vessel_gym.tasks.turning_circle import TurningCircle
+from vessel_gym.tasks.circle_track import CircleTrack
+from vessel_gym.tasks.turning import TurningTrial
 from vessel_gym.vehicles.corvette import COMPASS, MOTION_UNIT, linear_matrices
 from vessel_gym.vehicles.corvette_equations import STATE
 from vessel_gym.vehicles.files import load
@@ -62,6 +66,51 @@ class HeadingShip(Ship):
     def linear(self, kind: str) -> tuple[Any, ...]:
         flows = len(self.ambient_flows)
         return *linear_matrices(self.ship, self.dt), np.zeros((3, flows))
+
+
+@compiled
+@dataclass(frozen=True)
+class TurningCircle(TurningTrial):
+    """The commanded heading leads into a steady turn: straight, a ramp of the yaw rate, a circle.
+
+    A scenario is ``(initial heading, commanded yaw rate)``, a reference ``(heading, yaw rate now, ahead and at last)``.
+    """
+
+    pace: float = 1.0
+    horizon: int = 600
+
+    uniforms = 3
+    prior_sd = (0.2, 0.002, 0.03, 0.2)
+    commanding = slice(1, 2)
+
+    @cached_property
+    def track(self) -> CircleTrack:
+        return CircleTrack(self.ship, self.pace)
+
+    def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
+        return self.track.scenario(uniforms, options)[:, :2]
+
+    def prior(self, scenario: np.ndarray) -> Gaussian:
+        mean = np.zeros((len(scenario), 4))
+        mean[:, 2], mean[:, 3] = scenario[:, 0], self.ship.speed
+        return self._spread.about(mean)
+
+    @compiled(axes=(1, 0))
+    def command(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
+        heading, rate = scenario[..., 0], scenario[..., 1]
+        elapsed, ramp = step * self.dt - self.track.lead, self.track.ramp
+        share = np.clip(elapsed / ramp, 0.0, 1.0)
+        ahead = np.clip((elapsed + self.preview) / ramp, 0.0, 1.0)
+        turned = 0.5 * ramp * share * share + np.maximum(elapsed - ramp, 0.0)
+        return np.stack([heading + rate * turned, rate * share, rate * ahead, rate], -1)
+
+    def path(self, scenario: np.ndarray) -> np.ndarray:
+        return self.track.path(
+            self.track.scenario(np.zeros((1, 3)), {"radius": self.ship.speed / scenario[1]})[0]
+        )
+
+    def exogenous(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
+        return np.zeros((*scenario.shape[:-1], 1 + len(Ship.ambient_flows)))
 
 
 SHIP = load("corvette-thesis")

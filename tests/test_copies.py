@@ -27,7 +27,7 @@ from vessel_gym.envs import (
 )
 from vessel_gym.sensors import Sensor
 from vessel_gym.system import System
-from vessel_gym.tasks import circle_track, turning_circle
+from vessel_gym.tasks import circle_track, track
 from vessel_gym.vehicles import corvette, ship
 
 ENVS = SigmaCorvetteEnv, ThesisCorvetteEnv, SegorogeniAUVEnv, ItsunusaAUVEnv, PunaUAVEnv
@@ -199,8 +199,8 @@ def in_numpy() -> dict[str, System]:
     """Systems of ours, of which vehicle or task are of classes with the same text in a user's file."""
     copied_module(corvette)
     ships = copied_module(ship, ("vessel_gym.vehicles.corvette", "own_corvette"))
-    copied_module(turning_circle)
-    tracks = copied_module(circle_track, ("vessel_gym.tasks.turning_circle", "own_turning_circle"))
+    copied_module(track)
+    tracks = copied_module(circle_track, ("vessel_gym.tasks.track", "own_track"))
     system = SigmaCorvetteEnv.system
     vehicle, task = ships.Ship(system.vehicle.ship), tracks.CircleTrack(system.vehicle.ship)
     return {

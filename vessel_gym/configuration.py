@@ -24,6 +24,7 @@ from vessel_gym.sharing import shared
 from vessel_gym.start import Draws
 from vessel_gym.state import Changes, Stage, State
 from vessel_gym.system import System, Task, Vehicle
+from vessel_gym.tasks.task import observation_sizes
 from vessel_gym.truth import INFO, SCORED, TrueState, UnknownInput, info_arrays
 from vessel_gym.whole_step import WholeStep
 from vessel_gym.world import World
@@ -254,7 +255,9 @@ class Configuration:
     def observation_size(self) -> int:
         """Number of components of an observation."""
         seen = observed(self.observe_mode, bool(self.options.guidance))
-        sizes = self.system.task.sizes(self.sensors.size, len(self.estimation.space.names))
+        states = len(self.estimation.space.names)
+        task, vehicle = self.system.task, self.system.vehicle
+        sizes = observation_sizes(task, vehicle, self.sensors.size, states)
         return sum(sizes[part] for part in seen)
 
     def scores(self, total: np.ndarray, steps: np.ndarray) -> np.ndarray:
@@ -296,7 +299,7 @@ class Configuration:
 
 
 def observed(observe: str, guidance: bool) -> tuple[str, ...]:
-    """Parts of an observation, by the keys of `vessel_gym.tasks.task.Task.sizes`."""
+    """Parts of an observation, by the keys of `vessel_gym.tasks.task.observation_sizes`."""
     if observe == "measurement":
         return *(("guided",) if guidance else ()), "measurements", "mission"
     return "guided" if guidance else "unguided", *(("std",) if "std" in observe else ())

@@ -14,13 +14,14 @@ from estimators.checks import finite_array
 from vessel_gym.checks import check_numbers, instance, one_of
 from vessel_gym.core import Core
 from vessel_gym.guidance.dive_path import path_point
+from vessel_gym.guidance.dubins import Path
 from vessel_gym.guidance.path_following import COLUMNS
-from vessel_gym.guidance.words import Path
 from vessel_gym.registry import Registry
 from vessel_gym.tasks.channel import Channel
+from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.dive import Dive
-from vessel_gym.tasks.flight import OBSTACLES, SEGMENTS, Flight
-from vessel_gym.tasks.turning_circle import TurningCircle
+from vessel_gym.tasks.flight import ALTITUDE, LENGTH, OBSTACLES, SEGMENTS, Flight
+from vessel_gym.tasks.turning import TurningTrial
 
 HULLS = ("ship", "torpedo", "aircraft", "dot")
 """Outlines of vehicles for images."""
@@ -151,8 +152,9 @@ def in_words(name: str, angles: Sequence[str]) -> tuple[str, str, float]:
     )
 
 
-@register_surroundings(TurningCircle)
-def _turn(task: TurningCircle, scenario: np.ndarray) -> Surroundings:
+@register_surroundings(TurningTrial)
+@register_surroundings(CircleTrack)
+def _turn(task: TurningTrial | CircleTrack, scenario: np.ndarray) -> Surroundings:
     return Surroundings("ship", task.ship.length, path=_level(task.path(scenario)))
 
 
@@ -174,8 +176,8 @@ def _dive(task: Dive, scenario: np.ndarray) -> Surroundings:
 
 @register_surroundings(Flight)
 def _flight(task: Flight, scenario: np.ndarray) -> Surroundings:
-    down = -float(task.altitude_of(scenario))
-    rows = scenario[: COLUMNS * SEGMENTS].reshape(SEGMENTS, COLUMNS)
+    down = -scenario[ALTITUDE]
+    rows = scenario[:LENGTH].reshape(SEGMENTS, COLUMNS)
     path = _level(Path(rows[rows[:, 4] > 0.0]).sample(3.0)[:, :2], down)
     north, east, _ = task.goal(scenario[None])[0]
     obstacles = scenario[-3 * OBSTACLES :].reshape(OBSTACLES, 3)

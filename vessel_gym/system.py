@@ -122,9 +122,7 @@ class System:
     def __post_init__(self) -> None:
         for name in ("name", "estimator", "filter_model"):
             instance(f"{name} of a system", getattr(self, name), str)
-        missing = [
-            name for name in vars(Vehicle) if name[0] != "_" and not hasattr(self.vehicle, name)
-        ]
+        missing = [name for name in Vehicle.__annotations__ if not hasattr(self.vehicle, name)]
         if missing:
             text = (
                 f"vehicle of a system must have {', '.join(missing[:3])}, as"

@@ -19,10 +19,10 @@ from agents.controllers.loops import (
 )
 from estimators.engine import compiled, lookup
 from vessel_gym.tasks.track import Track
-from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.tasks.turning_trial import TurningTrial
+from vessel_gym.tasks.turning import TurningTrial
 from vessel_gym.vehicles.corvette import secant_models, steady_turns
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
+from vessel_gym.vehicles.corvette_thesis import ThesisCorvette
 
 
 @dataclass(frozen=True)
@@ -77,9 +77,9 @@ def gains(ship: CorvetteParameters, dt: float, tolerances: Tolerances) -> np.nda
 
 
 class _Helm(Controller):
-    """A controller of the rudder; in a `TurningTrial` it asks for the angle that follows."""
+    """A controller of the rudder; for a `ThesisCorvette` it asks for the angle that follows."""
 
-    kind: type = TurningCircle
+    kind: type = TurningTrial
     state_size = 1  # the integral
     tolerances = Tolerances()  # of the design
 
@@ -89,7 +89,7 @@ class _Helm(Controller):
     def _action(self, observation: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """Action ``(..., 1)`` for a share ``(...)`` of the full rudder rate, without its limits."""
         rate = np.clip(rate, -1.0, 1.0)
-        if isinstance(self._task, TurningTrial):
+        if isinstance(self._vehicle, ThesisCorvette):
             turn = self._ship.rudder_rate * self._vehicle.dt / self._ship.rudder_limit
             rate = observation[..., 4] + turn * rate
         return rate[..., None]
@@ -100,7 +100,7 @@ class _Helm(Controller):
         return np.sign(commanded) * self._turns.interpolated(values, commanded)
 
 
-@register_controller(TurningCircle, AUTOPILOT)
+@register_controller(TurningTrial, AUTOPILOT)
 class TurningAutopilot(_Helm):
     """Linear-quadratic regulator with integral action about the commanded steady turn.
 
@@ -137,14 +137,14 @@ class TurningAutopilot(_Helm):
         return self._action(observation, wanted), integral[..., None]
 
 
-@register_controller(TurningCircle, "lqg")
+@register_controller(TurningTrial, "lqg")
 class TurningRegulator(TurningAutopilot):
     """The autopilot's regulator without its integral: no memory, and a bias under steady loads."""
 
     tolerances = replace(Tolerances(), integral=np.inf)
 
 
-@register_controller(TurningCircle, "pid")
+@register_controller(TurningTrial, "pid")
 class TurningPID(_Helm):
     """A heading PID: the rudder by the errors of heading and yaw rate, and what the turn needs.
 

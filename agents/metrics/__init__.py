@@ -98,7 +98,7 @@ def metrics(system: System | Wrapped) -> tuple[Metric, ...]:
     A task without registered metrics has those of every task, and the RMS error of each estimated
     component of the state.
     """
-    steering = STEERING if getattr(system.vehicle, "steering", ()) else ()
+    steering = STEERING if system.vehicle.steering else ()
     if found := TASK_METRICS.of(system.task):
         return tuple(m for m in found[""] if m not in STEERING or steering)
     errors = [

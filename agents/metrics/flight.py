@@ -6,7 +6,7 @@ from agents.metrics import ended, register_metrics, rmse
 from agents.metrics.costs import tails
 from agents.metrics.metric import described, nees_in, rms_of
 from agents.rollouts import Rollout
-from vessel_gym.tasks.flight import Flight
+from vessel_gym.tasks.flight import ALTITUDE, LENGTH, Flight
 from vessel_gym.vehicles.puna import airspeed
 
 POSITION = ("x", "y", "h")
@@ -24,7 +24,7 @@ def path_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
         true = task.track(state, scenario, farthest)
         farthest = np.maximum(farthest, true[:, 0])
         off.append(true[:, 1])
-    return np.stack(off), truth[..., 2] - task.altitude_of(scenario)
+    return np.stack(off), truth[..., 2] - scenario[:, ALTITUDE]
 
 
 def _clearance(rollout: Rollout) -> np.ndarray:
@@ -47,7 +47,7 @@ def _energy(rollout: Rollout) -> np.ndarray | None:
     wind = acting[..., space.flows]
     power = h["actuators"][1:, :, 0] * airspeed(state, wind)[1:]
     work = power.sum(0, where=rollout.alive[1:]) * vehicle.dt
-    return work / (task.body.cruise[0] * task.length_of(rollout.scenario))
+    return work / (task.body.cruise[0] * rollout.scenario[:, LENGTH])
 
 
 METRICS = described(

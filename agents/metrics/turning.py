@@ -17,8 +17,9 @@ from agents.metrics.metric import (
 from agents.rollouts import Rollout
 from estimators import wrap
 from vessel_gym.tasks.track import Track
-from vessel_gym.tasks.turning_circle import TurningCircle
-from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, STATE, propulsion, straight_course
+from vessel_gym.tasks.turning import TurningTrial
+from vessel_gym.vehicles.corvette import propulsion, straight_course
+from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, STATE
 
 _INPUT = "yaw increment"
 _DEGREES = float(np.rad2deg(1.0))
@@ -123,5 +124,5 @@ TRACK = described(
     current_rmse=rmse("current north", "current east"),
     **ESTIMATES,
 )
-register_metrics(TurningCircle, CIRCLE)
+register_metrics(TurningTrial, CIRCLE)
 register_metrics(Track, TRACK)

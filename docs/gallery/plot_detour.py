@@ -8,7 +8,8 @@ The shortest path with turns of at least 100 m radius, and a path round three ob
 import matplotlib.pyplot as plt
 import numpy as np
 
-from vessel_gym.guidance.dubins import plan, shortest
+from vessel_gym.guidance.dubins import shortest
+from vessel_gym.guidance.planner import plan
 
 start, goal, radius = [0.0, 0.0, 0.0], [600.0, 200.0, np.pi / 2], 100.0
 obstacles = [(250.0, 20.0, 60.0), (430.0, 60.0, 45.0), (520.0, 150.0, 30.0)]

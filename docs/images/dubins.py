@@ -7,7 +7,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from agents.plotting import INK, styled
-from vessel_gym.guidance.dubins import WORDS, plan, shortest, word_path
+from vessel_gym.guidance.dubins import CURVATURES, WORDS, chained, path_of, shortest, word_pieces
+from vessel_gym.guidance.planner import plan
 
 HERE = Path(__file__).parent
 TRUE, BELIEVED, RAW = "#1f4e79", "#c8590b", "#8a8f96"
@@ -53,9 +54,10 @@ def save(figure, axes, name):
 with styled():
     figure = Figure(figsize=(8, 5.6), layout="constrained")
     axes = figure.subplots(2, 3, sharex=True, sharey=True)
-    start, goal = [0.0, 0.0, 0.6], [2.3, 1.3, -2.5]
-    for ax, word in zip(axes.flat, WORDS, strict=True):
-        path = word_path(start, goal, 1.0, word)
+    start, goal = np.array([0.0, 0.0, 0.6]), np.array([2.3, 1.3, -2.5])
+    pieces = word_pieces(start, goal, 1.0)
+    for ax, word, *row in zip(axes.flat, WORDS, CURVATURES, pieces, strict=True):
+        path = path_of(chained(start, *row))
         draw(ax, path, BELIEVED if word == shortest(start, goal, 1.0).word else TRUE)
         ax.set_title(f"{word}  {path.length:.2f} R", loc="left")
     save(figure, axes, "dubins-words.png")

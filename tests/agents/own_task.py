@@ -41,15 +41,6 @@ class KeepDepth:
     def commanded(self, scenario: np.ndarray, step: np.ndarray) -> None:
         return None
 
-    def sizes(self, measurements: int, states: int) -> dict[str, int]:
-        return {
-            "guided": 5,
-            "unguided": 7,
-            "std": states,
-            "measurements": 2 * measurements,
-            "mission": 1,
-        }
-
     def observe(
         self, estimate: Estimate, scenario: np.ndarray, reference: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:

@@ -18,15 +18,14 @@ from agents.metrics import (
     scores,
 )
 from agents.metrics.costs import DEAD_BAND, turning_points
-from vessel_gym.vehicles.corvette import steady_turns
+from vessel_gym.tasks.flight import LENGTH
+from vessel_gym.vehicles.corvette import propulsion, steady_turns, straight_course
 from vessel_gym.vehicles.corvette_equations import (
     AROUND,
     STATE,
     CorvetteParameters,
     I,
     corvette_rates,
-    propulsion,
-    straight_course,
 )
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.ship import Ship
@@ -321,7 +320,7 @@ def test_energy_is_thrust_times_airspeed_in_any_wind(wind: float):
     truth, actuators = np.zeros_like(h["truth"]), h["actuators"].copy()
     truth[..., 3], actuators[..., 0] = 18.0 + wind, 2.0 * task.body.cruise[0]
     truth[..., config.true_state.names.index("mean wind north")] = wind
-    length = task.length_of(kept.scenario)
+    length = kept.scenario[:, LENGTH]
     figures = scores(changed(kept, truth=truth, actuators=actuators))
     expected = 2.0 * 18.0 * kept.length * config.system.vehicle.dt / length
     np.testing.assert_allclose(figures["energy"], expected)

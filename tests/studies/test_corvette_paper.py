@@ -5,7 +5,7 @@ import pytest
 
 from studies.papers import settings
 from studies.papers.corvette import experiment
-from vessel_gym.tasks.turning_trial import SAMPLES
+from vessel_gym.tasks.turning import SAMPLES
 from vessel_gym.vehicles.corvette_thesis import SIMULATIONS
 
 S = settings("corvette")

@@ -150,8 +150,8 @@ def test_any_whole_number_is_a_seed_of_either_face():
     [
         (SHIP, {"speed": 3.0}, ValueError, "unknown reset option 'speed': choose from "),
         (SHIP, [1], TypeError, "options must be a dictionary of values by name, or None, got [1]"),
-        (SHIP, {"radius": 10.0}, ValueError, "radius must be at least 253 m to either side, got 10.0"),
-        (AUV, {"goal": (1e7, 0.0, 1.0)}, ValueError, "goal must lie within 100000 m of the "),
+        (SHIP, {"radius": 10.0}, ValueError, "radius must be 253 to 100000 m to either side, got 10.0"),
+        (AUV, {"goal": (1e7, 0.0, 1.0)}, ValueError, "goal must be three numbers within +-100000, "),
     ],
 )  # fmt: skip
 def test_a_refused_reset_says_why_and_changes_nothing(

@@ -110,7 +110,7 @@ def test_a_turn_is_commanded_before_it_begins_and_ends() -> None:
         scenarios(len(along), {"waypoints": DOGLEG}), np.zeros(len(along), int), state
     )
     steady, rate, later = (
-        TASK.yaw_rate(np.array(RADIUS)),
+        TASK.turning(np.array(1.0 / RADIUS)),
         reference[:, RATE_NOW],
         reference[:, RATE_AHEAD],
     )
@@ -257,7 +257,7 @@ def test_a_route_in_a_batch_is_followed_as_alone() -> None:
 def test_observed_mission_is_waypoints_in_the_first_leg_frame() -> None:
     scenario = scenarios(2, {"waypoints": turned(DOGLEG, 0.7)})
     mission = TASK.observe_mission(scenario, np.zeros(2, int), np.full((2, 1), SHIP.rudder_limit))
-    assert mission.shape == (2, TASK.MISSION)
+    assert mission.shape == (2, 1 + 2 * (WAYPOINTS - 1))
     expected = np.concatenate([DOGLEG[1:], DOGLEG[-1:].repeat(WAYPOINTS - len(DOGLEG), 0)])
     np.testing.assert_allclose(
         mission[0, 1:].reshape(-1, 2), expected / (10.0 * SHIP.length), atol=1e-9

@@ -18,6 +18,7 @@ from vessel_gym.models.state_space import StateSpace
 from vessel_gym.sensors import SUITES, Sensors
 from vessel_gym.system import Estimate, System
 from vessel_gym.tasks.dive import Dive, SpatialDive, VerticalDive
+from vessel_gym.tasks.task import observation_sizes
 
 SPATIAL, VERTICAL = SegorogeniAUVEnv.system, ItsunusaAUVEnv.system
 DIVES = pytest.mark.parametrize("system", [SPATIAL, VERTICAL], ids=lambda system: system.name)
@@ -73,8 +74,9 @@ def sensors_of(system: System) -> Sensors:
 
 def sizes(system: System) -> dict[str, int]:
     """The lengths of observations beside the nominal sensors and a filter that is told of the current."""
+    task, sensors = system.task, sensors_of(system)
     return sizes_by_mode(
-        system.task.sizes(sensors_of(system).size, states(system.task) + ambient_flows(system.task))
+        observation_sizes(task, system.vehicle, sensors.size, states(task) + ambient_flows(task))
     )
 
 
@@ -135,16 +137,16 @@ def test_goal_must_be_three_finite_numbers(goal: Any):
         SPATIAL.task.scenario(np.zeros((1, 3)), {"goal": goal})
     assert (
         str(why.value)
-        == f"goal must be three finite numbers, metres north, east and down, got {goal!r}"
+        == f"goal must be three numbers within +-100000, metres north, east and down of the start, got {goal!r}"
     )
 
 
 BAD_GOALS = [
-    (SPATIAL, (3.0, 0.0, 0.5), r"the path to the goal must be 3\.9 to 40 m long, got 3\.0 m"),
-    (SPATIAL, (-10.0, 1e-9, 3.0), r"the path to the goal may turn through 270 deg at most, got 360 deg"),
-    (SPATIAL, (0.0, 7.0, 1.0), r"the path to the goal must turn on 3\.9 m at least, got 3\.5 m"),
-    (SPATIAL, (20.0, 0.0, 9.4), r"the goal must lie 0 to 9\.3 m below the start, got 9\.4 m"),
-    (VERTICAL, (73.0, 0.0, 1.0), r"the path to the goal must be 8\.0 to 72 m long, got 73\.0 m"),
+    (SPATIAL, (3.0, 0.0, 0.5), r"the length of the path to the goal must be 3\.9 to 40\.0 m, got 3\.0 m"),
+    (SPATIAL, (-10.0, 1e-9, 3.0), r"the turn of the path to the goal must be 0\.0 to 270\.0 deg, got 360\.0 deg"),
+    (SPATIAL, (0.0, 7.0, 1.0), r"the radius of the path to the goal must be 3\.9 to inf m, got 3\.5 m"),
+    (SPATIAL, (20.0, 0.0, 9.4), r"the depth of the path to the goal must be 0\.0 to 9\.3 m, got 9\.4 m"),
+    (VERTICAL, (73.0, 0.0, 1.0), r"the length of the path to the goal must be 8\.0 to 72\.0 m, got 73\.0 m"),
     (VERTICAL, (60.0, 1.0, 20.0), r"the goal must lie ahead, \(x, 0, z\) with x > 0: .* does not turn, got \(60.*\)"),
 ]  # fmt: skip
 

@@ -20,7 +20,7 @@ from vessel_gym.envs import register_environment
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.system import System
 from vessel_gym.tasks.task import Task
-from vessel_gym.vehicles.whole_state import WholeState
+from vessel_gym.vehicles.vehicle import Vehicle
 
 DT, SPEED, LIMIT, LAG, PERIOD = 0.5, 5.0, 3.0, 0.4, 4
 """Step [s], speed [m/s], rudder [rad] of the greatest action, share of it that is reached in a step, steps a fix."""
@@ -47,7 +47,7 @@ Q = np.diag([0.0, 0.0, SPIN**2, CURRENT**2 * (1.0 - FADING**2)])
 SENSED = np.eye(4)[:3]
 
 
-class LinearShip(WholeState):
+class LinearShip(Vehicle):
     """Equations of motion of a ship near a straight track, linear, with a rudder that lags its command."""
 
     dt, angles, rates = DT, (), {}

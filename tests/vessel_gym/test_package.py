@@ -17,6 +17,7 @@ import vessel_gym
 from vessel_gym.configuration import OBSERVE
 from vessel_gym.models.estimation import estimator_names
 from vessel_gym.sensors import SUITE_NAMES
+from vessel_gym.tasks.task import observation_sizes
 
 ROOT = Path(__file__).parents[2]
 HEAVY = {
@@ -139,11 +140,9 @@ def test_the_docstring_of_an_environment_is_its_manual(env_id: str):
     assert not re.search(r"^\s*%", manual, re.MULTILINE)  # in Markdown a comment
     core = cls().core
     system, bound = cls.system, core.config.system.task.BOUND
-    sizes = sizes_by_mode(
-        core.config.system.task.sizes(
-            core.config.sensors.size, len(core.config.estimation.space.names)
-        )
-    )
+    states = len(core.config.estimation.space.names)
+    parts = observation_sizes(system.task, system.vehicle, core.config.sensors.size, states)
+    sizes = sizes_by_mode(parts)
     names = [
         *system.disturbances,
         *SUITE_NAMES,

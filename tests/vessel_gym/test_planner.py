@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from vessel_gym.guidance.dubins import NoPath, approach, lengths, plan, shortest, word_path
+from vessel_gym.guidance.dubins import candidates, lengths, shortest
+from vessel_gym.guidance.planner import NoPath, plan
 
 SIZE = 20.0
 """Side of the square [turn radii] in which poses and obstacles of a random scene lie."""
@@ -18,7 +19,7 @@ def random_scene(rng: np.random.Generator, count: int, largest: float):
 
 
 def is_clear(path, obstacles: np.ndarray) -> bool:
-    return bool((approach(path, obstacles[:, :2]) >= obstacles[:, 2]).all())
+    return bool((path.distance(obstacles[:, :2]) >= obstacles[:, 2]).all())
 
 
 @pytest.fixture(scope="module")
@@ -103,17 +104,17 @@ def test_an_obstacle_that_a_plan_clears_makes_it_no_longer(blocked):
     for start, goal, obstacles in blocked:
         path = plan(start, goal, 1.0, obstacles)
         more = random_scene(rng, 5, 1.5)[2]
-        more = more[approach(path, more[:, :2]) > more[:, 2] + 1e-6]
+        more = more[path.distance(more[:, :2]) > more[:, 2] + 1e-6]
         with_more = plan(start, goal, 1.0, np.concatenate([obstacles, more]))
         assert with_more.length <= path.length * (1.0 + 1e-9)
 
 
-def test_approach_is_the_distance_of_the_nearest_sample(blocked):
+def test_distance_is_that_of_the_nearest_sample(blocked):
     for start, goal, obstacles in blocked:
         path = shortest(start, goal, 1.0)
         z, _ = trace(path, 1e-3)
         sampled = np.abs(z[:, None] - (obstacles[:, 0] + 1j * obstacles[:, 1])).min(0)
-        exact = approach(path, obstacles[:, :2])
+        exact = path.distance(obstacles[:, :2])
         assert (exact <= sampled + 1e-12).all()
         assert (sampled - exact <= 5e-4).all()  # half a spacing
 
@@ -133,7 +134,7 @@ def test_another_word_than_the_shortest_may_be_the_way():
     start, goal = [0.0, 0.0, 3.339], [2.136, 0.354, 1.24]
     path = plan(start, goal, 1.0, [[0.136, -1.874, 1.354]])
     assert shortest(start, goal, 1.0).word == "LSL"
-    assert path.length == pytest.approx(word_path(start, goal, 1.0, "LRL").length, rel=1e-12)
+    assert path.length == pytest.approx(candidates(start, goal, 1.0)["LRL"], rel=1e-12)
 
 
 def test_without_obstacles_the_plan_is_the_shortest_path():
@@ -152,13 +153,13 @@ OBSTACLE = np.array([[-250.0, 150.0, 30.0]])
 def test_the_obstacle_is_not_in_the_way_of_the_printed_poses():
     for start, goal in ((np.pi / 3, 0.0), (np.pi / 2 - np.pi / 3, np.pi / 2)):  # from x and from y
         poses = [-407.7151, 149.8384, start], [-5.6824, 126.9565, goal]
-        assert approach(shortest(*poses, 100.0), OBSTACLE[:, :2])[0] > 30.0
+        assert shortest(*poses, 100.0).distance(OBSTACLE[:, :2])[0] > 30.0
 
 
 def test_the_path_through_the_printed_points_is_led_round():
     poses = np.array([-500.0, 100.0, np.pi / 3]), np.array([0.0, 126.795, 0.0])
     direct, path = shortest(*poses, 100.0), plan(*poses, 100.0, OBSTACLE, 10.0)
-    assert approach(direct, OBSTACLE[:, :2])[0] == pytest.approx(9.12, abs=5e-3)
+    assert direct.distance(OBSTACLE[:, :2])[0] == pytest.approx(9.12, abs=5e-3)
     assert_sound(path, *poses, 100.0, OBSTACLE + [0.0, 0.0, 10.0])
     assert lengths(*poses, 100.0).min() < path.length < 1.02 * direct.length
 
@@ -188,10 +189,10 @@ START, GOAL, DISC = [0.0, 0.0, 0.0], [20.0, 0.0, 0.0], [10.0, 0.0, 2.0]
         (([10.0, 1.0, 0.0], GOAL, 1.0, [[5.0, 9.0, 1.0], DISC]), "start is 1 m inside obstacle 1"),
         ((START, [12.5, 0.0, 0.0], 1.0, [DISC], 1.0), "goal is 0.5 m inside obstacle 0 or its margin: move the goal"),
         (([np.nan, 0.0, 0.0], GOAL, 1.0, [DISC]), "start must be finite"),
-        ((START, GOAL, 1.0, [[np.inf, 0.0, 1.0]]), "obstacle 0 must have finite numbers"),
-        ((START, GOAL, 1.0, [DISC, [10.0, 0.0, -2.0]]), "obstacle 1 must have .* a radius of 0 or more"),
+        ((START, GOAL, 1.0, [[np.inf, 0.0, 1.0]]), "obstacles must be finite"),
+        ((START, GOAL, 1.0, [DISC, [10.0, 0.0, -2.0]]), "obstacles must have a radius of 0 or more"),
         ((START, GOAL, 1.0, [["x", 0.0, 1.0]]), "obstacles must be an array of real numbers, got"),
-        ((START, GOAL, 1.0, DISC), r"rows \(x, y, radius\)"),
+        ((START, GOAL, 1.0, DISC), r"obstacles must have shape \(m, 3\)"),
         ((START, GOAL, 1.0, [DISC], -0.1), "margin must be finite and 0 or more"),
     ],
 )  # fmt: skip

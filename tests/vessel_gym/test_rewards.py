@@ -18,7 +18,7 @@ from vessel_gym.envs import (
     SigmaCorvetteEnv,
 )
 from vessel_gym.system import System
-from vessel_gym.tasks.helm import smoothness
+from vessel_gym.tasks.task import smoothness
 
 TASK = SigmaCorvetteEnv.system.task
 ROWS = 12

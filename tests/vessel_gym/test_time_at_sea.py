@@ -31,6 +31,7 @@ from vessel_gym.models.estimation import LATE
 from vessel_gym.sensor_faults import KINDS, SensorFault
 from vessel_gym.sensors import LONGEST, SUITES, Sensor, Sensors, plain
 from vessel_gym.state import State
+from vessel_gym.tasks.task import observation_sizes
 
 AUV, ROWS = "SegorogeniAUV-v0", 3
 FIX = "acoustic position"
@@ -345,7 +346,8 @@ def test_raw_measurements_show_what_has_come():
     observation, info = env.reset(seed=0)
     core, p = env.unwrapped.core, env.unwrapped.core.config.sensors.size
     assert not info["available"].any()
-    guided = core.config.system.task.sizes(p, len(core.config.estimation.space.names))["guided"]
+    system, states = core.config.system, len(core.config.estimation.space.names)
+    guided = observation_sizes(system.task, system.vehicle, p, states)["guided"]
     for step in range(1, 12):
         observation, _, _, _, info = env.step(np.zeros(3, np.float32))
         seen = observation[guided + p : guided + 2 * p]

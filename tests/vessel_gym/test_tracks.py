@@ -1,27 +1,9 @@
-"""The track of a ship on a turning circle that is commanded."""
+"""Paths of ships on a turning circle."""
 
 import gymnasium as gym
 import numpy as np
-import pytest
-from heading_ship import HEADING_SHIP
 
 import vessel_gym  # noqa: F401
-from vessel_gym.tasks.turning_circle import dead_reckoned
-
-
-def test_commanded_path_has_the_commanded_radius():
-    task = HEADING_SHIP.task
-    radius = 4.0 * task.ship.length
-    for side in (1.0, -1.0):
-        scenario = task.scenario(np.zeros((1, task.uniforms)), {"radius": side * radius})[0]
-        points = task.path(scenario)
-        turn = points[int((task.lead + task.ramp) / task.dt) :]
-        centre = turn[:-2].mean(0)
-        assert np.hypot(*(turn - centre).T) == pytest.approx(radius, rel=0.03)
-        along, across = turn[1] - turn[0], centre - turn[0]
-        assert (
-            np.sign(along[0] * across[1] - along[1] * across[0]) == side
-        )  # starboard is to the right
 
 
 def test_the_commanded_path_of_a_trial_is_that_of_the_ship_in_it():
@@ -48,7 +30,3 @@ def test_a_commanded_track_closes_its_circle():
         assert np.hypot(*(turn[-1] - turn[0])) < 1.5 * length.max()  # once round
         along, across = turn[1] - turn[0], centre - turn[0]
         assert np.sign(along[0] * across[1] - along[1] * across[0]) == side
-
-
-def test_sway_to_starboard_of_a_ship_heading_north_goes_east():
-    assert dead_reckoned(np.zeros(3), np.zeros(3), np.ones(3), 1.0)[-1] == pytest.approx([0.0, 2.0])

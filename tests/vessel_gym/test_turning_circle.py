@@ -1,7 +1,8 @@
-"""The turning-circle task: its references, what the agent may see, and how it is scored."""
+"""A ship that holds a turning circle: which turns are drawn, what the agent may see, and how it is scored."""
 
 import numpy as np
 import pytest
+from heading_ship import HEADING_SHIP, SHIP
 from scipy.optimize import root
 from sensing import assumed
 
@@ -9,26 +10,17 @@ from estimators import Belief, Gaussian, make
 from vessel_gym.envs.thesis_corvette import UnknownStep
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
-from vessel_gym.tasks.turning_circle import TurningCircle
 from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import AROUND, STATE, corvette_rates
 from vessel_gym.vehicles.corvette_thesis import ThesisCorvette
-from vessel_gym.vehicles.files import load
 
-SHIP = load("corvette-thesis")
 L = SHIP.length
-TASK = TurningCircle(SHIP)
+TASK = HEADING_SHIP.task
 VEHICLE = ThesisCorvette(SHIP, 0.5)
 
 
 def scenarios(n: int, seed: int = 0) -> np.ndarray:
     return TASK.scenario(np.random.default_rng(seed).random((n, 3)), {})
-
-
-def references(scenario: np.ndarray, dt: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
-    """Times and the reference ``(k, 4)`` of one course over the whole episode, sampled every ``dt``."""
-    time = np.arange(round(TASK.horizon * TASK.dt / dt) + 1) * dt
-    return time, TASK.command(np.tile(scenario, (len(time), 1)), time / TASK.dt)
 
 
 SENSORS = Sensors(
@@ -69,7 +61,7 @@ def test_turn_radii_are_three_to_six_lengths_on_either_side():
 def test_commanded_yaw_rate_is_that_of_the_steady_turn(lengths):
     # Solve for the steady turn at the yaw rate that the task commands; its track must have the
     # radius.
-    rate = TASK.yaw_rate(np.array(lengths * L))
+    rate = TASK.track.turning(np.array(1.0 / (lengths * L)))
     assert np.sign(rate) == np.sign(lengths)
     turns = steady_turns(SHIP)
 
@@ -95,7 +87,7 @@ def test_a_turn_radius_may_be_requested():
     uniforms = np.random.default_rng(1).random((5, 3))
     for radius in (300.0, -450.0, 1e4):
         scenario = TASK.scenario(uniforms, {"radius": radius})
-        np.testing.assert_array_equal(scenario[:, 1], TASK.yaw_rate(np.array(radius)))
+        np.testing.assert_array_equal(scenario[:, 1], TASK.track.turning(np.array(1.0 / radius)))
         np.testing.assert_array_equal(
             scenario[:, 0], TASK.scenario(uniforms, {})[:, 0]
         )  # the heading is drawn as ever
@@ -103,80 +95,8 @@ def test_a_turn_radius_may_be_requested():
 
 @pytest.mark.parametrize("radius", [0.0, 252.0, -252.0, np.inf, -np.inf, np.nan])
 def test_a_radius_that_the_ship_cannot_hold_is_refused(radius):
-    with pytest.raises(ValueError, match="radius must be at least 253 m"):
+    with pytest.raises(ValueError, match="radius must be 253 to 100000 m"):
         TASK.scenario(np.zeros((1, 3)), {"radius": radius})
-
-
-# --- references -----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("i", range(4))
-def test_the_reference_heading_is_the_integral_of_its_yaw_rate(i):
-    scenario = scenarios(4)[i]
-    time, reference = references(
-        scenario, dt=0.25
-    )  # the ramp's corners, at 5 and 30 s, are samples
-    rate = reference[:, 1]
-    integral = scenario[0] + np.concatenate(
-        [[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(time))]
-    )
-    np.testing.assert_allclose(
-        reference[:, 0], integral, rtol=0, atol=1e-12
-    )  # exact: the rate is piecewise linear
-
-
-@pytest.mark.parametrize("i", range(4))
-def test_reference_is_continuous_into_the_turn(i):
-    scenario = scenarios(4)[i]
-    time, reference = references(scenario, dt=0.01)
-    steps = np.abs(np.diff(reference, axis=0)).max(0)
-    bounds = abs(scenario[1]) * 0.01 * np.array([1.0, 1.0 / TASK.ramp, 1.0 / TASK.ramp, 0.0])
-    assert (steps <= bounds * (1 + 1e-6) + 1e-14).all()
-    np.testing.assert_array_equal(
-        reference[time <= TASK.lead, :2], [[scenario[0], 0.0]] * (time <= TASK.lead).sum()
-    )
-    np.testing.assert_array_equal(reference[time >= TASK.lead + TASK.ramp + 0.01, 1], scenario[1])
-    np.testing.assert_array_equal(reference[:, 3], scenario[1])
-
-
-def test_the_preview_is_the_yaw_rate_ten_seconds_ahead():
-    _, reference = references(scenarios(1)[0])
-    ahead = round(TASK.preview / TASK.dt)
-    np.testing.assert_allclose(reference[:-ahead, 2], reference[ahead:, 1], rtol=0, atol=1e-15)
-    assert TASK.preview == 10.0
-
-
-def test_a_turn_to_port_mirrors_one_to_starboard():
-    rate = scenarios(1)[0, 1]
-    step = np.arange(TASK.horizon)
-    starboard, port = (
-        TASK.command(np.tile([0.3 * side, side * rate], (TASK.horizon, 1)), step)
-        for side in (1.0, -1.0)
-    )
-    np.testing.assert_array_equal(port, -starboard)
-    np.testing.assert_array_equal(
-        TASK.yaw_rate(np.array([-300.0])), -TASK.yaw_rate(np.array([300.0]))
-    )
-
-
-def test_known_input_is_mean_rudder_and_commanded_yaw_rate():
-    before, after, scenario, step = (
-        np.array([[0.1], [0.2]]),
-        np.array([[0.14], [0.2]]),
-        scenarios(2),
-        np.array([30, 90]),
-    )
-    told = VEHICLE.known_input(before, after, TASK.commanded(scenario, step))
-    np.testing.assert_allclose(told[:, 0], [0.12, 0.2])
-    np.testing.assert_array_equal(told[:, 1], TASK.command(scenario, step)[:, 1])
-
-
-def test_the_prior_lies_on_the_course_at_the_service_speed():
-    scenario = scenarios(3)
-    prior = TASK.prior(scenario)
-    np.testing.assert_array_equal(prior.mean, np.stack([0 * scenario[:, 0], 0 * scenario[:, 0], scenario[:, 0],
-                                                        0 * scenario[:, 0] + SHIP.speed], -1))  # fmt: skip
-    assert np.linalg.eigvalsh(prior.cov).min() > 0.0
 
 
 # --- what the agent sees --------------------------------------------------------------------------

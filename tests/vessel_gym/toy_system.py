@@ -9,10 +9,10 @@ from vessel_gym.processes import Process
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.system import System
 from vessel_gym.tasks.task import Task
-from vessel_gym.vehicles.whole_state import WholeState
+from vessel_gym.vehicles.vehicle import Vehicle
 
 
-class Cart(WholeState):
+class Cart(Vehicle):
     """Place and speed on a line."""
 
     dt, angles, rates = 0.1, (), {}

@@ -10,7 +10,7 @@ from vessel_gym.envs.shared import BESIDE_BIASES
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.processes import linear
 from vessel_gym.system import System
-from vessel_gym.tasks.turning_trial import TurningTrial
+from vessel_gym.tasks.turning import TurningTrial
 from vessel_gym.vehicles.corvette_thesis import ThesisCorvette
 
 

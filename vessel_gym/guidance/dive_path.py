@@ -11,35 +11,17 @@ the depth of the goal [m]. Frames: x north, y east, z down; a positive angle tur
 
 import numpy as np
 
-from estimators.checks import as_array, shaped_array
 from estimators.engine import compiled
 
 _STRAIGHT = 1e-9  # 1/m, the least curvature: over 100 m it bends a straight path by 5 micrometres
 
 
+@compiled
 def arc_to(goal: np.ndarray) -> np.ndarray:
     """Arcs ``(..., 3)`` from the origin to goals ``(..., 3)`` [m], given by chord and tangent."""
-    return arc_from_origin(shaped_array("goal", goal, "...", 3))
-
-
-@compiled
-def arc_from_origin(goal: np.ndarray) -> np.ndarray:
-    """Arcs ``(..., 3)`` from the origin to goals ``(..., 3)``, without a check."""
     chord, half = np.hypot(goal[..., 0], goal[..., 1]), np.arctan2(goal[..., 1], goal[..., 0])
     some = np.where(half == 0.0, 1e-20, half)
     return np.stack([2.0 * half, chord * (some / np.sin(some)), goal[..., 2]], -1)
-
-
-def point_at(s: np.ndarray, arc: np.ndarray) -> tuple[np.ndarray, ...]:
-    """x, y, z [m], heading [rad] and slope [m/m] ``(...)`` of the path at ``s`` metres in plan."""
-    length, depth, curvature = arc[..., 1], arc[..., 2], _curvature(arc)
-    on = np.clip(s, 0.0, length)
-    beyond, t = s - on, on / length
-    heading = curvature * on
-    x = np.sin(heading) / curvature + beyond * np.cos(heading)
-    # 1 - cos without loss of digits where the path is nearly straight
-    y = 2.0 * np.sin(0.5 * heading) ** 2 / curvature + beyond * np.sin(heading)
-    return x, y, depth * t * t * (3.0 - 2.0 * t), heading, depth * 6.0 * t * (1.0 - t) / length
 
 
 def _curvature(arc: np.ndarray) -> np.ndarray:
@@ -47,14 +29,34 @@ def _curvature(arc: np.ndarray) -> np.ndarray:
     return np.where(abs(curvature) > _STRAIGHT, curvature, _STRAIGHT)
 
 
+@compiled(axes=(0, 1))
+def path_point(s: np.ndarray | float, arc: np.ndarray) -> np.ndarray:
+    """x, y, z [m], heading [rad], slope [m/m] ``(..., 5)`` at ``s (...)`` metres in plan."""
+    length, depth, curvature = arc[..., 1], arc[..., 2], _curvature(arc)
+    on = np.clip(s, 0.0, length)
+    beyond, t = s - on, on / length
+    heading = curvature * on
+    x = np.sin(heading) / curvature + beyond * np.cos(heading)
+    # 1 - cos without loss of digits where the path is nearly straight
+    y = 2.0 * np.sin(0.5 * heading) ** 2 / curvature + beyond * np.sin(heading)
+    z, slope = depth * t * t * (3.0 - 2.0 * t), depth * 6.0 * t * (1.0 - t) / length
+    return np.stack([x, y, z, heading, slope], -1)
+
+
 @compiled(axes=(1, 1, 0))
-def locate(position: np.ndarray, arc: np.ndarray, ahead: np.ndarray | float) -> np.ndarray:
-    """Positions relative to paths ``(..., 8)``, as `follow` returns them.
+def follow(position: np.ndarray, arc: np.ndarray, ahead: np.ndarray | float) -> np.ndarray:
+    """Positions relative to paths ``(..., 8)``.
 
     Args:
         position: ``(..., 3)`` north, east, down [m].
         arc: ``(..., 3)`` arcs.
         ahead: ``(...)`` look-ahead distance in plan [m].
+
+    Returns:
+        Progress, cross-track error, depth error [m], heading [rad] and slope of the path at the
+        closest point in plan, and the vector north, east, down [m] to the path's point ``ahead``
+        metres beyond that. Progress is negative before the start, and above the length beyond the
+        end. Errors are positive to starboard of the path and below the path.
     """
     x, y, z = (position[..., i] for i in range(3))
     angle, length, curvature = arc[..., 0], arc[..., 1], _curvature(arc)
@@ -63,34 +65,11 @@ def locate(position: np.ndarray, arc: np.ndarray, ahead: np.ndarray | float) -> 
     polar = np.arctan2(curvature * x, 1.0 - curvature * y) - 0.5 * angle
     polar = polar - 2.0 * np.pi * np.floor(polar / (2.0 * np.pi) + 0.5)
     on = (polar + 0.5 * angle) / curvature
-    end_x, end_y, _, heading, _ = point_at(length, arc)
+    end_x, end_y, _, heading, _ = np.moveaxis(path_point(length, arc), -1, 0)
     beyond = np.maximum((x - end_x) * np.cos(heading) + (y - end_y) * np.sin(heading), 0.0)
     # Before the start and beyond the end the path is straight.
     s = np.where(on < 0.0, np.minimum(x, 0.0), np.where(on > length, length + beyond, on))
-    px, py, pz, heading, slope = point_at(s, arc)
+    px, py, pz, heading, slope = np.moveaxis(path_point(s, arc), -1, 0)
     across = (y - py) * np.cos(heading) - (x - px) * np.sin(heading)
-    ax, ay, az, _, _ = point_at(s + ahead, arc)
-    return np.stack([s, across, z - pz, heading, slope, ax - x, ay - y, az - z], -1)
-
-
-def path_point(s: np.ndarray, arc: np.ndarray) -> np.ndarray:
-    """x, y, z [m], heading [rad], slope [m/m] ``(..., 5)`` at ``s (...)`` metres in plan."""
-    return np.stack(point_at(as_array("s", s), shaped_array("arc", arc, "...", 3)), -1)
-
-
-def follow(position: np.ndarray, arc: np.ndarray, ahead: float) -> np.ndarray:
-    """Position relative to the path ``(..., 8)``.
-
-    Args:
-        position: ``(..., 3)`` north, east, down [m].
-        arc: ``(..., 3)`` arc.
-        ahead: Look-ahead distance in plan [m].
-
-    Returns:
-        Progress, cross-track error, depth error [m], heading [rad] and slope of the path at the
-        closest point in plan, and the vector north, east, down [m] to the path's point ``ahead``
-        metres beyond that. Progress is negative before the start, and above the length beyond the
-        end. Errors are positive to starboard of the path and below the path.
-    """
-    position, arc = shaped_array("position", position, "...", 3), shaped_array("arc", arc, "...", 3)
-    return locate(position, arc, as_array("ahead", ahead))
+    to_point = path_point(s + ahead, arc)[..., :3] - position
+    return np.concatenate([np.stack([s, across, z - pz, heading, slope], -1), to_point], -1)

@@ -11,7 +11,7 @@ error costs `PER_RAD` metres a radian, and at most twice that. So no memory is n
 import numpy as np
 
 from estimators.engine import compiled
-from vessel_gym.guidance.words import follow_on
+from vessel_gym.guidance.dubins import follow_on, nearest
 
 LEAD = 50.0
 """Length [m] of the straights before the start and beyond the end."""
@@ -22,6 +22,13 @@ COLUMNS = 5
 _FAR = 1e6  # m, larger coordinates are clipped, so that nothing overflows
 
 
+def padded(rows: np.ndarray, count: int) -> np.ndarray:
+    """Rows ``(..., k, c)`` side by side ``(..., count c)``, with zeros for those that are missing."""
+    *axes, k, columns = rows.shape
+    missing = np.zeros((*axes, (count - k) * columns))
+    return np.concatenate([rows.reshape(*axes, -1), missing], -1)
+
+
 def _pieces(segments: np.ndarray) -> tuple[np.ndarray, ...]:
     """Pieces ``(..., k + 2)`` of a path ``(..., 5 k)``, with straights at both ends.
 
@@ -30,18 +37,19 @@ def _pieces(segments: np.ndarray) -> tuple[np.ndarray, ...]:
         arc length from the origin, and a mask of existing pieces.
     """
     x, y, heading, curvature, length = (segments[..., i::COLUMNS] for i in range(COLUMNS))
-    mask, final, zero = length > 0.0, segments[..., :COLUMNS], np.zeros_like(length[..., :1])
-    for k in range(1, length.shape[-1]):
-        segment = segments[..., COLUMNS * k : COLUMNS * (k + 1)]
-        final = np.where(mask[..., k, None], segment, final)
-    begin = np.concatenate([zero, zero, length.cumsum(-1)], -1)
-    end_x, end_y, end_heading = follow_on(final[..., 4], *(final[..., i] for i in range(4)))
+    zero, mask = np.zeros_like(length[..., :1]), length > 0.0
+    by_x, by_y, _ = follow_on(length, 0.0, 0.0, heading, curvature)
+
+    def with_ends(origins: np.ndarray, changes: np.ndarray) -> np.ndarray:
+        first = origins[..., :1]
+        return np.concatenate([first, origins, first + changes.sum(-1)[..., None]], -1)
+
     return (
-        np.concatenate([x[..., :1], x, end_x[..., None]], -1),
-        np.concatenate([y[..., :1], y, end_y[..., None]], -1),
-        np.concatenate([heading[..., :1], heading, end_heading[..., None]], -1),
+        with_ends(x, by_x),
+        with_ends(y, by_y),
+        with_ends(heading, curvature * length),
         np.concatenate([zero, curvature, zero], -1),
-        begin,
+        np.concatenate([zero, zero, length.cumsum(-1)], -1),
         np.concatenate([zero - LEAD, np.zeros_like(length), zero], -1),
         np.concatenate([zero, length, zero + LEAD], -1),
         np.concatenate([zero == 0.0, mask, zero == 0.0], -1),
@@ -62,39 +70,20 @@ def pose_along(
     return follow_on(along - pose[4], *pose[:4])
 
 
-def _closest(
-    x: np.ndarray, y: np.ndarray, curvature: np.ndarray, low: np.ndarray, high: np.ndarray
-) -> np.ndarray:
-    """Arc length in [low, high] of the point of a segment that is closest to (x, y).
-
-    x is ahead, y to the side of positive curvature.
-    """
-    straight, side = curvature == 0.0, np.where(curvature > 0.0, 1.0, -1.0)
-    radius = 1.0 / np.where(straight, 1.0, abs(curvature))
-    full = 2.0 * np.pi * radius
-    beyond = np.arctan2(x, radius - side * y) * radius - low
-    s = low + (beyond - full * np.floor(beyond / full))
-    end = np.where(s - high < low + full - s, high, low)
-    return np.where(straight, np.clip(x, low, high), np.where(s <= high, s, end))
-
-
 def _mean_curvature(
-    begin: np.ndarray, curvature: np.ndarray, first: np.ndarray, last: np.ndarray, apart: np.ndarray
+    begin: np.ndarray, curvature: np.ndarray, first: np.ndarray, last: np.ndarray
 ) -> np.ndarray:
-    """Mean curvature [1/m] of a path's pieces from ``first`` to ``last``, ``apart`` metres."""
-    mean = np.zeros_like(first)
-    for k in range(1, begin.shape[-1] - 1):
-        ends = np.minimum(begin[..., k + 1], last)
-        covered = np.maximum(ends - np.maximum(begin[..., k], first), 0.0)
-        mean = mean + curvature[..., k] * covered / apart
-    return mean
+    """Mean curvature [1/m] of a path's pieces from ``first`` to ``last`` [m]."""
+    ends = np.minimum(begin[..., 2:], last[..., None])
+    covered = np.maximum(ends - np.maximum(begin[..., 1:-1], first[..., None]), 0.0)
+    return (curvature[..., 1:-1] * covered).sum(-1) / (last - first)
 
 
 @compiled
 def locate(
     pose: np.ndarray, window: np.ndarray, segments: np.ndarray, ahead: np.ndarray
 ) -> np.ndarray:
-    """Positions relative to paths ``(..., 7)``.
+    """Positions relative to paths ``(..., 6)``.
 
     Args:
         pose: ``(..., 3)`` x, y [m] and course [rad].
@@ -106,16 +95,15 @@ def locate(
 
     Returns:
         Progress of the closest point [m], cross-track error (positive to the side of positive
-        curvature) [m], heading of the path there [rad], two mean curvatures ahead [1/m], remaining
-        path [m], and distance from the path [m].
+        curvature) [m], heading of the path there [rad], two mean curvatures ahead [1/m], and
+        distance from the path [m].
     """
     x, y = (np.clip(pose[..., i], -_FAR, _FAR) for i in range(2))
     rx, ry, angle, curvature, begin, first, last, exists = _pieces(segments)
     low = np.maximum(first, window[..., 0, None] - begin)
     high = np.minimum(last, window[..., 1, None] - begin)
-    cos, sin, dx, dy = np.cos(angle), np.sin(angle), x[..., None] - rx, y[..., None] - ry
-    s = _closest(dx * cos + dy * sin, dy * cos - dx * sin, curvature, low, high)
-    ax, ay, at = follow_on(s, rx, ry, angle, curvature)
+    arc = rx, ry, angle, curvature
+    s, ax, ay, at = nearest(x[..., None], y[..., None], arc, low, high)
     turned = 1.0 - np.cos(pose[..., 2, None] - at)
     off = (x[..., None] - ax) ** 2 + (y[..., None] - ay) ** 2
     cost = off + 2.0 * window[..., 2, None] ** 2 * turned
@@ -130,11 +118,10 @@ def locate(
         point = np.where(closer[..., None], points[..., k, :], point)
     progress, px, py, heading = (point[..., i] for i in range(4))
     near, far = progress + ahead[..., 0], progress + ahead[..., 1]
-    soon = _mean_curvature(begin, curvature, progress, near, ahead[..., 0])
-    later = _mean_curvature(begin, curvature, near, far, ahead[..., 1] - ahead[..., 0])
+    soon = _mean_curvature(begin, curvature, progress, near)
+    later = _mean_curvature(begin, curvature, near, far)
     across = (y - py) * np.cos(heading) - (x - px) * np.sin(heading)
-    rest, distance = begin[..., -1] - progress, np.hypot(x - px, y - py)
-    return np.stack([progress, across, heading, soon, later, rest, distance], -1)
+    return np.stack([progress, across, heading, soon, later, np.hypot(x - px, y - py)], -1)
 
 
 ANYWHERE = np.array([-np.inf, np.inf, PER_RAD])

@@ -9,17 +9,15 @@ their margins: evenly spread, in either direction. A* finds the shortest way thr
 
 import numpy as np
 
-from estimators.checks import AT_LEAST_0, as_array, finite_array, number
-from vessel_gym.checks import instance
-from vessel_gym.guidance.words import (
+from estimators.checks import AT_LEAST_0, as_array, finite_array, number, short_repr
+from vessel_gym.guidance.dubins import (
     CURVATURES,
     Path,
-    chain,
     chained,
+    checked,
     distances,
     lengths,
-    shortened,
-    single,
+    path_of,
     whole,
     word_pieces,
 )
@@ -31,17 +29,6 @@ _HAIR = 1e-9  # turn radii between poses and circles: no rounding error leads in
 
 class NoPath(ValueError):
     """No path was found, which does not prove that there is none."""
-
-
-def approach(path: Path, points: np.ndarray) -> np.ndarray:
-    """Distance ``(m,)`` [m] of a path from points ``(m, 2)``, in closed form.
-
-    Args:
-        path: Path.
-        points: x, y [m].
-    """
-    instance("path", path, Path)
-    return distances(path.segments, finite_array("points", points, "...", 2)[..., None, :]).min(-1)
 
 
 def plan(
@@ -63,8 +50,9 @@ def plan(
         NoPath: (a ValueError) if no path was found.
         ValueError: for invalid numbers, and for a start or a goal within the margin of an obstacle.
     """
-    start, goal, radius = single(start, goal, radius)
-    discs = _discs(obstacles, margin)
+    start, goal, turn = checked(start, goal, radius)
+    room = number("the margin", margin, AT_LEAST_0, np.inf, "finite and 0 or more")
+    discs = checked_obstacles(obstacles) + [0.0, 0.0, room]
     for name, pose in (("start", start), ("goal", goal)):
         depth = discs[:, 2] - np.hypot(*(discs[:, :2] - pose[:2]).T)
         if (depth > 0.0).any():
@@ -73,17 +61,17 @@ def plan(
                 f" move the {name} or the obstacle, or ask for less margin"
             )
     ends = [[*start, -1.0, 0.0], [*goal, -1.0, 0.0]]
-    legs = _search(np.concatenate([ends, _tangents(discs, radius)]), radius, discs)
+    legs = _search(np.concatenate([ends, _tangents(discs, radius)]), turn, discs)
     if not len(legs):
         raise NoPath(
             f"no path with turns of {radius:.6g} m or more was found, which does not prove that"
             " there is none: move the poses away from the obstacles, turn tighter or ask for less"
             " margin"
         )
-    pieces = shortened(np.concatenate(legs)).segments
+    pieces = path_of(np.concatenate(legs)).segments
     first = np.diff(pieces[:, 3], prepend=np.nan) != 0.0  # two legs may share an arc
     extents = np.add.reduceat(pieces[:, 4], np.flatnonzero(first))
-    return chain(start, pieces[first, 3], extents)
+    return path_of(chained(start, pieces[first, 3], extents))
 
 
 def _tangents(discs: np.ndarray, radius: float) -> np.ndarray:
@@ -102,7 +90,7 @@ def _tangents(discs: np.ndarray, radius: float) -> np.ndarray:
     ], -1)  # fmt: skip
 
 
-def _search(nodes: np.ndarray, radius: float, discs: np.ndarray) -> list[np.ndarray]:
+def _search(nodes: np.ndarray, radius: np.ndarray, discs: np.ndarray) -> list[np.ndarray]:
     """Legs ``(3, 5)`` of the shortest way from the first node to the second; empty without one."""
     ahead = lengths(nodes[:, :3], nodes[1, :3], radius).min(-1)  # no way round is shorter
     way, unseen = np.append(0.0, np.full(len(nodes) - 1, np.inf)), np.ones(len(nodes), bool)
@@ -124,7 +112,7 @@ def _search(nodes: np.ndarray, radius: float, discs: np.ndarray) -> list[np.ndar
 
 
 def _ways(
-    here: np.ndarray, nodes: np.ndarray, radius: float, discs: np.ndarray
+    here: np.ndarray, nodes: np.ndarray, radius: np.ndarray, discs: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Shortest clear words, or arcs along an edge, from a node ``(5,)`` to nodes ``(n, 5)``.
 
@@ -134,7 +122,7 @@ def _ways(
     bend, shape = here[4], (len(nodes), len(CURVATURES) + 1, 3)
     curvatures, pieces = np.zeros((2, *shape))
     curvatures[:, :-1], curvatures[:, -1, 0] = CURVATURES / radius, bend
-    pieces[:, :-1] = word_pieces(here[:3], nodes[:, :3], np.array(radius)) * radius
+    pieces[:, :-1] = word_pieces(here[:3], nodes[:, :3], radius) * radius
     follows = (bend != 0.0) & (nodes[:, 3:] == here[3:]).all(-1)
     angle = whole((nodes[:, 2] - here[2]) * np.sign(bend))
     pieces[:, -1, 0] = np.where(follows, angle / np.where(follows, abs(bend), 1.0), np.inf)
@@ -146,22 +134,14 @@ def _ways(
     return segments[best], length[best]
 
 
-def _discs(obstacles: np.ndarray, margin: float) -> np.ndarray:
-    """Clearance circles ``(m, 3)``.
+def checked_obstacles(obstacles: object) -> np.ndarray:
+    """Obstacles ``(m, 3)`` as a float array.
 
     Raises:
-        ValueError: for invalid obstacles, or a negative margin.
+        ValueError: for numbers that are not finite, or a radius below 0.
     """
-    obstacles = as_array("obstacles", obstacles)
-    room = number("the margin", margin, AT_LEAST_0, np.inf, "finite and 0 or more")
-    if obstacles.size == 0:
-        obstacles = np.zeros((0, 3))
-    if obstacles.ndim != 2 or obstacles.shape[1] != 3:
-        raise ValueError(f"obstacles must be rows (x, y, radius), got shape {obstacles.shape}")
-    bad = ~np.isfinite(obstacles).all(-1) | (obstacles[:, 2] < 0.0)
-    if bad.any():
-        raise ValueError(
-            f"obstacle {bad.argmax()} must have finite numbers and a radius of 0 or more:"
-            " correct it"
-        )
-    return obstacles + [0.0, 0.0, room]
+    rows = as_array("obstacles", obstacles)
+    rows = finite_array("obstacles", rows if rows.size else np.zeros((0, 3)), "m", 3)
+    if (rows[:, 2] < 0.0).any():
+        raise ValueError(f"obstacles must have a radius of 0 or more, got {short_repr(obstacles)}")
+    return rows

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.angles import wrap
 from estimators.checks import numbers, short_repr
-from vessel_gym.guidance.words import Path, chain
+from vessel_gym.guidance.dubins import Path, chained, path_of
 
 WAYPOINTS = 8
 """Largest number of waypoints in a route."""
@@ -63,7 +63,7 @@ def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.
             f" {length[at] - straight[at]:.0f} m for its arcs of {radius:.0f} m radius"
         )
     for i, j in combinations(range(len(legs)), 2):
-        if j > i + 1 and (apart := _apart(*points[[i, i + 1, j, j + 1]])) <= clearance:
+        if j > i + 1 and (apart := _apart(points[i : i + 2], points[j : j + 2])) <= clearance:
             raise ValueError(
                 f"legs {i + 1} and {j + 1} of the route come within {apart:.0f} m of each other,"
                 f" nearer than {clearance:.0f} m"
@@ -71,7 +71,8 @@ def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.
     lengths, curvatures = np.zeros((2, 2 * len(legs) - 1))
     lengths[::2], lengths[1::2] = straight, radius * np.abs(turn)
     curvatures[1::2] = np.sign(turn) / radius
-    return points, chain(np.array([0.0, 0.0, course[0]]), curvatures, lengths)
+    start = np.array([0.0, 0.0, course[0]])
+    return points, path_of(chained(start, curvatures, lengths))
 
 
 def _checked(waypoints: object) -> np.ndarray:
@@ -92,16 +93,18 @@ def _checked(waypoints: object) -> np.ndarray:
     return points
 
 
-def _apart(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> float:
-    """Least distance [m] between the legs from a to b and from c to d; 0 if they cross."""
+def _apart(one: np.ndarray, other: np.ndarray) -> float:
+    """Least distance [m] between legs from and to places ``(2, 2)``; 0 if they cross."""
 
-    def side(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> float:
-        return float((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))
+    def sides(leg: np.ndarray, places: np.ndarray) -> np.ndarray:
+        (x, y), (dx, dy) = (places - leg[0]).T, leg[1] - leg[0]
+        return dx * y - dy * x
 
-    def to_leg(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> float:
-        share = np.clip((p - q) @ (r - q) / ((r - q) @ (r - q)), 0.0, 1.0)
-        return float(np.hypot(*(q + share * (r - q) - p)))
+    def to_leg(leg: np.ndarray, places: np.ndarray) -> np.ndarray:
+        way, off = leg[1] - leg[0], places - leg[0]
+        share = np.clip(off @ way / (way @ way), 0.0, 1.0)
+        return np.hypot(*(share[:, None] * way - off).T)
 
-    if side(a, b, c) * side(a, b, d) < 0.0 and side(c, d, a) * side(c, d, b) < 0.0:
+    if sides(one, other).prod() < 0.0 and sides(other, one).prod() < 0.0:
         return 0.0
-    return min(to_leg(a, c, d), to_leg(b, c, d), to_leg(c, a, b), to_leg(d, a, b))
+    return float(np.concatenate([to_leg(one, other), to_leg(other, one)]).min())

@@ -95,7 +95,7 @@ def read_grades(system: Any, path: str | Path | None = None) -> Grades:
     """
     own_alone = path is None
     if path is None:
-        path = getattr(system.vehicle, "grades", None)
+        path = system.vehicle.grades
         if path is None:
             title = type(system.vehicle).__name__
             raise ValueError(

@@ -1,16 +1,16 @@
 """Keep a ship between the edges of a channel: along a straight leg, or a route of waypoints."""
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from estimators import Gaussian
 from estimators.engine import compiled, sincos
 from vessel_gym.checks import check_numbers, one_of
-from vessel_gym.guidance.path_following import COLUMNS, locate, pose_along
+from vessel_gym.guidance.path_following import COLUMNS, locate, padded, pose_along
 from vessel_gym.guidance.routes import SEGMENTS, WAYPOINTS, route
+from vessel_gym.tasks.task import closeness
 from vessel_gym.tasks.track import HEADING, Track, in_frame
 
 OFFSET, ERROR, LENGTH = 1, 2, 3
@@ -62,7 +62,6 @@ class Channel(Track):
         check_numbers(self, positive="leg margin_beams turn", share="offset")
         check_numbers(self, direction="angle", not_negative="spread error")
 
-    MISSION: ClassVar[int] = 1 + 2 * (WAYPOINTS - 1)
     uniforms = 4
     end_reasons = ("", "arrived", "aground")
     success = "arrived"
@@ -97,8 +96,8 @@ class Channel(Track):
             )
             scenarios[:, HEADING], scenarios[:, LENGTH] = path.segments[0, 2], path.length
             listed = np.concatenate([points[1:], points[-1:].repeat(WAYPOINTS - len(points), 0)])
-            scenarios[:, _POINTS:_PATH], scenarios[:, _PATH:] = listed.ravel(), 0.0
-            scenarios[:, _PATH : _PATH + path.segments.size] = path.segments.ravel()
+            scenarios[:, _POINTS:_PATH] = listed.ravel()
+            scenarios[:, _PATH:] = padded(path.segments, SEGMENTS)
         return scenarios
 
     @compiled
@@ -122,20 +121,16 @@ class Channel(Track):
 
     # --- where the ship is ------------------------------------------------------------------------
 
-    @cached_property
-    def _ahead(self) -> np.ndarray:
-        """Distances [m] up to which curvatures are averaged for a reference."""
-        return np.array([0.5, 1.5]) * self.preview * self.ship.speed
-
     @compiled(axes=(1, 1))
     def _nearest(self, scenario: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """Position ``(..., 7)`` relative to the axis of places ``(..., 2)``, see `locate`."""
+        """Position ``(..., 6)`` relative to the axis of places ``(..., 2)``, see `locate`."""
         pose = np.concatenate([place, np.zeros_like(place[..., :1])], -1)
-        return locate(pose, _ANYWHERE, scenario[..., _PATH:], self._ahead)
+        ahead = np.array([0.5, 1.5]) * self.preview * self.ship.speed  # to average curvatures
+        return locate(pose, _ANYWHERE, scenario[..., _PATH:], ahead)
 
     @compiled(axes=(1, 0, 1))
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Reference ``(..., 8)`` for a ship in a state ``(..., 6)``."""
+        """Reference ``(..., 8)`` for a ship in a state ``(..., n)``."""
         place = self._nearest(scenario, state[..., :2])
         along, off, direction, soon, later = (place[..., i] for i in range(5))
         rate = self.turning(soon)
@@ -145,11 +140,9 @@ class Channel(Track):
 
     @compiled(axes=(1, 0))
     def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """State ``(..., 6)`` on the axis at service speed; its velocities are 0."""
+        """Position [m] and heading [rad] ``(..., 3)`` on the axis at service speed."""
         along = np.clip(step * (self.dt * self.ship.speed), 0.0, scenario[..., LENGTH])
-        x, y, direction = pose_along(along, scenario[..., _PATH:])
-        zero = np.zeros_like(x)
-        return np.stack([x, y, direction, zero, zero, zero], -1)
+        return np.stack(pose_along(along, scenario[..., _PATH:]), -1)
 
     def path(self, scenario: np.ndarray) -> np.ndarray:
         """Axis ``(k, 2)`` of the channel of a scenario ``(n,)``."""
@@ -188,11 +181,7 @@ class Channel(Track):
     # --- how it is scored -------------------------------------------------------------------------
 
     COURSE_TOLERANCE = 0.05  # rad between course over ground and axis that halve its share
-
-    @property
-    def distance_tolerance(self) -> float:
-        """Distance [m] from the axis that halves the reward: a quarter of the margin."""
-        return 0.25 * self.margin
+    DISTANCE_TOLERANCE = 0.25  # share of the margin off the axis that halves the reward
 
     def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
         """Farthest distance along the channel so far, rudder and its rate ``(..., 3)``."""
@@ -216,8 +205,8 @@ class Channel(Track):
         aside = self.course_error(state, exogenous, direction)
         length, aground = scenario[..., LENGTH], np.abs(off) > self.margin
         covered = np.maximum(farthest, np.minimum(along, length))
-        value = 0.7 + 0.3 / (1.0 + (aside / self.COURSE_TOLERANCE) ** 2)
-        value = value / (1.0 + (off / self.distance_tolerance) ** 2)
+        value = 0.7 + 0.3 * closeness(aside, self.COURSE_TOLERANCE)
+        value = value * closeness(off, self.DISTANCE_TOLERANCE * self.margin)
         smooth, steered = self.smooth(actuators, score_state[..., 1:])
         reward = np.where(aground, 0.0, value * smooth * (covered - farthest) / length)
         end = np.where(aground, 2, np.where(along >= length, 1, 0))

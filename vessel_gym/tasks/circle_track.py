@@ -5,13 +5,14 @@ from typing import Any
 
 import numpy as np
 
+from estimators.checks import as_number, short_repr
 from estimators.engine import compiled, sincos
-from vessel_gym.tasks.steering import wrapped
-from vessel_gym.tasks.track import Track
-from vessel_gym.tasks.turning_circle import TurningCircle
+from vessel_gym.checks import check_numbers, check_pair, one_of
+from vessel_gym.tasks.task import closeness, wrapped
+from vessel_gym.tasks.track import HEADING, Track
 
-HEADING, RATE, CURVATURE, SPEED = range(4)
-"""Columns of a scenario."""
+RATE, CURVATURE, SPEED = range(HEADING + 1, 4)
+"""Columns of a scenario after the first direction."""
 _ABSURD = 1e9  # m: the square of a diverged position stays finite
 
 
@@ -30,7 +31,7 @@ def _clothoid(
 
 @compiled
 @dataclass(frozen=True)
-class CircleTrack(Track, TurningCircle):
+class CircleTrack(Track):
     """The commanded track leads into a circle over ground: a straight, a clothoid, rounds.
 
     The track begins at the ship's start. A scenario (the episode's parameters, drawn at reset) is
@@ -41,19 +42,64 @@ class CircleTrack(Track, TurningCircle):
     [m/s], estimated heading [rad])``.
     """
 
-    def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
-        """Draw scenarios ``(B, 4)``, see `TurningCircle.scenario`."""
-        return self._turn(*super().scenario(uniforms, options).T)
+    radius: tuple[float, float] = (3.0, 6.0)  # radius of the circle in ship lengths, either side
+    tightest: float = 2.5  # ship lengths, least radius of an option: nearly full rudder
 
-    @compiled(axes=(0, 0))
-    def _turn(self, heading: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """Scenario ``(..., 4)`` of a steady turn with a yaw rate."""
-        curvature = np.copysign(np.interp(np.abs(rate), *self._turns[::-1]), rate)
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_numbers(self, positive="tightest")
+        check_pair(f"radius of {type(self).__name__}", self.radius)
+
+    uniforms = 3
+    """Number of uniform random numbers that `scenario` needs."""
+    end_reasons = ("", "turn lost")
+    WIDEST = 1e5  # m, largest radius of an option; a larger number is an error of the unit
+
+    def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
+        """Draw scenarios ``(B, 4)`` from uniforms ``(B, 3)``.
+
+        Args:
+            uniforms: Random numbers for the initial heading, the radius and the side.
+            options: ``{"radius": r}`` sets the radius of the circle [m], positive to starboard.
+
+        Raises:
+            ValueError: for an unknown option or a radius that the ship cannot hold.
+        """
+        radius = np.nan
+        for option, value in options.items():
+            one_of("reset option", option, ("radius",))
+            low, radius = self.tightest * self.ship.length, as_number(value)
+            if not low <= abs(radius) <= self.WIDEST:
+                raise ValueError(
+                    f"radius must be {low:.0f} to {self.WIDEST:.0f} m to either side, got"
+                    f" {short_repr(value)}"
+                )
+        return self._drawn(uniforms, np.full(len(uniforms), radius))
+
+    @compiled(axes=(1, 0))
+    def _drawn(self, uniforms: np.ndarray, radius: np.ndarray) -> np.ndarray:
+        """Scenarios ``(..., 4)`` with a signed radius [m], which is drawn where it is NaN."""
+        shortest, longest = self.radius
+        drawn = self.ship.length * (shortest + (longest - shortest) * uniforms[..., 1])
+        drawn = np.copysign(drawn, uniforms[..., 2] - 0.5)
+        most = 1.0 / self._turns.radius[-1]
+        curvature = np.clip(1.0 / np.where(np.isnan(radius), drawn, radius), -most, most)
+        heading, rate = np.pi * (1.0 - 2.0 * uniforms[..., 0]), self.turning(curvature)
         return np.stack([heading, rate, curvature, rate / curvature], -1)
+
+    @property
+    def lead(self) -> float:
+        """Time [s] before the turn begins."""
+        return 5.0 * self.pace
+
+    @property
+    def ramp(self) -> float:
+        """Time [s] in which the yaw rate rises to its final value."""
+        return 25.0 * self.pace
 
     @compiled(axes=(1, 0, 1))
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
-        """Reference ``(..., 8)`` at a step ``(...)`` for a ship in a state ``(..., 6)``."""
+        """Reference ``(..., 8)`` at a step ``(...)`` for a ship in a state ``(..., n)``."""
         rate, curvature = scenario[..., RATE], scenario[..., CURVATURE]
         slower = scenario[..., SPEED] - self.ship.speed
         lead, ramp = self._lengths(scenario)
@@ -135,10 +181,9 @@ class CircleTrack(Track, TurningCircle):
 
     @compiled(axes=(1, 0))
     def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """State ``(..., 6)`` of a ship that keeps to track and speed; its velocities are 0."""
+        """Position [m] and heading [rad] ``(..., 3)`` of a ship that keeps to track and speed."""
         place, direction = self.track(scenario, self._nominal_distance(scenario, step))
-        zero = np.zeros_like(direction)
-        return np.stack([place[..., 0], place[..., 1], direction, zero, zero, zero], -1)
+        return np.concatenate([place, direction[..., None]], -1)
 
     @compiled(axes=(1, 0))
     def track(self, scenario: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -180,6 +225,7 @@ class CircleTrack(Track, TurningCircle):
 
     # --- how it is scored -------------------------------------------------------------------------
 
+    RATE_TOLERANCE = 0.15  # relative error that halves the yaw rate's share
     DISTANCE_TOLERANCE = 10.0  # m from the track that halve the reward
     COURSE_TOLERANCE = 0.05  # rad between course over ground and track that halve its share
     COURSE_SHARE = 0.6  # share of the course in the factor of course and yaw rate
@@ -212,10 +258,10 @@ class CircleTrack(Track, TurningCircle):
         )
         fresh = np.maximum(along - farthest, 0.0)
         progress = np.minimum(fresh / (self.ENOUGH * (self.dt * speed)), 1.0)
-        value = self.COURSE_SHARE / (1.0 + (aside / self.COURSE_TOLERANCE) ** 2)
-        value = value + (1.0 - self.COURSE_SHARE) / (1.0 + (turning / self.RATE_TOLERANCE) ** 2)
+        value = self.COURSE_SHARE * closeness(aside, self.COURSE_TOLERANCE)
+        value = value + (1.0 - self.COURSE_SHARE) * closeness(turning, self.RATE_TOLERANCE)
         smooth, steered = self.smooth(actuators, score_state[..., 2:])
-        reward = value / (1.0 + (off / self.DISTANCE_TOLERANCE) ** 2) * smooth * progress
+        reward = value * closeness(off, self.DISTANCE_TOLERANCE) * smooth * progress
         place = np.stack([along, np.maximum(farthest, along)], -1)
         lost = np.abs(off) > self.FAR * self.ship.length
         return reward, np.where(lost, 1, 0), np.concatenate([place, steered], -1)

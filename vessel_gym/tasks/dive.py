@@ -1,7 +1,6 @@
 """Dive along a smooth path to a goal, and recognise the arrival from the estimate."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
@@ -10,11 +9,9 @@ from estimators import Gaussian
 from estimators.checks import finite_array, integer, short_repr
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, instance, one_of
-from vessel_gym.guidance.dive_path import arc_from_origin, arc_to, locate, point_at
+from vessel_gym.guidance.dive_path import arc_to, follow, path_point
 from vessel_gym.system import Estimate
-from vessel_gym.tasks.helm import smoothness
-from vessel_gym.tasks.steering import wrapped
-from vessel_gym.tasks.task import Task, three_numbers
+from vessel_gym.tasks.task import Task, closeness, smoothness, three_numbers, wrapped
 from vessel_gym.vehicles.auv import AUVParameters
 
 END_REASONS = (
@@ -106,38 +103,26 @@ class Dive(Task):
 
     @compiled
     def _drawn(self, uniforms: np.ndarray) -> np.ndarray:
-        return arc_from_origin(
-            np.array(self.goal) + np.array(self.goal_spread) * (2.0 * uniforms - 1.0)
-        )
+        return arc_to(np.array(self.goal) + np.array(self.goal_spread) * (2.0 * uniforms - 1.0))
 
     def _checked(self, value: object) -> np.ndarray:
         """A goal within the vehicle's reach."""
-        goal = three_numbers("goal", value, "metres north, east and down", "of the start each way")
-        moves = np.hypot(goal[0], goal[1]) > 0.0
-        angle, length, depth = arc_to(goal) if moves else (0.0, 0.0, goal[2])
-        if abs(angle) > self.widest:
-            widest, wanted = np.rad2deg([self.widest, abs(angle)])
-            raise ValueError(
-                f"the path to the goal may turn through {widest:.0f} deg at most, got"
-                f" {wanted:.0f} deg"
-            )
+        goal = three_numbers("goal", value, "metres north, east and down of the start")
+        angle, length, depth = arc_to(goal)
         farthest = 0.8 * self.horizon * self.dt * self.auv.cruise_speed
-        least = self.tightest * self.auv.length
-        if not least <= length <= farthest:
-            raise ValueError(
-                f"the path to the goal must be {least:.1f} to {farthest:.0f} m long, got"
-                f" {length:.1f} m"
-            )
-        if abs(angle) * least > length:
-            radius = length / abs(angle)
-            raise ValueError(
-                f"the path to the goal must turn on {least:.1f} m at least, got {radius:.1f} m"
-            )
-        if not 0.0 <= 1.5 * depth <= length * np.tan(self.steepest):
-            deepest = length * np.tan(self.steepest) / 1.5
-            raise ValueError(
-                f"the goal must lie 0 to {deepest:.1f} m below the start, got {depth:.1f} m"
-            )
+        least, turn = self.tightest * self.auv.length, abs(angle)
+        limits: dict[str, tuple[float, float, float, str]] = {
+            "turn": (np.rad2deg(turn), 0.0, np.rad2deg(self.widest), "deg"),
+            "length": (length, least, farthest, "m"),
+            "radius": (length / max(turn, 1e-9), least, np.inf, "m"),
+            "depth": (depth, 0.0, length * np.tan(self.steepest) / 1.5, "m"),
+        }
+        for what, (value, low, high, unit) in limits.items():
+            if not low <= value <= high:
+                raise ValueError(
+                    f"the {what} of the path to the goal must be {low:.1f} to {high:.1f} {unit},"
+                    f" got {value:.1f} {unit}"
+                )
         return goal
 
     def prior(self, scenario: np.ndarray) -> Gaussian:
@@ -149,20 +134,13 @@ class Dive(Task):
     @compiled(axes=(1, 0, 1))
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Position ``(..., 8)`` relative to the path, for states ``(..., n)``."""
-        return locate(self.position(state), scenario, self.ahead)
+        return follow(self.position(state), scenario, self.ahead)
 
     # --- what the agent sees ----------------------------------------------------------------------
 
+    flow_scale = 0.25
     observed: ClassVar[dict[str, float]]
     """Components of an observation of mode ``"mean"`` with their scales [SI]; actuators follow."""
-
-    @cached_property
-    def _gains(self) -> np.ndarray:
-        """Offsets and inverse scales ``(2, k)`` of an observation, then of the actuators."""
-        fin, thrust = self.auv.fin_limit, 0.5 * self.auv.thrust_limit
-        zeros = [self.auv.cruise_speed * (name == "surge error") for name in self.observed]
-        sizes = [*self.observed.values(), *(fin,) * (self.actuators - 1), thrust]
-        return np.array([[*zeros, *(0.0,) * (self.actuators - 1), thrust], 1.0 / np.array(sizes)])
 
     def errors(
         self, state: np.ndarray, flow: np.ndarray, scenario: np.ndarray, reference: np.ndarray
@@ -176,8 +154,8 @@ class Dive(Task):
     ) -> np.ndarray:  # fmt: skip
         """Observation ``(..., k)`` of mode ``"mean"``: errors, estimates, actuators."""
         seen = np.stack(self.errors(estimate.state, estimate.flow, scenario, reference), -1)
-        offset, gain = self._gains
-        return (np.concatenate([seen, actuators], -1) - offset) * gain
+        seen = seen / np.array([*self.observed.values()])
+        return np.concatenate([seen, self.scaled(actuators)], -1)
 
     def named(self, observations: np.ndarray) -> dict[str, np.ndarray]:
         """Components of observations ``(..., k)`` of mode ``"mean"`` by name, ``(...)`` in SI."""
@@ -186,21 +164,8 @@ class Dive(Task):
             for i, (name, scale) in enumerate(self.observed.items())
         }
 
-    def sizes(self, measurements: int, states: int) -> dict[str, int]:
-        """Lengths of the parts of an observation."""
-        known = len(self.mission_scale) + self.actuators
-        return {
-            "guided": len(self.observed) + self.actuators,
-            "unguided": len(self.std_scale) + self.ambient_flows + known,
-            "std": states,
-            "measurements": 2 * measurements,
-            "mission": known,
-        }
-
     actuators: ClassVar[int]
     """Number of actuators: fins, then thrust."""
-    ambient_flows: ClassVar[int]
-    """Number of components of the current."""
     mission_scale: ClassVar[tuple[float, ...]]
     """Scales of the last components of a scenario in an observation of raw measurements."""
 
@@ -210,10 +175,6 @@ class Dive(Task):
         """Scenario and actuators ``(..., k)``."""
         mission = scenario[..., -len(self.mission_scale) :] / self.mission_scale
         return np.concatenate([mission, self.scaled(actuators)], -1)
-
-    def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
-        """Estimated state and current ``(..., n + f)``, without guidance."""
-        return np.concatenate([estimate.state / self.state_scale, estimate.flow / 0.25], -1)
 
     where: ClassVar[np.ndarray]
     """Indices of north, east, down [m] and pitch [rad] in a state; -1: the component is 0."""
@@ -253,7 +214,7 @@ class Dive(Task):
     @compiled
     def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
         """Farthest progress [m], energy [s of cruise], fins [rad] and their rates ``(..., k)``."""
-        progress = locate(self.position(state), scenario, 0.0)[..., 0]
+        progress = follow(self.position(state), scenario, 0.0)[..., 0]
         used = np.stack([np.clip(progress, 0.0, scenario[..., 1]), np.zeros_like(progress)], -1)
         return np.concatenate([used, np.zeros_like(state[..., : 2 * (self.actuators - 1)])], -1)
 
@@ -272,7 +233,7 @@ class Dive(Task):
         """
         position, farthest, speed = self.position(state), score_state[..., 0], self.auv.cruise_speed
         length, depth = scenario[..., 1], scenario[..., 2]
-        place = locate(position, scenario, 0.0)
+        place = follow(position, scenario, 0.0)
         off = np.hypot(place[..., 1], place[..., 2] / np.sqrt(1.0 + place[..., 4] ** 2))
         most = self.FASTEST * speed * self.dt
         fresh = np.clip(np.minimum(place[..., 0], length) - farthest, 0.0, most)
@@ -280,13 +241,13 @@ class Dive(Task):
         fins, before = actuators[..., :-1], score_state[..., 2:]
         rates = (fins - before[..., : fins.shape[-1]]) / (self.auv.fin_rate * self.dt)
         smooth = smoothness(rates, before[..., fins.shape[-1] :], self.FIN_PRICE)
-        quality = smooth / (1.0 + (off / self.TRACK_TOLERANCE) ** 2)
+        quality = smooth * closeness(off, self.TRACK_TOLERANCE)
         tracking = self.TRACKING * fresh / length * quality
 
-        goal = np.stack(point_at(length, scenario)[:3], -1)
+        goal = path_point(length, scenario)[..., :3]
         miss = np.sqrt(((position - goal) ** 2).sum(-1))
         economy = np.minimum(np.hypot(length, depth) / speed / energy, 1.0)
-        arriving = (1.0 - self.TRACKING) * economy / (1.0 + (miss / self.GOAL_TOLERANCE) ** 2)
+        arriving = (1.0 - self.TRACKING) * economy * closeness(miss, self.GOAL_TOLERANCE)
         reward = tracking + np.where(over, arriving, 0.0)
 
         down, pitch = position[..., 2], state[..., self.where[3]]
@@ -310,7 +271,6 @@ class SpatialDive(Dive):
     where = np.array([6, 7, 8, 10])
     prior_sd = (0.05,) * 3 + (0.02,) * 3 + (0.2,) * 3 + (0.05,) * 3
     state_scale = (0.5, 0.25, 0.25) + (0.5,) * 3 + (10.0, 10.0, 5.0) + (0.25, 0.5, 1.0)
-    ambient_flows = 2
     std_scale = (0.05,) * 6 + (0.5,) * 3 + (0.05,) * 3
     actuators = 3
     mission_scale = (1.0, 10.0, 5.0)
@@ -339,7 +299,7 @@ class SpatialDive(Dive):
             *to_body_axes((north, east, down), roll, pitch, yaw),
             *to_body_axes(current, roll, pitch, yaw),
             wrapped(heading - yaw), -np.arctan(slope) - pitch, length - progress, angle / length,
-            *motion, roll, pitch,
+            motion[0] - self.auv.cruise_speed, *motion[1:], roll, pitch,
         ]  # fmt: skip
 
 
@@ -354,7 +314,6 @@ class VerticalDive(Dive):
     where = np.array([3, -1, 4, 5])
     prior_sd = (0.05, 0.05, 0.02, 0.2, 0.2, 0.05)
     state_scale = (0.5, 0.25, 0.5, 20.0, 10.0, 0.5)
-    ambient_flows = 1
     std_scale = (0.05,) * 3 + (0.5,) * 2 + (0.05,)
     actuators = 2
     mission_scale = (20.0, 10.0)
@@ -390,5 +349,6 @@ class VerticalDive(Dive):
         return [
             depth * sin, -depth * cos, ahead * cos - down * sin, ahead * sin + down * cos,
             current * cos, current * sin,
-            -np.arctan(slope) - pitch, scenario[..., 1] - progress, surge, heave, rate, pitch,
+            -np.arctan(slope) - pitch, scenario[..., 1] - progress,
+            surge - self.auv.cruise_speed, heave, rate, pitch,
         ]  # fmt: skip

@@ -7,15 +7,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import integer, number, numbers, short_repr
+from estimators.checks import integer, number, short_repr
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, check_pair, instance, one_of
-from vessel_gym.guidance.dubins import Path, plan
-from vessel_gym.guidance.path_following import ANYWHERE, COLUMNS, LEAD, locate, pose_along
+from vessel_gym.guidance.dubins import Path
+from vessel_gym.guidance.path_following import ANYWHERE, COLUMNS, LEAD, locate, padded, pose_along
+from vessel_gym.guidance.planner import checked_obstacles, plan
 from vessel_gym.guidance.scenes import scene
 from vessel_gym.system import Estimate
-from vessel_gym.tasks.helm import smoothness
-from vessel_gym.tasks.task import FARTHEST, Task, three_numbers
+from vessel_gym.tasks.task import FARTHEST, Task, closeness, smoothness, three_numbers
 from vessel_gym.vehicles.puna import PunaParameters, airspeed
 
 END_REASONS = (
@@ -28,18 +28,13 @@ SEGMENTS = 16
 """Largest number of arcs and straights in a path."""
 OBSTACLES = 5
 """Largest number of obstacles."""
-_PATH = COLUMNS * SEGMENTS
-_CENTRE_X, _CENTRE_Y, _RADIUS = (
-    slice(i, None, 3) for i in range(-3 * OBSTACLES, 3 - 3 * OBSTACLES)
-)
+LENGTH = COLUMNS * SEGMENTS
+ALTITUDE = LENGTH + 1
+"""Columns of a scenario with the length of the path and the commanded altitude [m]."""
 _SIMILAR = 0.5  # rad between headings of a path that are hard to tell apart
 _SPACING = 5.0  # m between the places of a path that are compared
 _ALTITUDES = np.nextafter(50.0, 0.0), np.nextafter(1000.0, 2000.0)  # m, both left out
 _OPTIONS = ("start", "goal", "obstacles", "altitude")
-_POSE = (
-    "metres x and y and a heading in rad",
-    "of the origin each way, on a heading of as many rad at most",
-)
 
 
 @compiled
@@ -104,25 +99,22 @@ class Flight(Task):
         """
         for option in options:
             one_of("reset option", option, _OPTIONS)
-        given = np.full((2, 3), np.nan)
-        for pose, name in zip(given, ("start", "goal"), strict=True):
+        obstacles = self._obstacles(options.get("obstacles", []))
+        poses = np.array([[0.0, 0.0, 0.0], [750.0, 0.0, 0.0]])
+        if "obstacles" not in options:
+            poses[:] = np.nan
+        for pose, name in zip(poses, ("start", "goal"), strict=True):
             if name in options:
-                pose[:] = three_numbers(name, options[name], *_POSE)
-        if "obstacles" in options:
-            start, goal = np.where(np.isnan(given), [[0.0, 0.0, 0.0], [750.0, 0.0, 0.0]], given)
-            scenario = self._planned(start, goal, self._obstacles(options["obstacles"]))
-            scenarios = np.tile(scenario, (len(uniforms), 1))
-        else:
-            if np.isfinite(given).all():
-                self._planned(
-                    given[0], given[1], np.zeros((0, 3))
-                )  # the shortest path can be flown
-            scenarios = self._drawn(uniforms, np.tile(given.ravel(), (len(uniforms), 1)))
-            self._check_lengths(scenarios[:, _PATH])
+                pose[:] = three_numbers(name, options[name], "metres x and y and rad")
+        if np.isfinite(poses).all():  # between two given poses at least the shortest path
+            scenarios = np.tile(self._planned(poses[0], poses[1], obstacles), (len(uniforms), 1))
+        if "obstacles" not in options:
+            scenarios = self._drawn(uniforms, np.tile(poses.ravel(), (len(uniforms), 1)))
+            self._check_lengths(scenarios[:, LENGTH])
         low, high = self.altitudes
-        scenarios[:, _PATH + 1] = low + (high - low) * uniforms[:, 13]
+        scenarios[:, ALTITUDE] = low + (high - low) * uniforms[:, 13]
         if "altitude" in options:
-            scenarios[:, _PATH + 1] = number(
+            scenarios[:, ALTITUDE] = number(
                 "altitude", options["altitude"], *_ALTITUDES, "between 50 and 1000 m"
             )
         return scenarios
@@ -189,19 +181,13 @@ class Flight(Task):
         return bool((np.cos(heading[j[later]] - heading[i[later]]) > np.cos(_SIMILAR)).any())
 
     def _obstacles(self, value: object) -> np.ndarray:
-        obstacles = numbers(value)
-        if obstacles is not None and obstacles.size == 0:
-            return np.zeros((0, 3))
-        if obstacles is None or obstacles.ndim != 2 or obstacles.shape[1] != 3:
-            raise ValueError(
-                f"obstacles must be rows (x, y, radius), metres, got {short_repr(value)}"
-            )
+        """Checked obstacles of a reset option, few and near enough."""
+        obstacles = checked_obstacles(value)
         if len(obstacles) > OBSTACLES:
             raise ValueError(f"there may be {OBSTACLES} obstacles at most, got {len(obstacles)}")
-        if not ((np.abs(obstacles) <= FARTHEST).all() and (obstacles[:, 2] > 0.0).all()):
+        if np.abs(obstacles).max(initial=0.0) > FARTHEST:
             raise ValueError(
-                f"obstacles must lie within {FARTHEST:.0f} m of the origin and have radii above 0,"
-                f" got {short_repr(value)}"
+                f"obstacles must lie within {FARTHEST:.0f} m of the origin, got {short_repr(value)}"
             )
         return obstacles
 
@@ -211,7 +197,7 @@ class Flight(Task):
         The aircraft moves along the path through the air; an unknown wind carries it.
         """
         mean = np.zeros((len(scenario), 7))
-        mean[:, :2], mean[:, 2] = scenario[:, :2], scenario[:, _PATH + 1]
+        mean[:, :2], mean[:, 2] = scenario[:, :2], scenario[:, ALTITUDE]
         mean[:, 3] = self.body.cruise_speed * np.cos(scenario[:, 2])
         mean[:, 4] = self.body.cruise_speed * np.sin(scenario[:, 2])
         return self._spread.about(mean)
@@ -222,8 +208,8 @@ class Flight(Task):
         pose = np.stack(
             [state[..., 0], state[..., 1], np.arctan2(state[..., 4], state[..., 3])], -1
         )
-        place = locate(pose, ANYWHERE, scenario[..., :_PATH], np.array(self.ahead))
-        above = state[..., 2:3] - scenario[..., _PATH + 1 : _PATH + 2]
+        place = locate(pose, ANYWHERE, scenario[..., :LENGTH], np.array(self.ahead))
+        above = state[..., 2:3] - scenario[..., ALTITUDE, None]
         return np.concatenate([place[..., :2], above, place[..., 2:5]], -1)
 
     # --- what the agent sees ----------------------------------------------------------------------
@@ -254,20 +240,14 @@ class Flight(Task):
             name: offset + scale * observations[..., i] for i, (name, (offset, scale)) in listed
         }
 
-    def sizes(self, measurements: int, states: int) -> dict[str, int]:
-        """Lengths of the parts of an observation."""
-        known = _PATH + 1 + 3 * OBSTACLES + 3
-        return {
-            "guided": len(self.observed) + 3, "unguided": len(self.std_scale) + 3 + known,
-            "std": states, "measurements": 2 * measurements, "mission": known,
-        }  # fmt: skip
-
     def scaled(self, actuators: np.ndarray) -> np.ndarray:
         """Thrust, angle of attack and bank command in the scale of the action: 0 for cruise."""
         return self.body.actions(actuators)
 
-    std_scale: ClassVar[tuple[float, ...]] = (1.0,) * 3 + (0.2,) * 3 + (0.02,)
-    """Divisors of the standard deviations of the state's components in observations [SI]."""
+    state_offset = (0.0, 0.0, 100.0, 0.0, 0.0, 0.0, 0.0)
+    state_scale = (100.0, 100.0, 20.0, 20.0, 20.0, 1.0, 0.5)
+    flow_scale = 5.0
+    std_scale = (1.0,) * 3 + (0.2,) * 3 + (0.02,)
 
     @cached_property
     def _mission_gains(self) -> np.ndarray:
@@ -292,7 +272,7 @@ class Flight(Task):
         seen = [
             cross, above, np.sin(heading - course), np.cos(heading - course), curvature, later,
             path_bank, ground, airspeed(estimate.state, estimate.flow), climb, wind_down, bank,
-            *_obstacles_near(estimate.state, scenario), self.length_of(scenario) - progress,
+            *_obstacles_near(estimate.state, scenario), scenario[..., LENGTH] - progress,
         ]  # fmt: skip
         offset, gain = self._gains
         return np.concatenate([(np.stack(seen, -1) - offset) * gain, self.scaled(actuators)], -1)
@@ -301,17 +281,8 @@ class Flight(Task):
         self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
         """Path, altitude, obstacles and actuators ``(..., 99)``."""
-        mission = np.concatenate([scenario[..., :_PATH], scenario[..., _PATH + 1 :]], -1)
+        mission = np.concatenate([scenario[..., :LENGTH], scenario[..., ALTITUDE:]], -1)
         return np.concatenate([mission * self._mission_gains, self.scaled(actuators)], -1)
-
-    def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
-        """Estimated state and wind ``(..., 10)``, without guidance."""
-        state = (estimate.state - self.STATE_OFFSET) / self.STATE_SCALE
-        return np.concatenate([state, estimate.flow / 5.0], -1)
-
-    STATE_SCALE = np.array([100.0, 100.0, 20.0, 20.0, 20.0, 1.0, 0.5])
-    STATE_OFFSET = np.array([0.0, 0.0, 100.0, 0.0, 0.0, 0.0, 0.0])
-    """Offsets and scales of the state in observations without guidance."""
 
     # --- how it is scored -------------------------------------------------------------------------
 
@@ -348,20 +319,20 @@ class Flight(Task):
         """
         farthest, last = score_state[..., 0], score_state[..., 1:4]
         x, y, altitude = (state[..., i] for i in range(3))
-        length, above = scenario[..., _PATH], altitude - self.altitude_of(scenario)
+        length, above = scenario[..., LENGTH], altitude - scenario[..., ALTITUDE]
         place, clearance = self.track(state, scenario, farthest), self.clearance(state, scenario)
-        off, most = place[..., 6], self.FASTEST * self.body.cruise_speed * self.dt
+        off, most = place[..., 5], self.FASTEST * self.body.cruise_speed * self.dt
         fresh = np.clip(np.minimum(place[..., 0], length) - farthest, 0.0, most)
         change = 0.5 * (action - last)  # shares of the commands' range
         berth = np.clip(clearance / self.BERTH, 0.0, 1.0)
         quality = smoothness(change, score_state[..., 4:]) * berth
-        near, level = (off / self.TRACK_TOLERANCE) ** 2, (above / self.ALTITUDE_TOLERANCE) ** 2
-        tracking = self.TRACKING * fresh / length * (quality / ((1.0 + near) * (1.0 + level)))
+        near = closeness(off, self.TRACK_TOLERANCE) * closeness(above, self.ALTITUDE_TOLERANCE)
+        tracking = self.TRACKING * fresh / length * quality * near
 
         goal = self.goal(scenario)
         miss = np.hypot(x - goal[..., 0], y - goal[..., 1])
         covered = np.minimum((farthest + fresh + self.GOAL_TOLERANCE) / length, 1.0)
-        arriving = (1.0 - self.TRACKING) * covered / (1.0 + (miss / self.GOAL_TOLERANCE) ** 2)
+        arriving = (1.0 - self.TRACKING) * covered * closeness(miss, self.GOAL_TOLERANCE)
         crashed, hit = altitude <= 0.0, clearance < 0.0
         reward = np.where(hit | crashed, 0.0, tracking + np.where(over, arriving, 0.0))
 
@@ -376,43 +347,38 @@ class Flight(Task):
     @compiled(axes=(1, 1, 0))
     def track(self, state: np.ndarray, scenario: np.ndarray, farthest: np.ndarray) -> np.ndarray:
         """Positions of states ``(..., n)`` on the path, near the farthest progress [m]."""
-        x, y, zero = state[..., 0], state[..., 1], np.zeros_like(state[..., 0])
+        zero = np.zeros_like(farthest)
         window = np.stack([farthest - self.WINDOW, farthest + self.WINDOW, zero], -1)
-        pose, path = np.stack([x, y, zero], -1), scenario[..., :_PATH]
-        return locate(pose, window, path, np.array(self.ahead))
+        pose = np.concatenate([state[..., :2], zero[..., None]], -1)
+        return locate(pose, window, scenario[..., :LENGTH], np.array(self.ahead))
 
     def over(self, scenario: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Has the position covered the path ``(...)``?"""
-        return reference[..., 0] >= self.length_of(scenario)
-
-    def length_of(self, scenario: np.ndarray) -> np.ndarray:
-        """Length [m] of the path of scenarios ``(...)``."""
-        return scenario[..., _PATH]
-
-    def altitude_of(self, scenario: np.ndarray) -> np.ndarray:
-        """Commanded altitude [m] of scenarios ``(...)``."""
-        return scenario[..., _PATH + 1]
+        return reference[..., 0] >= scenario[..., LENGTH]
 
     @compiled
     def clearance(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
         """Distance [m] of states ``(..., n)`` from the nearest obstacle; infinite without one."""
-        radius = scenario[..., _RADIUS]
-        dx = scenario[..., _CENTRE_X] - state[..., :1]
-        dy = scenario[..., _CENTRE_Y] - state[..., 1:2]
-        return np.where(radius > 0.0, np.hypot(dx, dy) - radius, np.inf).min(-1)
+        radius, north, east = _obstacles_from(state, scenario)
+        return np.where(radius > 0.0, np.hypot(north, east) - radius, np.inf).min(-1)
 
     @compiled
     def goal(self, scenario: np.ndarray) -> np.ndarray:
         """End of the path ``(..., 3)``: x, y [m], heading [rad]."""
-        return np.stack(pose_along(self.length_of(scenario), scenario[..., :_PATH]), -1)
+        return np.stack(pose_along(scenario[..., LENGTH], scenario[..., :LENGTH]), -1)
 
 
 def _listed(path: np.ndarray, obstacles: np.ndarray) -> np.ndarray:
     """Scenarios without altitudes of segments ``(..., k, 5)`` and obstacles ``(..., m, 3)``."""
-    none, length = np.zeros_like(path[..., 0, :]), path[..., 4].cumsum(-1)[..., -1]
-    segments = [*np.moveaxis(path, -2, 0)] + [none] * (SEGMENTS - path.shape[-2])
-    circles = [*np.moveaxis(obstacles, -2, 0)] + [none[..., :3]] * (OBSTACLES - obstacles.shape[-2])
-    return np.concatenate([*segments, np.stack([length, 0.0 * length], -1), *circles], -1)
+    length = path[..., 4].cumsum(-1)[..., -1]
+    figures = np.stack([length, 0.0 * length], -1)
+    return np.concatenate([padded(path, SEGMENTS), figures, padded(obstacles, OBSTACLES)], -1)
+
+
+def _obstacles_from(state: np.ndarray, scenario: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Radii of the obstacles, and vectors north and east from states to them, ``(..., 5)`` each."""
+    x, y, radius = (scenario[..., i::3] for i in range(-3 * OBSTACLES, 3 - 3 * OBSTACLES))
+    return radius, x - state[..., :1], y - state[..., 1:2]
 
 
 def _obstacles_near(state: np.ndarray, scenario: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -420,10 +386,10 @@ def _obstacles_near(state: np.ndarray, scenario: np.ndarray) -> tuple[np.ndarray
 
     A vector is the longer the nearer the obstacle's edge is, and 0 beyond 100 m.
     """
-    x, y, radius = (scenario[..., columns] for columns in (_CENTRE_X, _CENTRE_Y, _RADIUS))
-    dx, dy = x - state[..., :1], y - state[..., 1:2]
+    radius, north, east = _obstacles_from(state, scenario)
     course = np.arctan2(state[..., 4:5], state[..., 3:4])
-    distance, sin, cos = np.hypot(dx, dy), np.sin(course), np.cos(course)
+    distance, sin, cos = np.hypot(north, east), np.sin(course), np.cos(course)
     near = np.clip(1.0 - (distance - radius) / 100.0, 0.0, 2.0) / np.maximum(distance, 1e-9)
-    counts, ahead, aside = (radius > 0.0) & (near > 0.0), dx * cos + dy * sin, dy * cos - dx * sin
-    return np.where(counts, near * ahead, 0.0).sum(-1), np.where(counts, near * aside, 0.0).sum(-1)
+    near = np.where(radius > 0.0, near, 0.0)
+    ahead, aside = north * cos + east * sin, east * cos - north * sin
+    return (near * ahead).sum(-1), (near * aside).sum(-1)

@@ -14,6 +14,10 @@ from vessel_gym.vehicles.vehicle import Vehicle
 
 FARTHEST = 1e5
 """Farthest place [m]; a larger number is an error of the unit or the origin."""
+TRAVEL = 1.25
+"""Cost of the full rate in every step; a good autopilot in moderate seas needs a tenth of that."""
+REVERSALS = 4.0
+"""Cost of a reversal between full rates in every step; smaller changes cost in proportion."""
 
 
 @dataclass(slots=True, eq=False)
@@ -70,8 +74,12 @@ class Task:
     """Observations are scaled to be of order 1 and clipped to +-10."""
     prior_sd: ClassVar[tuple[float, ...]]
     """Standard deviations of the vehicle's estimated components at the start."""
-    state_scale: ClassVar[tuple[float, ...]]
+    state_offset: ClassVar[tuple[float, ...]] = (0.0,)
+    """Values of the vehicle's estimated components that observations show as 0."""
+    state_scale: ClassVar[tuple[float, ...]] = (1.0,)
     """Divisors of the vehicle's estimated components in observations."""
+    flow_scale: ClassVar[float] = 1.0
+    """Divisor of flows in observations."""
     std_scale: ClassVar[tuple[float, ...]]
     """Divisors of the estimated components' standard deviations in observations."""
 
@@ -105,7 +113,7 @@ class Task:
         Default: the cruising vehicle, with standard deviations ``prior_sd``.
         """
         mean, _ = self.vehicle.cruise
-        return Gaussian(np.tile(mean, (len(scenario), 1)), np.diag(self.prior_sd) ** 2)
+        return self._spread.about(np.tile(mean, (len(scenario), 1)))
 
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Reference ``(B, r)`` at a step, for a vehicle in a true or estimated state ``(B, n)``.
@@ -117,35 +125,6 @@ class Task:
     def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray | None:
         """Commands ``(B, c)`` that filters know besides the actuators; default: None."""
         return None
-
-    def sizes(self, measurements: int, states: int) -> dict[str, int]:
-        """Lengths of the parts of an observation; the default evaluates each part once.
-
-        Args:
-            measurements: Number of measurements.
-            states: Number of the filter's states.
-
-        Returns:
-            Lengths of ``"guided"``, ``"unguided"``, ``"std"``, ``"measurements"`` and
-            ``"mission"``.
-        """
-        vehicle = self.vehicle
-        scenario = self.scenario(np.full((1, self.uniforms), 0.5), {})
-        mean = np.array(self.prior(scenario).mean)
-        actuators = np.zeros((1, len(vehicle.start(vehicle.cruise[0][None])[1][0])))
-        step, estimate = np.zeros(1, int), Estimate(mean, np.zeros((1, len(vehicle.ambient_flows))))
-        mission = self.observe_mission(scenario, step, actuators).shape[-1]
-        return {
-            "guided": (
-                self.observe(
-                    estimate, scenario, self.reference(scenario, step, mean), actuators
-                ).shape[-1]
-            ),
-            "unguided": self.observe_state(estimate, scenario).shape[-1] + mission,
-            "std": states,
-            "measurements": 2 * measurements,
-            "mission": mission,
-        }
 
     def observe(
         self, estimate: Estimate, scenario: np.ndarray, reference: np.ndarray,
@@ -166,10 +145,10 @@ class Task:
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
         """The estimate ``(B, k)`` in observations without guidance; `observe_mission` follows it.
 
-        Default: the scaled state, and the flow.
+        Default: the scaled state, and the scaled flow.
         """
-        scale = getattr(self, "state_scale", np.ones(estimate.state.shape[-1]))
-        return np.concatenate([estimate.state / scale, estimate.flow], -1)
+        state = (estimate.state - np.array(self.state_offset)) / np.array(self.state_scale)
+        return np.concatenate([state, estimate.flow / self.flow_scale], -1)
 
     def observe_std(self, estimate: Estimate) -> np.ndarray:
         """Part ``"std"`` ``(B, k)``, which mode ``"mean+std"`` appends.
@@ -252,23 +231,80 @@ class Task:
         )
 
 
-def three_numbers(name: str, value: object, what: str, within: str) -> np.ndarray:
+def observation_sizes(
+    task: Task, vehicle: Vehicle, measurements: int, states: int
+) -> dict[str, int]:
+    """Lengths of the parts of an observation, each of which is evaluated once.
+
+    Args:
+        task: Task.
+        vehicle: Vehicle of the environment.
+        measurements: Number of measurements.
+        states: Number of the filter's states.
+
+    Returns:
+        Lengths of ``"guided"``, ``"unguided"``, ``"std"``, ``"measurements"`` and
+        ``"mission"``.
+    """
+    scenario = task.scenario(np.full((1, task.uniforms), 0.5), {})
+    start = np.array(task.prior(scenario).mean)
+    (_, actuators), mean, step = vehicle.start(start), start[:, :states], np.zeros(1, int)
+    estimate = Estimate(
+        mean, np.zeros((1, len(vehicle.ambient_flows))), sd=np.ones((1, states)),
+        scale=np.ones(states - mean.shape[1]),
+    )  # fmt: skip
+    reference = task.reference(scenario, step, mean)
+    mission = task.observe_mission(scenario, step, actuators)
+    parts = {
+        "guided": task.observe(estimate, scenario, reference, actuators),
+        "unguided": np.concatenate([task.observe_state(estimate, scenario), mission], -1),
+        "std": task.observe_std(estimate),
+        "measurements": np.zeros((1, 2 * measurements)),
+        "mission": mission,
+    }
+    return {name: part.shape[1] for name, part in parts.items()}
+
+
+def three_numbers(name: str, value: object, what: str) -> np.ndarray:
     """A place or a pose ``(3,)`` from a reset option.
 
     Args:
         name: Name of the option, for error messages.
         value: Value of the option.
         what: Meaning of the three numbers, for error messages.
-        within: Place to which `FARTHEST` is relative, for error messages.
 
     Raises:
-        ValueError: if the value is not three finite numbers, or lies beyond `FARTHEST`.
+        ValueError: if the value is not three numbers of at most `FARTHEST` in size.
     """
     three = numbers(value)
-    if three is None or three.shape != (3,) or not np.isfinite(three).all():
-        raise ValueError(f"{name} must be three finite numbers, {what}, got {short_repr(value)}")
-    if np.abs(three).max() > FARTHEST:
+    if three is None or three.shape != (3,) or not (np.abs(three) <= FARTHEST).all():
         raise ValueError(
-            f"{name} must lie within {FARTHEST:.0f} m {within}, got {short_repr(value)}"
+            f"{name} must be three numbers within +-{FARTHEST:.0f}, {what}, got {short_repr(value)}"
         )
     return three
+
+
+def closeness(error: np.ndarray, tolerance: float) -> np.ndarray:
+    """Factor of a reward: 1 without an error, 1/2 at the tolerance, 0 far off."""
+    return 1.0 / (1.0 + (error / tolerance) ** 2)
+
+
+def smoothness(rate: np.ndarray, before: np.ndarray, price: float = 1.0) -> np.ndarray:
+    """Factor of a reward: 1 / (1 + price (TRAVEL |rate| + REVERSALS |rate - before| / 2)).
+
+    The terms are means over the actuators. They are linear, so that their sum over an episode
+    counts the travel, and the reversals times their size. The factor has no lower bound but 0: more
+    effort always costs more.
+
+    Args:
+        rate: ``(..., k)`` rates of the actuators as shares of the full rate.
+        before: ``(..., k)`` rates in the step before.
+        price: Cost relative to a ship's rudder.
+    """
+    effort = TRAVEL * np.abs(rate) + 0.5 * REVERSALS * np.abs(rate - before)
+    return 1.0 / (1.0 + price / rate.shape[-1] * effort.sum(-1))
+
+
+def wrapped(angle: np.ndarray) -> np.ndarray:
+    """Angle in (-pi, pi]; angles within half a turn of 0 keep all digits."""
+    return angle + 2.0 * np.pi * np.floor(0.5 - angle / (2.0 * np.pi))

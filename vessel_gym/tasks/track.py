@@ -7,11 +7,11 @@ import numpy as np
 
 from estimators import Gaussian
 from estimators.engine import compiled, sincos
-from vessel_gym.processes import interpolated
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
-from vessel_gym.tasks.steering import Steering, first_component, wrapped
-from vessel_gym.vehicles.corvette import steady_turns
+from vessel_gym.tasks.task import wrapped
+from vessel_gym.tasks.turning import Steering, first_component
+from vessel_gym.vehicles.corvette import SteadyTurn, steady_turns
 
 HEADING = 0
 """Column of a scenario with the first direction of the track."""
@@ -32,15 +32,10 @@ def in_frame(scenario: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 
 class Track(Steering):
-    """A track over ground, which begins at the origin.
-
-    Attributes:
-        MISSION: Number of components that `observe_mission` returns.
-    """
+    """A track over ground, which begins at the origin."""
 
     commanding: ClassVar[slice | list[int]] = [RATE_NOW, BELIEVED]
     prior_sd: ClassVar[tuple[float, ...]] = (2.0, 2.0, 0.03, 0.2, 0.2, 0.002)
-    MISSION: ClassVar[int] = 2
 
     def prior(self, scenario: np.ndarray) -> Gaussian:
         """Prior of (x, y, psi, u, v, r): mean ``(B, 6)`` and covariance ``(6, 6)``."""
@@ -49,10 +44,14 @@ class Track(Steering):
         return self._spread.about(mean)
 
     @cached_property
-    def _steady(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Yaw rates at equal steps from 0, speeds and sway velocities of steady turns."""
-        turns = steady_turns(self.ship)
-        return turns.yaw_rate, turns.speed, turns.sway
+    def _turns(self) -> SteadyTurn:
+        return steady_turns(self.ship)
+
+    def turning(self, curvature: np.ndarray) -> np.ndarray:
+        """Yaw rate [rad/s] of the steady turn with a signed curvature [1/m]."""
+        turns = self._turns
+        rate = np.interp(np.abs(curvature), 1.0 / turns.radius, turns.yaw_rate)
+        return np.copysign(rate, curvature)
 
     def steady_course(
         self, rate: np.ndarray, direction: np.ndarray
@@ -61,13 +60,12 @@ class Track(Steering):
 
         The heading is the direction of the track plus the drift angle of the steady turn.
         """
-        rates, speeds, sways = self._steady
-        at = np.minimum(np.abs(rate) / rates[-1], 1.0) * (len(rates) - 1.0)
-        surge, sway = interpolated(speeds, at), interpolated(sways, at)
+        turns = self._turns
+        surge, sway = (turns.interpolated(each, rate) for each in (turns.speed, turns.sway))
         return direction - np.arctan2(np.where(rate >= 0.0, sway, -sway), surge), surge
 
     def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """State ``(..., 6)`` at a step ``(...)`` of a ship that keeps to the track."""
+        """Position [m] and heading [rad] ``(..., 3)`` at a step of a ship that keeps to the track."""
         raise NotImplementedError
 
     @compiled(axes=(1, 0))
@@ -90,19 +88,6 @@ class Track(Steering):
     SPEED_SCALE = 2.0  # m/s
     FLOW_SCALE = 1.0  # m/s
 
-    def sizes(self, measurements: int, states: int) -> dict[str, int]:
-        """Lengths of the parts of an observation."""
-        mission = self.MISSION
-        return {
-            "guided": 11, "unguided": 10 + mission, "std": 6,
-            "measurements": 2 * measurements, "mission": mission,
-        }  # fmt: skip
-
-    @cached_property
-    def _view_gains(self) -> np.ndarray:
-        scales = self.TRACK_SCALE, self.SPEED_SCALE, self.FLOW_SCALE, self.FLOW_SCALE
-        return np.concatenate([self._mean_gains, 1.0 / np.array(scales)])
-
     def observe(
         self, estimate: Estimate, scenario: np.ndarray, reference: np.ndarray,
         actuators: np.ndarray,
@@ -123,7 +108,8 @@ class Track(Steering):
         crab = np.arcsin(np.clip(across / surge, -0.5, 0.5))
         errors = wrapped(heading - crab - psi), rate * (1.0 + 2.0 * along / surge) - r
         seen = [*errors, v, d, actuators[..., 0], rate, rate_ahead, off, u - surge, along, across]
-        return np.stack(seen, -1) * self._view_gains
+        scales = self.TRACK_SCALE, self.SPEED_SCALE, self.FLOW_SCALE, self.FLOW_SCALE
+        return np.stack(seen, -1) / [*self._mean_scales, *scales]
 
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
         """Estimate ``(..., 10)`` in the frame of the first heading, without guidance.
@@ -169,7 +155,7 @@ class Track(Steering):
         if "x" in gives and "y" in gives:
             x, y = gives.index("x"), gives.index("y")
             place = in_frame(scenario, measurements[..., [x, y]]) / self._place_scale
-            ahead_aside = {x: place[..., 0], y: place[..., 1]}
-            columns = [ahead_aside.get(i, measured[..., i]) for i in range(len(gives))]
+            columns = list(np.moveaxis(measured, -1, 0))
+            columns[x], columns[y] = place[..., 0], place[..., 1]
             measured = np.stack(columns, -1)
         return np.concatenate([np.where(available, measured, 0.0), available], -1)

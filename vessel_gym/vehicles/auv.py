@@ -14,7 +14,7 @@ import numpy as np
 
 from estimators.engine import compiled
 from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
-from vessel_gym.vehicles.files import FromFile, Particulars
+from vessel_gym.vehicles.files import Particulars
 from vessel_gym.vehicles.hydrodynamics import (
     Coefficients,
     Fins,
@@ -22,7 +22,7 @@ from vessel_gym.vehicles.hydrodynamics import (
     Torpedo,
     axial_drag_coefficient,
 )
-from vessel_gym.vehicles.whole_state import WholeState
+from vessel_gym.vehicles.simulated import SimulatedVehicle
 
 _FACTORS = {
     "surge added mass": ("X_udot",),
@@ -74,7 +74,7 @@ class AUVParameters(Particulars):
     given: tuple[tuple[str, float], ...] = ()  # coefficients by name
     with_added_mass: bool = False  # do given Y_ur, ..., N_ur include Kirchhoff's terms (Prestero)?
 
-    TABLES: ClassVar = {
+    TABLES = {
         "particulars": (
             "length", "diameter", "z_g", "buoyancy_excess", "mass", "roll_inertia", "pitch_inertia",
             "water_density", "gravity",
@@ -86,6 +86,10 @@ class AUVParameters(Particulars):
         ),
     }  # fmt: skip
     """Keys of a vehicle file by table; keys that are no fields of this class go to ``given``."""
+    names: ClassVar[tuple[str, ...]]
+    """Coefficients of the equations of motion."""
+    uncertain: ClassVar[int] = len(UNCERTAIN)
+    """Number of the parameters of `UNCERTAIN` that act."""
 
     @cached_property
     def torpedo(self) -> Torpedo:
@@ -103,8 +107,8 @@ class AUVParameters(Particulars):
         names = {each.name for each in fields(Coefficients)}
         given = {name: x for name, x in self.given if name in names}
         c = replace(self.torpedo.coefficients(), **given)
-        held = {
-            "Y_ur": c.X_udot, "Z_uq": -c.X_udot, "N_uv": c.munk_moment(),
+        held = {  # N_uv and M_uw: Munk's moment (1924)
+            "Y_ur": c.X_udot, "Z_uq": -c.X_udot, "N_uv": c.Y_vdot - c.X_udot,
             "M_uw": c.X_udot - c.Z_wdot, "N_ur": c.Y_rdot, "M_uq": -c.Z_qdot,
         }  # fmt: skip
         if not self.with_added_mass:
@@ -114,10 +118,9 @@ class AUVParameters(Particulars):
     @cached_property
     def roll_lift(self) -> float:
         """Moment K_up per |u| p [kg m] by the lift of four fins, which roll meets at an angle."""
-        if "K_up" in dict(self.given):
-            return dict(self.given)["K_up"]
         root, tip = self.torpedo.root, self.torpedo.tip
-        return -4.0 * self.torpedo.fin_lift() * (root**2 + root * tip + tip**2) / 3.0
+        estimate = -4.0 * self.torpedo.fin_lift() * (root**2 + root * tip + tip**2) / 3.0
+        return dict(self.given).get("K_up", estimate)
 
     @cached_property
     def buoyancy(self) -> float:
@@ -213,10 +216,14 @@ class AUVParameters(Particulars):
         elif (c["Y_rdot"], c["Z_qdot"]) != (c["N_vdot"], c["M_wdot"]):
             yield "coefficients", "added mass is symmetric: Y_rdot is N_vdot, and Z_qdot is M_wdot"
 
-    def stacked(self, names: tuple[str, ...], factors: np.ndarray) -> np.ndarray:
-        """The ``values`` of these names as an array ``(..., k)``."""
-        values = self.values(factors)
-        return np.stack(np.broadcast_arrays(*(values[name] for name in names)), -1)
+    def vector(self, factors: np.ndarray | None = None) -> np.ndarray:
+        """Coefficients of the equations of motion ``(..., k)``, in the order of ``names``.
+
+        Args:
+            factors: Factors ``(..., uncertain)`` on the first of `UNCERTAIN`; default: 1.
+        """
+        values = self.values(np.ones(self.uncertain) if factors is None else factors)
+        return np.stack(np.broadcast_arrays(*(values[name] for name in self.names)), -1)
 
 
 _ROW, _COLUMN = np.triu_indices(3)
@@ -249,7 +256,7 @@ def _inverse(axes: str, inertia: np.ndarray) -> dict[str, np.ndarray]:
 
 @compiled
 @dataclass(frozen=True)
-class AUV(FromFile, WholeState):
+class AUV(SimulatedVehicle):
     """A torpedo-shaped vehicle in batches: actuators, state, sensors, and filters' model.
 
     The state is velocities through the water, then position and Euler angles. Increments [m/s,

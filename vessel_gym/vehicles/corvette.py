@@ -1,4 +1,4 @@
-"""Steady turns of a ship, filters' linear models about them, and the thesis' two sensors.
+"""Steady turns of a ship, filters' linear models about them, her propulsion, and two sensors.
 
 For particulars and equations of motion, with frames and sources, see
 `vessel_gym.vehicles.corvette_equations`.
@@ -10,12 +10,11 @@ from functools import cache
 import numpy as np
 
 from estimators import Schedule, zero_order_hold
-from estimators.checks import finite_array
 from estimators.engine import compiled
-from vessel_gym.checks import check_numbers, instance
+from vessel_gym.checks import instance
 from vessel_gym.processes import interpolated, linear
 from vessel_gym.sensors import Sensor, plain
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters, I, propelled_rudder
 from vessel_gym.vehicles.equilibrium import root
 
 
@@ -77,8 +76,6 @@ def sway_yaw_jacobian(
 
     Central differences of the compiled equations, so that linear models agree with the truth.
     """
-    instance("ship of sway_yaw_jacobian", ship, CorvetteParameters)
-    state, rudder = finite_array("state", state, "...", 3), finite_array("rudder", rudder, "...")
     points = np.concatenate([state, rudder[..., None]], -1)  # (u, v, r, rudder)
     step = np.array([1e-6, 1e-8, 1e-6])
     offsets = np.zeros((3, 4))
@@ -101,8 +98,6 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
     the ray from zero to the equilibrium of the commanded turn, at the speed of that turn (8-point
     Gauss-Legendre). It is exact at both ends.
     """
-    instance("ship of secant_models", ship, CorvetteParameters)
-    check_numbers("secant_models", {"dt": dt}, positive="dt")
     turns = steady_turns(ship)
     nodes, weights = np.polynomial.legendre.leggauss(8)
     A = np.zeros((len(turns.yaw_rate), 3, 3))
@@ -119,8 +114,6 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
 @cache
 def surge_models(ship: CorvetteParameters, dt: float) -> np.ndarray:
     """Share ``(k,)`` of a deviation from each turn's speed that remains after a step."""
-    instance("ship of surge_models", ship, CorvetteParameters)
-    check_numbers("surge_models", {"dt": dt}, positive="dt")
     turns, step = steady_turns(ship), 1e-4
 
     def surge(speed: np.ndarray) -> np.ndarray:
@@ -142,7 +135,6 @@ def linear_matrices(
         inputs: Number of components of ``u = (rudder, commanded yaw rate, ...)``; the rudder alone
             moves the ship.
     """
-    instance("ship of linear_matrices", ship, CorvetteParameters)
     A_table, B_table = secant_models(ship, dt)
     A_table = np.concatenate([A_table[:0:-1], A_table])  # turns to port mirror those to starboard
     B_table = np.concatenate([B_table[:0:-1], B_table])
@@ -150,6 +142,48 @@ def linear_matrices(
     middle, scale = len(A_table) // 2 + 0.5, 1.0 / steady_turns(ship).yaw_rate[1]
 
     return Schedule(A_table, 1, scale, middle), Schedule(B_table, 1, scale, middle)
+
+
+# --- propulsion -----------------------------------------------------------------------------------
+
+
+def propulsion(
+    state: np.ndarray, rudder: np.ndarray, c: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Load of the propellers and added resistance of steering ``(...)``, as shares of a thrust.
+
+    The unit is the thrust on a straight course at service speed. The load is the thrust in the
+    surge equation, and the added resistance is the rudder's drag with the centripetal terms of
+    drift and turning (Norrbin 1972). On a straight course at service speed in calm water the load
+    is 1 and the added resistance 0.
+
+    Args:
+        state: ``(..., 8)``, `vessel_gym.vehicles.corvette_equations.STATE`.
+        rudder: ``(...)`` rad.
+        c: ``(..., k)``, `vessel_gym.vehicles.corvette_equations.COEFFICIENTS`.
+    """
+    (u, v, r), c = np.moveaxis(state[..., 3:6], -1, 0), np.moveaxis(c, -1, 0)
+    load, force, sin_rudder, _ = propelled_rudder(u, v, r, rudder, c)
+    turning = c[I.sway_inertia] * v * r + c[I.sway_yaw_inertia] * r * r
+    return load, (force * sin_rudder - turning) / c[I.thrust]
+
+
+def straight_course(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Speed [m/s] and load of the propellers ``(...)`` on a straight course in calm water.
+
+    They are the service speed and 1, unless ``mismatch`` has changed the ship's resistance: thrust
+    and resistance then balance at another speed.
+
+    Args:
+        c: ``(..., k)``, `vessel_gym.vehicles.corvette_equations.COEFFICIENTS`.
+    """
+    c = np.moveaxis(c, -1, 0)
+    falling = c[I.thrust] * c[I.thrust_rise] / c[I.service_speed]
+    most = c[I.thrust] * (1.0 + c[I.thrust_rise])
+    speed = (np.sqrt(falling * falling + 4.0 * c[I.resistance] * most) - falling) / (
+        2.0 * c[I.resistance]
+    )
+    return speed, 1.0 + c[I.thrust_rise] * (1.0 - speed / c[I.service_speed])
 
 
 # --- sensors of her heading -----------------------------------------------------------------------

@@ -16,7 +16,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 
@@ -54,8 +53,6 @@ UNCERTAIN = (
     I.sway_inertia, I.yaw_inertia,
 )  # fmt: skip
 """Coefficients that `mismatch` perturbs: hydrodynamics and inertia, not geometry."""
-
-
 _CROSS_FLOW = np.array([
     [0.0109, 0.177, 0.353, 0.452, 0.473, 0.493, 0.558, 0.646,
      0.834, 0.988, 1.308, 1.639, 1.860, 2.313, 2.600, 3.009],
@@ -105,7 +102,7 @@ class CorvetteParameters(Particulars):
     lateral_area: float | None = None  # m2 above the water; None: 0.083 L^2, as the corvette's
     given: tuple[tuple[str, float], ...] = ()  # derivatives by name
 
-    TABLES: ClassVar = {
+    TABLES = {
         "particulars": ("length", "beam", "draught", "mass", "x_g", "yaw_radius", "water_density"),
         "derivatives": (
             "Xudot", "Yvdot", "Yrdot", "Nvdot", "Nrdot", "Yv", "Yr", "Nv", "Nr", "drag_coefficient",
@@ -292,8 +289,7 @@ class CorvetteParameters(Particulars):
             return
         at_rest, slope, J = propellers
         if at_rest is not None and slope is not None and J is not None and at_rest <= slope * J:
-            words = "propellers of this slope give no thrust at that advance ratio"
-            yield "thrust_coefficient", words
+            yield "thrust_coefficient", "propellers of this slope give no thrust at this J"
             return
         m = self.values()
         if min(
@@ -319,7 +315,7 @@ def _cross_flow(v: np.ndarray, r: np.ndarray, a: np.ndarray) -> tuple[np.ndarray
     return np.where(one_sign, sway, both_sway), np.where(one_sign, yaw, both_yaw)
 
 
-def _propelled_rudder(
+def propelled_rudder(
     u: np.ndarray, v: np.ndarray, r: np.ndarray, rudder: np.ndarray, c: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Load of the propellers, normal force on the rudder [N], sine and cosine of its angle."""
@@ -334,45 +330,6 @@ def _propelled_rudder(
     attacking = inflow * sin_rudder + side * cos_rudder
     force = c[I.rudder] * np.sqrt(inflow * inflow + side * side) * attacking
     return load, force, sin_rudder, cos_rudder
-
-
-def propulsion(
-    state: np.ndarray, rudder: np.ndarray, c: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Load of the propellers and added resistance of steering ``(...)``, as shares of a thrust.
-
-    The unit is the thrust on a straight course at service speed. The load is the thrust in the
-    surge equation, and the added resistance is the rudder's drag with the centripetal terms of
-    drift and turning (Norrbin 1972). On a straight course at service speed in calm water the load
-    is 1 and the added resistance 0.
-
-    Args:
-        state: ``(..., 8)``, `STATE`.
-        rudder: ``(...)`` rad.
-        c: ``(..., k)``, `COEFFICIENTS`.
-    """
-    (u, v, r), c = np.moveaxis(state[..., 3:6], -1, 0), np.moveaxis(c, -1, 0)
-    load, force, sin_rudder, _ = _propelled_rudder(u, v, r, rudder, c)
-    turning = c[I.sway_inertia] * v * r + c[I.sway_yaw_inertia] * r * r
-    return load, (force * sin_rudder - turning) / c[I.thrust]
-
-
-def straight_course(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Speed [m/s] and load of the propellers ``(...)`` on a straight course in calm water.
-
-    They are the service speed and 1, unless ``mismatch`` has changed the ship's resistance: thrust
-    and resistance then balance at another speed.
-
-    Args:
-        c: ``(..., k)``, `COEFFICIENTS`.
-    """
-    c = np.moveaxis(c, -1, 0)
-    falling = c[I.thrust] * c[I.thrust_rise] / c[I.service_speed]
-    most = c[I.thrust] * (1.0 + c[I.thrust_rise])
-    speed = (np.sqrt(falling * falling + 4.0 * c[I.resistance] * most) - falling) / (
-        2.0 * c[I.resistance]
-    )
-    return speed, 1.0 + c[I.thrust_rise] * (1.0 - speed / c[I.service_speed])
 
 
 def _hull(
@@ -416,7 +373,7 @@ def corvette_rates(
     carried = v + wave_sway
     m_vv, m_vr = c[I.sway_inertia], c[I.sway_yaw_inertia]
     m_rv, m_rr = c[I.yaw_sway_inertia], c[I.yaw_inertia]
-    load, force, sin_rudder, cos_rudder = _propelled_rudder(u, v, r, rudder, c)
+    load, force, sin_rudder, cos_rudder = propelled_rudder(u, v, r, rudder, c)
     # Surge: the sway added mass takes part in the centripetal term (Kirchhoff), which slows the
     # ship in a turn.
     X = (

@@ -8,14 +8,13 @@ filter's model from k to k + 1: this compass foresees d.
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from estimators import Schedule
 from estimators.engine import compiled
 from vessel_gym.processes import linear
-from vessel_gym.sensors import Sensor
 from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
 from vessel_gym.vehicles.corvette import COMPASS, MOTION_UNIT, linear_matrices
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
@@ -83,16 +82,16 @@ class ThesisCorvette(Ship):
     dt: float = 0.8  # s: the printed 0.5 s leaves 195 samples no time for a full turn
 
     action_names = ("rudder",)
-    grades: ClassVar[str] = "corvette-thesis"
-    increments: ClassVar[tuple[str, ...]] = ()
-    incremented: ClassVar[tuple[str, ...]] = ()
+    grades = "corvette-thesis"
+    increments = ()
+    incremented = ()
     ambient_flows = ("yaw increment",)
     kinds = ("corrected", "as-printed")
     linear_kinds = kinds
-    sensors: ClassVar[tuple[Sensor, ...]] = (
+    sensors = (
         replace(COMPASS, reads=_foreseeing, sd=(NOISE,)), replace(MOTION_UNIT, sd=(NOISE,))
     )  # fmt: skip
-    cruise: ClassVar[Any] = (np.zeros(3), np.zeros(3))  # straight on
+    cruise = (np.zeros(3), np.zeros(3))  # straight on
 
     def estimated(self, kind: str) -> tuple[str, ...]:
         """Components (v, r, psi)."""

@@ -13,9 +13,9 @@ from typing import Any, ClassVar, TypeVar, get_args, get_origin, overload
 
 import numpy as np
 
-from estimators.checks import integer, number, short_repr
+from estimators.checks import number, short_repr
 from estimators.factory import unknown
-from vessel_gym.checks import LARGEST, RANGES, check_numbers, instance, one_of
+from vessel_gym.checks import LARGEST, RANGES, one_of
 from vessel_gym.toml_file import TomlFile
 
 P = TypeVar("P")
@@ -271,25 +271,3 @@ class Particulars:
         for name, value in given:
             one_of("name in given", name, sorted(known))
             _value(cls, name, name, value)
-
-
-class FromFile:
-    """Base class of vehicles whose first field is the parameters from a file.
-
-    Further fields are ``dt`` and, unless derived from the parameters, ``substeps``.
-
-    Raises:
-        TypeError: for parameters of another class.
-        ValueError: for a step that is not positive, or fewer than one substep.
-    """
-
-    __dataclass_fields__: ClassVar[dict[str, Any]]
-    substeps: int
-
-    def __post_init__(self) -> None:
-        title, first = type(self).__name__, fields(self)[0]
-        kind: Any = first.type
-        instance(f"{first.name} of {title}", getattr(self, first.name), kind)
-        check_numbers(self, positive="dt")
-        if "substeps" in self.__dataclass_fields__:
-            integer(f"substeps of {title}", self.substeps, 1)

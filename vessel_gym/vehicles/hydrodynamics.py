@@ -12,9 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.checks import finite_array
-from vessel_gym.checks import check_numbers, instance
-
 # --- shape ----------------------------------------------------------------------------------------
 
 
@@ -54,17 +51,20 @@ class Spheroid(Hull):
     length: float  # m
     diameter: float  # m
 
-    def __post_init__(self) -> None:
-        check_numbers(self, positive="length diameter")
-        vars(self).update(bow=0.5 * self.length, stern=-0.5 * self.length)
+    @property
+    def bow(self) -> float:  # type: ignore[override]
+        """Foremost x [m]."""
+        return 0.5 * self.length
+
+    @property
+    def stern(self) -> float:  # type: ignore[override]
+        """Aftmost x [m]."""
+        return -0.5 * self.length
 
     def radius(self, x: np.ndarray) -> np.ndarray:
         """Radius [m] at ``x``, zero beyond the ends."""
-        return (
-            0.5
-            * self.diameter
-            * np.sqrt(np.maximum(0.0, 1.0 - (2.0 * np.asarray(x) / self.length) ** 2))
-        )
+        share = 2.0 * x / self.length
+        return 0.5 * self.diameter * np.sqrt(np.maximum(0.0, 1.0 - share**2))
 
 
 @dataclass(frozen=True)
@@ -75,9 +75,6 @@ class Fins:
     span: float  # m, from the hull to the tip
     position: float  # m, x of the middle of the chord, where the lift acts; negative is aft
     taper: float  # chord at the tip / at the root
-
-    def __post_init__(self) -> None:
-        check_numbers(self, positive="area span", finite="position", share="taper")
 
     @property
     def chord(self) -> float:
@@ -102,28 +99,15 @@ class Fins:
 # --- formulas -------------------------------------------------------------------------------------
 
 
-def lamb_factors(length: float, diameter: float) -> tuple[float, float, float]:
-    """Added masses of a prolate spheroid along, across and in turning, over displaced values.
+def lamb_factor(length: float, diameter: float) -> float:
+    """Added mass of a prolate spheroid along its axis, over the displaced mass.
 
-    Lamb (1932), art. 114-115; Fossen (2011).
-
-    Raises:
-        ValueError: if the length does not exceed the diameter.
+    Lamb (1932), art. 114-115; Fossen (2011). The length must exceed the diameter.
     """
-    check_numbers(
-        "lamb_factors", {"length": length, "diameter": diameter}, positive="length diameter"
-    )
-    if length <= diameter:
-        raise ValueError(
-            f"a prolate spheroid is longer than it is thick, not {length} by {diameter}"
-        )
     e2 = 1.0 - (diameter / length) ** 2
     e = np.sqrt(e2)
-    log = 2.0 * np.arctanh(e)
-    alpha = 2.0 * (1.0 - e2) / e**3 * (0.5 * log - e)
-    beta = 1.0 / e2 - 0.5 * (1.0 - e2) / e**3 * log
-    turning = e2**2 * (beta - alpha) / ((2.0 - e2) * (2.0 * e2 - (2.0 - e2) * (beta - alpha)))
-    return float(alpha / (2.0 - alpha)), float(beta / (2.0 - beta)), float(turning)
+    alpha = 2.0 * (1.0 - e2) / e**3 * (np.arctanh(e) - e)
+    return float(alpha / (2.0 - alpha))
 
 
 def section_added_mass(
@@ -133,10 +117,6 @@ def section_added_mass(
 
     Blevins (1979).
     """
-    radius, tip = finite_array("radius", radius, "..."), finite_array("tip", tip, "...")
-    check_numbers("section_added_mass", {"water_density": water_density}, positive="water_density")
-    if (radius < 0.0).any() or (tip < 0.0).any():
-        raise ValueError("radius and tip of a section must be at least 0")
     tip = np.maximum(tip, radius)
     square = np.divide(radius**2, tip, out=np.zeros_like(radius), where=tip > 0.0) ** 2
     return np.pi * water_density * (tip**2 - radius**2 + square)
@@ -155,12 +135,7 @@ def axial_drag_coefficient(
         diameter: Diameter of the hull [m].
         speed: Speed through the water [m/s].
         viscosity: Kinematic viscosity [m2/s], of sea water at 15 degrees; ITTC (2011).
-
-    Raises:
-        ValueError: for a number that is not positive.
     """
-    given = {"length": length, "diameter": diameter, "speed": speed, "viscosity": viscosity}
-    check_numbers("axial_drag_coefficient", given, positive=" ".join(given))
     friction = 0.075 / (np.log10(speed * length / viscosity) - 2.0) ** 2
     projected_per_frontal = 4.0 * length / (np.pi * diameter)
     shape = 1.0 + 60.0 * (diameter / length) ** 3 + 0.0025 * length / diameter
@@ -217,14 +192,6 @@ class Coefficients:
     Z_uuds: float
     M_uuds: float
 
-    def munk_moment(self) -> float:
-        """Added-mass moment N per u v [kg], and -M per u w; Munk (1924).
-
-        Kirchhoff's equations contain this moment; published coefficients such as Prestero's N_uv
-        add it to the moment of lift.
-        """
-        return self.Y_vdot - self.X_udot
-
 
 @dataclass(frozen=True)
 class Torpedo:
@@ -235,11 +202,6 @@ class Torpedo:
     axial_drag: float  # on the frontal area; see `axial_drag_coefficient`
     cross_flow_drag: float = 1.1  # of a cylinder; Hoerner (1965), as in Prestero (2001)
     water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
-
-    def __post_init__(self) -> None:
-        instance("hull of Torpedo", self.hull, Hull)
-        instance("fins of Torpedo", self.fins, Fins)
-        check_numbers(self, not_negative="axial_drag cross_flow_drag", positive="water_density")
 
     @property
     def root(self) -> float:
@@ -265,7 +227,7 @@ class Torpedo:
     def axial_added_mass(self) -> float:
         """Axial added mass [kg] of a spheroid of the hull's length and diameter; Lamb (1932)."""
         length, diameter = self.hull.bow - self.hull.stern, self.hull.diameter
-        along, _, _ = lamb_factors(length, diameter)
+        along = lamb_factor(length, diameter)
         return along * self.water_density * np.pi / 6.0 * length * diameter**2
 
     def roll_added_inertia(self) -> float:

@@ -13,7 +13,6 @@ and the kinematics.
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 
@@ -45,13 +44,8 @@ COEFFICIENTS = tuple(I.__members__)
 class ItsunusaParameters(AUVParameters):
     """Particulars of a vehicle in the vertical plane, SI units."""
 
-    def vector(self, factors: np.ndarray | None = None) -> np.ndarray:
-        """Coefficients of the equations of motion ``(..., k)``, in the order of `COEFFICIENTS`.
-
-        Args:
-            factors: Factors ``(..., 7)`` on the first `VERTICAL` uncertain ones; default: 1.
-        """
-        return self.stacked(COEFFICIENTS, np.ones(VERTICAL) if factors is None else factors)
+    names = COEFFICIENTS
+    uncertain = VERTICAL
 
 
 @compiled
@@ -117,17 +111,17 @@ class Itsunusa(AUV):
 
     body: ItsunusaParameters = field(default_factory=lambda: load("itsunusa", ItsunusaParameters))
 
-    kinds: ClassVar = ("nonlinear", "steady dives")
-    linear_kinds: ClassVar = ("steady dives",)
-    state_names: ClassVar = STATE
-    equations: ClassVar = staticmethod(itsunusa_rates)
-    parameter_names: ClassVar = COEFFICIENTS
-    action_names: ClassVar = ("stern plane", "thrust")
-    angles: ClassVar = ("theta",)
-    incremented: ClassVar = STATE[:3]
-    ambient_flows: ClassVar = ("current",)
-    rates: ClassVar = {"q": "theta"}
-    sensors: ClassVar = (
+    kinds = ("nonlinear", "steady dives")
+    linear_kinds = ("steady dives",)
+    state_names = STATE
+    equations = staticmethod(itsunusa_rates)
+    parameter_names = COEFFICIENTS
+    action_names = ("stern plane", "thrust")
+    angles = ("theta",)
+    incremented = STATE[:3]
+    ambient_flows = ("current",)
+    rates = {"q": "theta"}
+    sensors = (
         Sensor(
             "Doppler log", ("u over ground", "w over ground"), _over_ground, (0.01, 0.01),
             dropout=0.10, scale=(0.5, 0.25), gives=("u", "w"),
@@ -143,8 +137,8 @@ class Itsunusa(AUV):
             scale=(20.0,), gives=("x",),
         ),
     )  # fmt: skip
-    grades: ClassVar[str] = "auv"
-    normals: ClassVar = VERTICAL
+    grades = "auv"
+    normals = VERTICAL
 
     @cached_property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:

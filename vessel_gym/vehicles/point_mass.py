@@ -51,18 +51,10 @@ class PointMass:
         Args:
             factors: Factors ``(..., 6)`` on the `UNCERTAIN` ones; default: 1.
         """
-        c = np.array(
-            [
-                self.mass,
-                self.area,
-                self.gravity,
-                *self.drag,
-                *self.lift,
-                *self.density,
-                1.0,
-                self.bank_rate,
-            ]
-        )
+        c = np.array([
+            self.mass, self.area, self.gravity, *self.drag, *self.lift, *self.density, 1.0,
+            self.bank_rate,
+        ])  # fmt: skip
         if factors is None:
             return c
         c = np.tile(c, factors.shape[:-1] + (1,))

@@ -16,18 +16,16 @@ point mass and the bank.
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 
 from estimators.engine import compiled, sincos
-from vessel_gym.checks import check_numbers, instance
 from vessel_gym.sensors import Bias, Known, Sensor, plain
 from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
 from vessel_gym.vehicles.equilibrium import root
-from vessel_gym.vehicles.files import FromFile, Particulars, load
+from vessel_gym.vehicles.files import Particulars, load
 from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, I, PointMass, forces
-from vessel_gym.vehicles.whole_state import WholeState
+from vessel_gym.vehicles.simulated import SimulatedVehicle
 
 STATE = ("x", "y", "h", "north", "east", "climb", "phi")
 """Components of the state: position, altitude [m], velocity over ground [m/s], bank [rad]."""
@@ -52,7 +50,7 @@ class PunaParameters(Particulars, PointMass):
     alpha_rate: float = 0.5  # rad/s, assumed: the short-period motion that a point mass leaves out
     bank_limit: float = float(np.deg2rad(35.0))  # rad, assumed
 
-    TABLES: ClassVar = {
+    TABLES = {
         "particulars": ("mass", "area", "gravity"),
         "aerodynamics": ("drag", "lift", "density"),
         "limits": ("alpha_low", "alpha_high", "alpha_rate", "bank_limit", "bank_rate"),
@@ -110,24 +108,19 @@ class Trim:
     thrust: float  # N
 
 
-def trim(speed: float, body: PunaParameters, altitude: float = 0.0, bank: float = 0.0) -> Trim:
-    """Angle of attack and thrust of level flight, in a coordinated turn if banked.
+def trim(speed: float, body: PunaParameters, bank: float = 0.0) -> Trim:
+    """Angle of attack and thrust of level flight at sea level, in a coordinated turn if banked.
 
     Args:
         speed: Airspeed [m/s].
         body: Aircraft.
-        altitude: Altitude [m].
         bank: Bank angle [rad].
 
     Raises:
         ValueError: if the aircraft cannot fly level like this within its limits of angle and
             thrust.
-        TypeError: for an aircraft that is no `PunaParameters`.
     """
-    instance("body of trim", body, PunaParameters)
-    given = {"speed": speed, "altitude": altitude, "bank": bank}
-    check_numbers("trim", given, positive="speed", finite="altitude", deflection="bank")
-    pressure = 0.5 * float(np.polyval(body.density, altitude)) * speed**2 * body.area
+    pressure = 0.5 * body.density[2] * speed**2 * body.area
 
     def thrust(alpha: np.ndarray | float) -> np.ndarray:
         return pressure * np.polyval(body.drag, alpha) / np.cos(alpha)
@@ -232,7 +225,7 @@ def _along(measurements: np.ndarray, known: Known) -> Known:
 
 @compiled
 @dataclass(frozen=True)
-class Puna(FromFile, WholeState):
+class Puna(SimulatedVehicle):
     """The PUNA in batches: actuators, state, sensors, and filters' model.
 
     Over a step the wind is constant; increments change velocities and bank at the end of a step.
@@ -245,15 +238,15 @@ class Puna(FromFile, WholeState):
     dt: float = 0.1  # s
     substeps: int = 1  # one RK4 step is converged to 3 cm and 2e-4 rad in 30 s of full reversals
 
-    state_names: ClassVar = STATE
-    equations: ClassVar = staticmethod(puna_rates)
-    angles: ClassVar = ("phi",)
-    parameter_names: ClassVar = COEFFICIENTS
-    action_names: ClassVar = ("thrust", "angle of attack", "bank")
-    steering: ClassVar = (1, 2)
-    incremented: ClassVar = ("north", "east", "climb", "phi")
-    ambient_flows: ClassVar = ("wind north", "wind east", "wind down")
-    sensors: ClassVar = (
+    state_names = STATE
+    equations = staticmethod(puna_rates)
+    angles = ("phi",)
+    parameter_names = COEFFICIENTS
+    action_names = ("thrust", "angle of attack", "bank")
+    steering = (1, 2)
+    incremented = ("north", "east", "climb", "phi")
+    ambient_flows = ("wind north", "wind east", "wind down")
+    sensors = (
         Sensor(
             "GNSS", ("x", "y", "h", "ground speed", "course over ground", "climb"),
             _fix, (1.0, 1.0, 1.5, 0.05, 0.03, 0.1), rate=1.0,
@@ -271,11 +264,11 @@ class Puna(FromFile, WholeState):
             "attitude", ("bank",), plain((6,)), (0.02,), angles=(0,), scale=(0.5,), gives=("phi",),
         ),
     )  # fmt: skip
-    grades: ClassVar[str] = "fixed-wing"
-    rates: ClassVar = {"climb": "h"}
-    carried: ClassVar = np.vstack([np.zeros((3, 3)), np.diag([1.0, 1.0, -1.0]), np.zeros((1, 3))])
+    grades = "fixed-wing"
+    rates = {"climb": "h"}
+    carried = np.vstack([np.zeros((3, 3)), np.diag([1.0, 1.0, -1.0]), np.zeros((1, 3))])
     """Velocities are over ground, so that the wind carries the aircraft from the first moment."""
-    normals: ClassVar = len(UNCERTAIN)
+    normals = len(UNCERTAIN)
     """Number of standard normal numbers that `parameters` needs."""
 
     @cached_property

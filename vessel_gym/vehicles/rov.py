@@ -11,15 +11,14 @@ von Benzon et al. (2022) for the diagonal model of a BlueROV2 Heavy (data/bluero
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import ClassVar
 
 import numpy as np
 
 from estimators.engine import compiled, sincos
 from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
-from vessel_gym.vehicles.files import FromFile, Particulars, load
+from vessel_gym.vehicles.files import Particulars, load
 from vessel_gym.vehicles.segorogeni import STATE, Segorogeni
-from vessel_gym.vehicles.whole_state import WholeState
+from vessel_gym.vehicles.simulated import SimulatedVehicle
 
 ADDED_MASS = ("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot")
 LINEAR = ("X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r")
@@ -78,7 +77,7 @@ class ROVParameters(Particulars):
     M_qq: float
     N_rr: float
 
-    TABLES: ClassVar = {
+    TABLES = {
         "particulars": (
             "mass", "roll_inertia", "pitch_inertia", "yaw_inertia", "z_g", "buoyancy_excess",
             "gravity",
@@ -219,7 +218,7 @@ def rov_rates(
 
 @compiled
 @dataclass(frozen=True)
-class ROV(FromFile, WholeState):
+class ROV(SimulatedVehicle):
     """A vehicle with thrusters in batches; state, sensors and water are those of `Segorogeni`.
 
     An action is the thrust of each thruster as a share of its limit. Filters estimate the whole
@@ -230,16 +229,16 @@ class ROV(FromFile, WholeState):
     dt: float = 0.1  # s
     substeps: int = 2
 
-    state_names: ClassVar = STATE
-    equations: ClassVar = staticmethod(rov_rates)
-    parameter_names: ClassVar = COEFFICIENTS
-    angles: ClassVar = Segorogeni.angles
-    incremented: ClassVar = STATE[:6]
-    ambient_flows: ClassVar = Segorogeni.ambient_flows
-    rates: ClassVar = Segorogeni.rates
-    sensors: ClassVar = Segorogeni.sensors
-    grades: ClassVar[str] = "auv"
-    normals: ClassVar = len(UNCERTAIN)
+    state_names = STATE
+    equations = staticmethod(rov_rates)
+    parameter_names = COEFFICIENTS
+    angles = Segorogeni.angles
+    incremented = STATE[:6]
+    ambient_flows = Segorogeni.ambient_flows
+    rates = Segorogeni.rates
+    sensors = Segorogeni.sensors
+    grades = "auv"
+    normals = len(UNCERTAIN)
 
     @cached_property
     def action_names(self) -> tuple[str, ...]:  # type: ignore[override]

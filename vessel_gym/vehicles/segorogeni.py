@@ -11,7 +11,7 @@ hydrodynamic coefficient, and its printed inverse inertia matrix has negative ei
 
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -49,9 +49,11 @@ class SegorogeniParameters(AUVParameters):
     propeller_torque: float = 0.0  # m, torque per thrust
     printed_kinematics: bool = False  # eqs. 1-4 of the paper, which ignore roll and pitch
 
-    TABLES: ClassVar = AUVParameters.TABLES | {
+    TABLES = AUVParameters.TABLES | {
         "propulsion": (*AUVParameters.TABLES["propulsion"], "propeller_torque"),
     }
+
+    names = COEFFICIENTS
 
     def values(self, factors: np.ndarray) -> dict[str, Any]:
         """Parameters of the equations of motion by name."""
@@ -62,14 +64,6 @@ class SegorogeniParameters(AUVParameters):
             "propeller_torque": self.propeller_torque,
             "printed_kinematics": float(self.printed_kinematics),
         }
-
-    def vector(self, factors: np.ndarray | None = None) -> np.ndarray:
-        """Coefficients of the equations of motion ``(..., k)``, in the order of `COEFFICIENTS`.
-
-        Args:
-            factors: Factors ``(..., 10)`` on the `UNCERTAIN` ones; default: 1.
-        """
-        return self.stacked(COEFFICIENTS, np.ones(len(UNCERTAIN)) if factors is None else factors)
 
 
 def _momentum(velocity: list[np.ndarray], c: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -217,15 +211,15 @@ class Segorogeni(AUV):
         default_factory=lambda: load("segorogeni", SegorogeniParameters)
     )
 
-    state_names: ClassVar = STATE
-    equations: ClassVar = staticmethod(segorogeni_rates)
-    parameter_names: ClassVar = COEFFICIENTS
-    action_names: ClassVar = ("rudder", "stern plane", "thrust")
-    angles: ClassVar = ("phi", "theta", "psi")
-    incremented: ClassVar = STATE[:6]
-    ambient_flows: ClassVar = ("current north", "current east")
-    rates: ClassVar = {"p": "phi", "q": "theta", "r": "psi"}
-    sensors: ClassVar = (
+    state_names = STATE
+    equations = staticmethod(segorogeni_rates)
+    parameter_names = COEFFICIENTS
+    action_names = ("rudder", "stern plane", "thrust")
+    angles = ("phi", "theta", "psi")
+    incremented = STATE[:6]
+    ambient_flows = ("current north", "current east")
+    rates = {"p": "phi", "q": "theta", "r": "psi"}
+    sensors = (
         Sensor(
             "Doppler log", ("u over ground", "v over ground", "w over ground"),
             _over_ground,
@@ -245,8 +239,8 @@ class Segorogeni(AUV):
             scale=(10.0, 10.0), gives=("x", "y"),
         ),
     )  # fmt: skip
-    grades: ClassVar[str] = "auv"
-    normals: ClassVar = len(UNCERTAIN)
+    grades = "auv"
+    normals = len(UNCERTAIN)
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Initial state ``(..., 12)`` and actuators ``(..., 3)``; 5 deg of rudder, as printed."""

@@ -25,16 +25,16 @@ from vessel_gym.vehicles.corvette_equations import (
     CorvetteParameters,
     corvette_rates,
 )
-from vessel_gym.vehicles.files import FromFile, load
+from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.integration import resolving_substeps, runge_kutta
-from vessel_gym.vehicles.whole_state import Simulated
+from vessel_gym.vehicles.simulated import SimulatedVehicle
 
 _ESTIMATED = STATE[:6]  # all but roll
 
 
 @compiled
 @dataclass(frozen=True)
-class Ship(FromFile, Simulated):
+class Ship(SimulatedVehicle):
     """A ship at sea in batches, whose position is measured and estimated.
 
     The action is the rudder *rate*: with an angle as action, the estimate's noise would saturate
@@ -53,13 +53,14 @@ class Ship(FromFile, Simulated):
     state_names = STATE
     equations = staticmethod(corvette_rates)
     parameter_names = COEFFICIENTS
-    angles: ClassVar[tuple[str, ...]] = ("psi",)
-    action_names: ClassVar[tuple[str, ...]] = ("rudder rate",)
-    steering: ClassVar[tuple[int, ...]] = (0,)
+    angles = ("psi",)
+    action_names = ("rudder rate",)
+    steering = (0,)
     incremented: ClassVar[tuple[str, ...]] = ("psi",)
-    grades: ClassVar[str] = "ship"
-    rates: ClassVar[dict[str, str]] = {"r": "psi"}
+    grades = "ship"
+    rates = {"r": "psi"}
     increments: ClassVar[tuple[str, ...]] = ("yaw increment",)
+    faults = ()
     ambient_flows: ClassVar[tuple[str, ...]] = AROUND
     kinds: ClassVar[tuple[str, ...]] = ("nonlinear", "linear")
     linear_kinds: ClassVar[tuple[str, ...]] = ("linear",)
@@ -114,7 +115,7 @@ class Ship(FromFile, Simulated):
         return float(np.abs(np.linalg.eigvals(jacobian)).max())
 
     @cached_property
-    def substeps(self) -> int:  # type: ignore[override]
+    def substeps(self) -> int:
         """RK4 steps in a step of the truth, which resolve roll, sway and yaw; the corvette has 1.
 
         Roll is the fastest mode of slow ships, whose steps are long.

@@ -1,11 +1,12 @@
-"""The interface between vehicle and environment: motion, exogenous input, and models of filters."""
+"""Base class of vehicles: motion, exogenous input, and models of filters; docs/own-equations.md."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple, Protocol
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from vessel_gym.sensors import Sensor
+from vessel_gym.vehicles.integration import incremented
 
 GRAVITY = 9.81  # m/s2
 
@@ -30,86 +31,117 @@ class Trims(NamedTuple):
     """Index of the motion at which this component is 0, plus one half."""
 
 
-class Vehicle(Protocol):
-    """Interface of a vehicle in batches ``(B, ...)``: state, actuators, motion, filters' models.
+class Vehicle:
+    """Base class of vehicles in batches ``(B, ...)``: state, actuators, motion, filters' models.
+
+    A subclass must define the attributes without a value, `parameters`, `actuate` and `moved`. By
+    default filters estimate the whole state with one nonlinear model, which leaves out nothing.
 
     The exogenous input ``(B, f)`` acts on the vehicle. Its first components are increments, which
     change the state at the end of a step. Then come flows, which are constant over the step. The
     equations may be compiled or plain NumPy; they must broadcast over leading axes.
-
-    Four further attributes are optional:
-
-    - ``faults``, the names of what may be added to actuators over a step, together with ``faulty``,
-      a method that returns the known input with these faults (see
-      `vessel_gym.vehicles.whole_state.WholeState`);
-    - ``noise``, schedules of Q and R by name, which filters assume instead of ``process_sd`` and
-      the sensors' noise;
-    - ``steering``, the indices of actuators that are angles [rad] of rudders, fins or wings, whose
-      travel, reversals and saturation `agents.metrics` measures;
-    - ``grades``, a file of grades of the sensors, see `vessel_gym.sensors.grades`.
     """
 
-    @property
-    def dt(self) -> float:
-        """Time step [s]."""
+    dt: float
+    """Time step [s]."""
+    state_names: ClassVar[tuple[str, ...]]
+    """Components of the vehicle's own state, without disturbances."""
+    angles: ClassVar[tuple[str, ...]]
+    """Components of the state that are angles [rad]."""
+    action_names: ClassVar[tuple[str, ...]]
+    """Components of the action."""
+    incremented: ClassVar[tuple[str, ...]]
+    """Component of the state that each increment changes."""
+    ambient_flows: ClassVar[tuple[str, ...]]
+    """Flows in the exogenous input, which carry the vehicle over a step."""
+    sensors: Any
+    """Sensors in nominal quality, a tuple of `Sensor` in the order of the measurements."""
+    normals: ClassVar[int]
+    """Number of standard normal numbers that `parameters` needs."""
+    parameter_names: ClassVar[tuple[str, ...]]
+    """Components of the parameters."""
+    cruise: Any
+    """Estimated components ``(n,)`` and known input ``(m,)`` of the cruising vehicle."""
+    rates: ClassVar[Mapping[str, str]]
+    """State of which each rate is the derivative, such as ``{"r": "psi"}``.
 
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Components of the vehicle's own state, without disturbances."""
+    If no sensor measures a rate, ``estimator="measurement"`` computes it from two measurements of
+    this state.
+    """
+    kinds: ClassVar[tuple[str, ...]] = ("nonlinear",)
+    """Names of the models for filters; the nonlinear one with the most states comes first."""
+    linear_kinds: ClassVar[tuple[str, ...]] = ()
+    """Names of the linear ones among the models."""
+    carried: ClassVar[np.ndarray | None] = None
+    """Effect ``(n, flows)`` of initial flows on the prior; None if speeds are flow-relative."""
+    steering: Any = ()
+    """Indices of actuators that are angles [rad] of rudders, fins or wings, a tuple.
 
-    @property
-    def angles(self) -> tuple[str, ...]:
-        """Components of the state that are angles [rad]."""
+    Their travel, reversals and saturation are measured by `agents.metrics`.
+    """
+    grades: ClassVar[str | None] = None
+    """File of grades of the sensors, see `vessel_gym.sensors.grades`; None without grades."""
+    noise: Any = {}
+    """Schedules of Q and R by name, instead of ``process_sd`` and the sensors' noise."""
 
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        """Components of the action."""
-
-    @property
+    @cached_property
     def increments(self) -> tuple[str, ...]:
-        """First components of the exogenous input, added to the state at the end of a step."""
+        """Names of the increments, the first components of the exogenous input."""
+        return tuple(f"{name} increment" for name in self.incremented)
 
-    @property
-    def incremented(self) -> tuple[str, ...]:
-        """Component of the state that each increment changes."""
+    @cached_property
+    def faults(self) -> tuple[str, ...]:
+        """Names of the faults of actuators, which are additions in the actuators' units."""
+        return tuple(f"{name} fault" for name in self.action_names)
 
-    @property
-    def ambient_flows(self) -> tuple[str, ...]:
-        """Further components of the exogenous input, flows that carry the vehicle over a step."""
-
-    @property
-    def sensors(self) -> tuple[Sensor, ...]:
-        """Sensors in nominal quality, in the order of the measurements."""
-
-    @property
-    def normals(self) -> int:
-        """Number of standard normal numbers that `parameters` needs."""
-
-    @property
-    def parameter_names(self) -> tuple[str, ...]:
-        """Components of the parameters."""
+    def faulty(self, u: np.ndarray, faults: np.ndarray) -> np.ndarray:
+        """Known input with additions ``faults (..., a)`` to actuators."""
+        none = np.zeros((*faults.shape[:-1], u.shape[-1] - 2 * len(self.action_names)))
+        return u + np.concatenate([faults, faults, none], -1)
 
     def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
         """True parameters ``(B, k)``: the filter's, spread by ``mismatch``.
 
         The random numbers are ``normals (B, normals)``.
         """
+        raise NotImplementedError
+
+    @cached_property
+    def _nominal(self) -> np.ndarray:
+        """Parameters ``(k,)`` of filters' models."""
+        return self.parameters(0.0, np.zeros((1, self.normals)))[0]
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(B, n)`` and actuators ``(B, a)``, from states x that the prior describes."""
+        """State ``(B, n)`` and actuators ``(B, a)``, from states x that the prior describes.
+
+        Default: the state x, and the actuators of the cruising vehicle.
+        """
+        return x.copy(), self.cruise[1][: len(self.action_names)] + np.zeros((*x.shape[:-1], 1))
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
         """Actuators ``(B, a)`` one step after an action in [-1, 1], within limits and rates."""
+        raise NotImplementedError
+
+    def moved(
+        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, flow: np.ndarray,
+        parameters: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
+        """State ``(B, n)`` one step later, without increments.
+
+        Args:
+            state: ``(B, n)``.
+            before: Actuators ``(B, a)`` at the beginning of the step.
+            after: Actuators ``(B, a)`` at the end of the step.
+            flow: Flows ``(B, ambient_flows)`` over the step.
+            parameters: ``(B, k)`` as `parameters` returns them.
+        """
+        raise NotImplementedError
 
     def step(
-        self,
-        state: np.ndarray,
-        before: np.ndarray,
-        after: np.ndarray,
-        exogenous: np.ndarray,
+        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, exogenous: np.ndarray,
         parameters: np.ndarray,
-    ) -> np.ndarray:
-        """State ``(B, n)`` one step later.
+    ) -> np.ndarray:  # fmt: skip
+        """State ``(B, n)`` one step later, with increments.
 
         Args:
             state: ``(B, n)``.
@@ -118,29 +150,28 @@ class Vehicle(Protocol):
             exogenous: Increments and flows ``(B, f)``.
             parameters: ``(B, k)`` as `parameters` returns them.
         """
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Names of the models for filters; the nonlinear one with the most states comes first."""
-
-    @property
-    def linear_kinds(self) -> tuple[str, ...]:
-        """Names of the linear ones among the models."""
+        increments = len(self.incremented)
+        return incremented(
+            self.moved(state, before, after, exogenous[..., increments:], parameters),
+            exogenous[..., :increments],
+            [self.state_names.index(name) for name in self.incremented],
+        )
 
     def estimated(self, kind: str) -> tuple[str, ...]:
         """Components of the state that filters with a model estimate, in their order.
 
         The task's prior describes the components of the first model in ``kinds``. Another model may
-        have fewer, which must be the leading ones of these.
+        have fewer, which must be the leading ones of these. Default: all components.
         """
-
-    @property
-    def cruise(self) -> tuple[np.ndarray, np.ndarray]:
-        """Estimated components ``(n,)`` and known input ``(m,)`` of the cruising vehicle."""
+        return self.state_names
 
     @property
     def process_sd(self) -> np.ndarray:
-        """Standard deviations ``(n,)`` of the model error of a step in estimated components."""
+        """Standard deviations ``(n,)`` of the model error of a step in estimated components.
+
+        Default: zeros.
+        """
+        return np.zeros(len(self.state_names))
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
         """Estimated components ``(..., n)`` one step later, with the filter's parameters.
@@ -150,11 +181,17 @@ class Vehicle(Protocol):
             u: Known input ``(..., m)``.
             flow: Flows ``(..., ambient_flows)`` over the step.
         """
+        a = len(self.action_names)
+        return self.moved(x, u[..., :a], u[..., a : 2 * a], flow, self._nominal)
 
     def known_input(
         self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None
     ) -> np.ndarray:
-        """Known input of filters over a step ``(B, m)``: actuators, and commands of the task."""
+        """Known input of filters over a step ``(B, m)``: actuators, and commands of the task.
+
+        Default: actuators at the start of the step, then at its end.
+        """
+        return np.concatenate([before, after], -1)
 
     def linear(self, kind: str) -> tuple[Any, ...] | Trims:
         """A and B of a linear model, each a matrix or a function of the known input.
@@ -163,15 +200,4 @@ class Vehicle(Protocol):
         step ``(n, ambient_flows)``, again a matrix or a function. For a linearised nonlinear model,
         return `Trims`.
         """
-
-    @property
-    def rates(self) -> Mapping[str, str]:
-        """State of which each rate is the derivative, such as ``{"r": "psi"}``.
-
-        If no sensor measures a rate, ``estimator="measurement"`` computes it from two measurements
-        of this state.
-        """
-
-    @property
-    def carried(self) -> np.ndarray | None:
-        """Effect ``(n, flows)`` of initial flows on the prior; None if speeds are flow-relative."""
+        raise NotImplementedError

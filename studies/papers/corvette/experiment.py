@@ -11,13 +11,13 @@ from estimators import Gaussian, LinearModel, Series, make, run
 from studies.markdown import mean_and_half
 from studies.papers.measures import EXPLORATORY, Comparison, comparison_table, row, rows
 from vessel_gym.envs import ThesisCorvetteEnv
-from vessel_gym.tasks.turning_trial import SAMPLES, SWITCH
+from vessel_gym.tasks.turning import SAMPLES, SWITCH
 from vessel_gym.vehicles.corvette_thesis import NOISE, SIMULATIONS, A, B, Simulation
 
 MODELS = ("as-printed", "corrected")
 QUANTITIES = ("heading", "unknown input")
 TRIAL: Any = ThesisCorvetteEnv.system.task
-PRIOR, RECORD = TRIAL.prior_variance, TRIAL.record[:SAMPLES, 2]
+PRIOR, RECORD = TRIAL.prior_sd[0] ** 2, TRIAL.record[:SAMPLES, 2]
 """Variance of each state that the filter starts from; our ship's heading in the trial [rad]."""
 RUDDER = np.deg2rad(35.0)
 """Constant rudder angle u [rad] of the thesis, Section 4.3.1."""

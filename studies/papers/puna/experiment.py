@@ -22,7 +22,8 @@ from studies.papers.measures import (
 )
 from studies.papers.puna.model import PlanarPuna
 from studies.papers.vehicle import Experiment
-from vessel_gym.guidance.dubins import WORDS, approach, candidates, plan, shortest
+from vessel_gym.guidance.dubins import WORDS, candidates, shortest
+from vessel_gym.guidance.planner import plan
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.puna import PunaParameters, trim
 
@@ -102,7 +103,7 @@ def obstructed_case(paths: Mapping[str, Any]) -> dict[str, Any]:
         path = shortest(*poses(case, name), radius)
         flown[f"{path.word}, printed points as poses, headings {name}"] = path
     for way, path in flown.items():
-        found[way] = path.length, approach(path, obstacle[:, :2])[0], []
+        found[way] = path.length, path.distance(obstacle[:, :2])[0], []
     return found
 
 

@@ -1,0 +1,59 @@
+"""Vehicles with parameters from a file, whose equations of motion are integrated numerically."""
+
+from dataclasses import fields
+from typing import Any, ClassVar
+
+import numpy as np
+
+from estimators.checks import integer
+from vessel_gym.checks import check_numbers, instance
+from vessel_gym.vehicles.actuators import actuated
+from vessel_gym.vehicles.integration import runge_kutta
+from vessel_gym.vehicles.vehicle import Vehicle
+
+
+class SimulatedVehicle(Vehicle):
+    """Base class of vehicles that integrate equations of motion by the Runge-Kutta method.
+
+    The first field of a subclass is the parameters from a file. Further fields are ``dt`` and,
+    unless derived from the parameters, ``substeps``.
+
+    Raises:
+        TypeError: for parameters of another class.
+        ValueError: for a step that is not positive, or fewer than one substep.
+    """
+
+    body: Any
+    """Particulars; ``body.vector(factors)`` returns the coefficients of the equations of motion."""
+    substeps: Any
+    """Number of equal parts of a step, each of which is one Runge-Kutta step."""
+    equations: ClassVar[Any]
+    """Equations of motion, a `vessel_gym.vehicles.integration.Rates`."""
+    _actuators: Any
+    """Parameters of the actuators, see `vessel_gym.vehicles.actuators.actuator_parameters`."""
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    def __post_init__(self) -> None:
+        title, first = type(self).__name__, fields(self)[0]
+        kind: Any = first.type
+        instance(f"{first.name} of {title}", getattr(self, first.name), kind)
+        check_numbers(self, positive="dt")
+        if "substeps" in self.__dataclass_fields__:
+            integer(f"substeps of {title}", self.substeps, 1)
+
+    def parameters(self, mismatch: float, normals: np.ndarray) -> np.ndarray:
+        """True coefficients ``(B, k)``; mismatch is their relative standard deviation."""
+        return self.body.vector(1.0 + mismatch * np.clip(normals, -2.0, 2.0))
+
+    def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
+        """Actuators ``(..., a)`` after a step of ``action`` in [-1, 1], within limits and rates."""
+        return actuated(actuators, action, self._actuators)
+
+    def moved(
+        self, state: np.ndarray, before: np.ndarray, after: np.ndarray, flow: np.ndarray,
+        parameters: np.ndarray,
+    ) -> np.ndarray:  # fmt: skip
+        """State ``(..., n)`` one step later, without increments."""
+        return runge_kutta(
+            self.equations, state, before, after, flow, parameters, self.dt, self.substeps
+        )
