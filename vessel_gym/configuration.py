@@ -25,7 +25,7 @@ from vessel_gym.start import Draws
 from vessel_gym.state import Changes, Stage, State
 from vessel_gym.system import System, Task, Vehicle
 from vessel_gym.tasks.task import observation_sizes
-from vessel_gym.truth import INFO, SCORED, TrueState, UnknownInput, info_arrays
+from vessel_gym.truth import INFO, Scale, TrueState, UnknownInput, info_arrays
 from vessel_gym.whole_step import WholeStep
 from vessel_gym.world import World
 
@@ -127,23 +127,22 @@ class Options:
             object.__setattr__(self, name, value)
 
 
-def _numpy_methods(part: Any, **fields: str) -> dict[str, str]:
-    """Methods of a part in NumPy, as error messages name them, and the fields that they fill in."""
-    if is_compiled(part):
-        return {}
-    return {f"{method} of {type(part).__name__}": field for method, field in fields.items()}
-
-
-def _moving_methods(vehicle: Vehicle, disturbance: Disturbance) -> dict[str, str]:
-    """Methods in NumPy that move the truth, and the fields of the record that they fill in."""
-    moving = {"actuate": "actuators", "known_input": "u", "step": "state"}
-    return _numpy_methods(vehicle, **moving) | _numpy_methods(disturbance, effect="exogenous")
-
-
-def _scoring_methods(task: Task) -> dict[str, str]:
-    """Methods of a task in NumPy, and the fields of the record that they fill in."""
-    fields = {"reference": "reference", "score": "reward", "commanded": "commanded"}
-    return _numpy_methods(task, exogenous="imposed", **fields)
+def _numpy_methods(vehicle: Vehicle, disturbance: Disturbance, task: Task) -> dict[str, str]:
+    """Methods in NumPy, as error messages name them, and the fields that they fill in."""
+    fields = {
+        vehicle: {"actuate": "actuators", "known_input": "u", "step": "state"},
+        disturbance: {"effect": "exogenous"},
+        task: {
+            "exogenous": "imposed", "reference": "reference", "score": "reward",
+            "commanded": "commanded",
+        },
+    }  # fmt: skip
+    return {
+        f"{method} of {type(part).__name__}": field
+        for part, methods in fields.items()
+        if not is_compiled(part)
+        for method, field in methods.items()
+    }
 
 
 def _as_tuple(value: Any) -> Any:
@@ -164,9 +163,8 @@ class Configuration:
 
     Attributes:
         world: True world, with vehicle, sensors and disturbance.
-        moving_methods: Methods in NumPy of vehicle and disturbance whose results in a step must be
-            finite, and the fields of the record that they fill in.
-        scoring_methods: Those of the task.
+        numpy_methods: Methods in NumPy of vehicle, disturbance and task, whose results in a step
+            must be finite, and the fields of the record that they fill in.
         delivery: Faults and delays of measurements.
         estimators: The estimator and, with ``raw``, that of raw measurements.
         mission: The task's part of a step.
@@ -174,7 +172,7 @@ class Configuration:
         raw: Estimation from raw measurements, if they are observed with guidance; otherwise None.
         observe_mode: One of `OBSERVE`.
         prior_index: Indices of the true state's components in the filter's widest model.
-        perfect: Sum of rewards of a perfect episode, and reward of a further step.
+        scale: Scale of the scores.
 
     Raises:
         ValueError: as `Options`.
@@ -187,8 +185,7 @@ class Configuration:
             system, options.sensors, options.sensor_faults, options.disturbance
         )
         vehicle, raw = system.vehicle, options.observe == "measurement"
-        self.moving_methods = _moving_methods(vehicle, world.disturbance)
-        self.scoring_methods = _scoring_methods(system.task)
+        self.numpy_methods = _numpy_methods(vehicle, world.disturbance, system.task)
         rest = world.sensors, world.disturbance
         choice = system.estimator if options.estimator is None else options.estimator
         self.estimation: Estimation = build(system, choice, options.estimator_options, *rest)
@@ -197,10 +194,7 @@ class Configuration:
             wide = {"model": vehicle.kinds[0]}  # raw guidance is equal for all estimators
             self.raw = build(system, "measurement", wide, *rest)
         self.action_size = len(vehicle.action_names)
-        self.perfect = (
-            float(system.task.perfect),
-            float(system.task.perfect == system.task.horizon),
-        )
+        self.scale = Scale.of(system.task)
         self.prior_index = tuple(
             vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])
         )
@@ -230,14 +224,11 @@ class Configuration:
     @cached_property
     def info(self) -> Stage:
         """Stage that returns ``info``."""
-        return Stage(self._info, compiled=True, own=len(INFO) + len(SCORED))
+        return Stage(self._info, compiled=True, own=len(INFO))
 
     def _info(self, now: State) -> Changes:
         """Arrays of ``info``."""
-        score = self.scores(now.total, now.steps)
-        scored = now.belief.healthy, score, now.end, now.end == self.success
-        arrays = info_arrays(self.true_state, self.unknown_input, now)
-        return arrays | dict(zip(SCORED, scored, strict=True))
+        return info_arrays(self.true_state, self.unknown_input, self.scale, now)
 
     @cached_property
     def nominal(self) -> np.ndarray:
@@ -260,17 +251,6 @@ class Configuration:
         sizes = observation_sizes(task, vehicle, self.sensors.size, states)
         return sum(sizes[part] for part in seen)
 
-    def scores(self, total: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """Scores ``(B,)`` in [0, 1]: sums of rewards over that of a perfect episode."""
-        perfect, each = self.perfect
-        shares = total / np.maximum(perfect, each * steps)
-        return np.minimum(np.maximum(shares, 0.0), 1.0)
-
-    def score_of(self, total: float, steps: int) -> float:
-        """Score in [0, 1] of an episode, from the sum of its rewards and its number of steps."""
-        score = total / max(self.perfect[0], self.perfect[1] * steps)
-        return score if 0.0 <= score <= 1.0 else min(max(score, 0.0), 1.0)
-
     def __reduce__(self) -> tuple[Any, ...]:
         return Configuration, (self.system, self.options)
 
@@ -281,11 +261,6 @@ class Configuration:
     def sensors(self) -> Sensors:
         """Sensors of the world."""
         return self.world.sensors
-
-    @cached_property
-    def success(self) -> int:
-        """Number of the end reason that means success; 0: reaching the time limit."""
-        return self.system.task.end_reasons.index(self.system.task.success)
 
     @property
     def disturbance_name(self) -> str:

@@ -20,11 +20,10 @@ from vessel_gym.checks import options as checked_options
 from vessel_gym.configuration import Configuration, Options
 from vessel_gym.delivery import Measurements, injected
 from vessel_gym.mission import estimate_of, standard_deviations
-from vessel_gym.start import DRAWN, draw, filter_prior, seeds_of
+from vessel_gym.start import DRAWN, draw, filter_prior, next_episodes
 from vessel_gym.state import State
 from vessel_gym.system import System
 from vessel_gym.tasks.task import Estimate
-from vessel_gym.truth import SCORED
 from vessel_gym.whole_step import Moment
 
 _FEW = 64
@@ -149,13 +148,10 @@ class Core:
         for estimator in config.estimators:
             estimator.step(now)
         config.mission.step(now)
-        for method, field in config.moving_methods.items():
-            refuse_not_finite(method, getattr(now, field), now.steps, ended, last.state)
-        for method, field in config.scoring_methods.items():
-            values, seen = getattr(now, field), now.belief.mean
-            if values is not None:
-                refuse_not_finite(method, values, now.steps, ended, now.state, seen)
-        if config.scoring_methods:
+        for method, field in config.numpy_methods.items():
+            if (values := getattr(now, field)) is not None:
+                refuse_not_finite(method, values, now.steps, ended, last.state, now.belief.mean)
+        if not is_compiled(config.system.task):
             refuse_other_ends(config.system.task, now.end)
         return now
 
@@ -172,8 +168,6 @@ class Core:
         Raises:
             gymnasium.error.ResetNeeded: if the first reset leaves out an environment.
         """
-        if rows is not None and not self.seeds and len(rows) < self.num_envs:
-            raise ResetNeeded("the first reset must be of all environments")
         before = self.seeds, self.now
         try:
             self.seed(seed, rows)
@@ -195,14 +189,10 @@ class Core:
         Raises:
             ValueError: for a seed that is negative or not a whole number, or a list of the wrong
                 length.
+            gymnasium.error.ResetNeeded: if the first reset leaves out an environment.
         """
-        rows, episode = self._rows(rows), self.now.episode.copy()
-        if seed is None and self.seeds:
-            episode[rows] += 1
-        else:
-            seeds, chosen = seeds_of(seed, self.num_envs, rows.tolist()), {*rows.tolist()}
-            self.seeds = [seeds[i] if i in chosen else self.seeds[i] for i in range(self.num_envs)]
-            episode[rows] = 0
+        given = self.seeds, self.now.episode, seed, self._rows(rows)
+        self.seeds, episode = next_episodes(*given)
         self.now = self.now.but(episode=episode)
 
     def reset(
@@ -324,7 +314,7 @@ class Core:
     @property
     def score(self) -> np.ndarray:
         """Scores ``(B,)`` in [0, 1]: sums of rewards over that of a perfect episode."""
-        return self.config.scores(self.last.total, self.last.steps)
+        return self.config.scale.scores(self.last.total, self.last.steps)
 
     @property
     def truth(self) -> np.ndarray:
@@ -349,12 +339,9 @@ class Core:
         if moment is None:
             info = self.happened()
         else:
-            info, last = moment.info(), self.last
+            info = moment.info()
             if self.num_envs == 1:
                 info = {name: values[None] for name, values in info.items()}
-            healthy, success = np.ones(self.num_envs, bool), last.end == self.config.success
-            scored = healthy, self.score, last.end.copy(), success
-            info |= zip(SCORED, scored, strict=True)
         if rows is None:
             return info
         return {name: _only(rows, values) for name, values in info.items()}

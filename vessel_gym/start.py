@@ -5,6 +5,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+from gymnasium.error import ResetNeeded
 
 from estimators import Gaussian
 from estimators.checks import short_repr
@@ -41,6 +42,33 @@ def seeds_of(seed: Any, num_envs: int, rows: list[int]) -> list[int]:
     if not all(is_integer(seeds[row]) and seeds[row] >= 0 for row in rows):
         raise ValueError(f"seeds must be whole numbers >= 0, got {short_repr(seed)}")
     return [int(each) if is_integer(each) else 0 for each in seeds]
+
+
+def next_episodes(
+    seeds: list[int], episode: np.ndarray, seed: Any, rows: np.ndarray
+) -> tuple[list[int], np.ndarray]:
+    """Seeds and numbers ``(B,)`` of episodes, after new ones have begun in some environments.
+
+    Args:
+        seeds: One for each environment; empty before the first episode.
+        episode: ``(B,)`` number of each environment's episode since it was seeded.
+        seed: A number s (environment i gets s + i) or one number for each environment, which
+            restart the count of episodes; None to keep the seeds.
+        rows: Indices of the environments that begin an episode.
+
+    Raises:
+        ValueError: as `seeds_of`.
+        gymnasium.error.ResetNeeded: if the first reset leaves out an environment.
+    """
+    if not seeds and len(rows) < len(episode):
+        raise ResetNeeded("the first reset must be of all environments")
+    episode = episode.copy()
+    if seed is None and seeds:
+        episode[rows] += 1
+        return seeds, episode
+    new, episode[rows] = seeds_of(seed, len(episode), rows.tolist()), 0
+    chosen = {*rows.tolist()}
+    return [new[i] if i in chosen else seeds[i] for i in range(len(episode))], episode
 
 
 class Draws(NamedTuple):

@@ -85,12 +85,10 @@ class State:
 
     def acted(self, action: np.ndarray) -> "State":
         """The record at the beginning of the next step, which an action ``(B, a)`` begins."""
-        now = object.__new__(State)
-        now.__dict__ = vars(self) | {
-            "action": action, "steps": self.steps + _ONE, "noise_before": self.noise,
-            "exogenous_before": self.exogenous,
-        }  # fmt: skip
-        return now
+        return self.but(
+            action=action, steps=self.steps + _ONE, noise_before=self.noise,
+            exogenous_before=self.exogenous,
+        )  # fmt: skip
 
     def without_start(self) -> "State":
         """The record without the numbers of a start, which no step reads."""

@@ -12,11 +12,11 @@ from vessel_gym.world import World
 
 INFO = (
     "truth", "unknown_input", "reference", "actuators", "measurement", "available", "estimate",
-    "covariance", "input_estimate", "parameters",
+    "covariance", "input_estimate", "parameters", "healthy", "score", "end", "is_success",
 )  # fmt: skip
-"""Arrays of the record that ``info`` shows."""
-SCORED = "healthy", "score", "end", "is_success"
-"""What else it shows."""
+"""Arrays of ``info``."""
+SCORED = INFO[-4:]
+"""Arrays of ``info`` with one number for each environment."""
 
 
 class TrueState(NamedTuple):
@@ -89,11 +89,33 @@ class UnknownInput(NamedTuple):
         return cls(columns([held.index(name) if name in held else len(held) for name in names]), "")
 
 
-def info_arrays(true_state: TrueState, unknown_input: UnknownInput, now: State) -> Changes:
-    """Arrays of the record that ``info`` shows, one row for each environment."""
+class Scale(NamedTuple):
+    """Scale of a task's scores, and its success."""
+
+    perfect: float  # sum of rewards of a perfect episode
+    each: float  # reward of a further step of a perfect episode
+    success: int  # number of the end reason; 0: reaching the time limit
+
+    @classmethod
+    def of(cls, task: Any) -> "Scale":
+        """The scale of a task."""
+        perfect, success = float(task.perfect), task.end_reasons.index(task.success)
+        return cls(perfect, float(task.perfect == task.horizon), success)
+
+    def scores(self, total: np.ndarray, steps: np.ndarray) -> np.ndarray:
+        """Scores ``(B,)`` in [0, 1]: sums of rewards over that of a perfect episode."""
+        shares = total / np.maximum(self.perfect, self.each * steps)
+        return np.minimum(np.maximum(shares, 0.0), 1.0)
+
+
+def info_arrays(
+    true_state: TrueState, unknown_input: UnknownInput, scale: Scale, now: State
+) -> Changes:
+    """Arrays of ``info``, one row for each environment."""
     unknown, belief, d = unknown_input.values(now), now.belief, now.belief.input_mean
     arrays = (
         true_state.values(now), unknown, now.reference, now.actuators, now.y, now.available,
         belief.mean, belief.cov, np.zeros(unknown.shape) if d is None else d, now.parameters,
+        belief.healthy, scale.scores(now.total, now.steps), now.end, now.end == scale.success,
     )  # fmt: skip
     return dict(zip(INFO, arrays, strict=True))

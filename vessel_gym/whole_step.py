@@ -1,6 +1,9 @@
 """A whole step as one program: world, filter and mission, where all of them are compiled."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import partial
+from itertools import accumulate
+from math import prod
 from operator import itemgetter
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -9,11 +12,10 @@ import numpy as np
 
 from estimators import RandomKeys
 from estimators.engine import Argument, SideBySide, TracedArray, by_entries, matrix, trace
-from vessel_gym.layout import Layout
 from vessel_gym.mission import Mission
 from vessel_gym.models.estimation import Estimation
 from vessel_gym.state import Changes, State
-from vessel_gym.truth import INFO, TrueState, UnknownInput, info_arrays
+from vessel_gym.truth import INFO, Scale, TrueState, UnknownInput, info_arrays
 from vessel_gym.world import World
 
 _FIXED = "parameters", "scenario", "episode_constants"
@@ -44,14 +46,10 @@ class Moment(NamedTuple):
         """The record, with all its fields."""
         return self.program.record(self.base, _batched(self.values), _batched(self.found))
 
-    def seen(self) -> tuple[np.ndarray, float, float, int, int]:
-        """Observation, reward, sum of rewards, end and number of steps of one environment."""
-        found, (observation, reward, total, end, steps) = self.found, self.program.places
-        numbers = found[0]
-        return (
-            numbers[observation], numbers.item(reward), numbers.item(total), found[end].item(),
-            found[steps].item(),
-        )  # fmt: skip
+    def seen(self) -> tuple[np.ndarray, float]:
+        """Observation and reward of one environment."""
+        numbers, places = self.found[0], self.program.places
+        return numbers[places.observation], numbers.item(places.reward)
 
     @property
     def observation(self) -> np.ndarray:
@@ -87,7 +85,7 @@ class Moment(NamedTuple):
         """Mask ``(B,)`` of episodes that have ended and are not yet reset."""
         return self.base.over
 
-    def info(self) -> dict[str, np.ndarray]:
+    def info(self) -> dict[str, Any]:
         """The arrays of ``info`` that the program made."""
         return dict(zip(INFO, self.found[self.program.first_info :], strict=True))
 
@@ -100,6 +98,45 @@ class _Places(NamedTuple):
     total: int
     end: int
     steps: int
+
+
+class Layout:
+    """Places of arrays ``(B, ...)`` in one array ``(B, k)``: a program makes fewer arrays in less time.
+
+    Args:
+        shapes: Shape of a row of each array, by name.
+
+    Attributes:
+        first: Column of the first number of each array, by name.
+        size: Number of columns k.
+    """
+
+    def __init__(self, shapes: Mapping[str, tuple[int, ...]]) -> None:
+        self._shapes = shapes
+        *starts, self.size = accumulate(map(prod, shapes.values()), initial=0)
+        self.first = dict(zip(shapes, starts, strict=True))
+
+    def joined(self, arrays: Sequence[np.ndarray]) -> np.ndarray:
+        """Arrays in one."""
+        return np.concatenate([each.reshape(len(each), -1) for each in arrays], 1)
+
+    def parts(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
+        """The arrays, read-only and in C order."""
+        parts = {}
+        for name, shape in self._shapes.items():
+            start = self.first[name]
+            part = numbers[:, start : start + prod(shape)].copy()  # for the strides of one row, too
+            parts[name] = part.reshape(len(numbers), *shape)
+            parts[name].setflags(write=False)
+        return parts
+
+    def traced(self, numbers: Any) -> dict[str, Any]:
+        """The arrays of a row as vectors, matrices and numbers, from a traced vector ``(k,)``."""
+        parts = {}
+        for name, shape in self._shapes.items():
+            start = self.first[name]
+            parts[name] = numbers[start : start + prod(shape)].reshape(shape)[()]
+        return parts
 
 
 class WholeStep:
@@ -122,7 +159,7 @@ class WholeStep:
         self._world, self._mission, self._filter = world, mission, estimation.filter
         self._true_state = TrueState.of(world, estimation.space)
         self._unknown_input = UnknownInput.of(world, estimation.inputs)
-        self._info = INFO if info else ()
+        self._scale, self._info = Scale.of(mission.task), INFO if info else ()
         self._read: Any = None
         self.layout, self.others, self.first_info = Layout({}), list[str](), 0
         self.places: Any = None
@@ -220,9 +257,11 @@ class WholeStep:
         row = row.but(belief=_entrywise(belief.replaced(changed)))
         scored = self._mission.step.function(row)
         row = row.but(**scored)
-        info = info_arrays(self._true_state, self._unknown_input, row) if self._info else {}
         named = {f"belief.{name}": array for name, array in changed.items()}
         every = {"steps": row.steps} | world | scored | named
+        if not self._info:
+            return every, []
+        info = info_arrays(self._true_state, self._unknown_input, self._scale, row)
         return every, [*info.values()]
 
 
@@ -248,7 +287,10 @@ def _batched(arrays: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
 def _entrywise(belief: Any) -> Any:
     """The arrays of a traced belief that missions and ``info`` read, entry by entry."""
     return SimpleNamespace(
-        mean=by_entries(belief.mean), cov=belief.cov, input_mean=by_entries(belief.input_mean)
+        mean=by_entries(belief.mean),
+        cov=belief.cov,
+        input_mean=by_entries(belief.input_mean),
+        healthy=belief.healthy,
     )
 
 

@@ -16,7 +16,7 @@ from agents.files import replacing
 from vessel_gym.rendering.hulls import HULLS
 from vessel_gym.rendering.palette import DARK, LIGHT
 from vessel_gym.rendering.scene import Chart
-from vessel_gym.surroundings import Surroundings
+from vessel_gym.rendering.surroundings import Surroundings
 
 FRAMES = 1500
 """Moments that a page holds at most; of a longer one it holds every second, third and so on."""

@@ -15,7 +15,7 @@ from agents.wrapped import core_of
 from estimators.checks import short_repr
 from vessel_gym import checks
 from vessel_gym.rendering.scene import Chart, Scene, Series, ambients
-from vessel_gym.surroundings import surroundings_of
+from vessel_gym.rendering.surroundings import surroundings_of
 
 COMPARED = ("ekf", "enkf", "dead-reckoning", "truth")
 """Estimators beside the environment's own, if its models allow them."""

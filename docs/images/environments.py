@@ -20,8 +20,8 @@ AGENTS = {
     "PunaUAV-v0": "autopilot",
     "ThesisCorvette-v0": "constant-rudder",
 }
-MAP = (17, 60, 512, 462)
-"""Left, top, right and bottom of the map in a frame."""
+MAP = (17, 60, 735, 704)
+"""Left, top, right and bottom of the maps in a frame."""
 FRAMES = {
     "turning-circle": ("SigmaCorvette-v0", "rough"),
     "channel": ("SigmaChannel-v0", "rough quartering"),
@@ -49,7 +49,8 @@ def main() -> None:
     """Write all pictures."""
     for env_id in AGENTS:
         name = env_id.removesuffix("-v0").lower()
-        frame(env_id, 7).crop(MAP).quantize(48).save(HERE / f"{name}.png", optimize=True)
+        small = frame(env_id, 7).crop(MAP).resize((480, 430), Image.Resampling.LANCZOS)
+        small.quantize(128).save(HERE / f"{name}.png", optimize=True)
     for name, (env_id, disturbance) in FRAMES.items():
         frame(env_id, 0, disturbance=disturbance).save(HERE / f"{name}.png", optimize=True)
 

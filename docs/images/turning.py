@@ -7,40 +7,47 @@ from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
+import pygame
 from PIL import Image, ImageDraw
 
 import vessel_gym  # noqa: F401  (registers the environments)
 from agents import load_agent
+from vessel_gym.rendering.canvas import Canvas
+from vessel_gym.rendering.maps import Map
+from vessel_gym.rendering.scene import Scene
 
 ENV, SEED, STEPS, EVERY = "SigmaCorvette-v0", 1_000_000_005, 480, 10
 ESTIMATORS = {"kf-umv-ui": "on a filter", "measurement": "on the last measurements"}
-CLOSE_UP, RUDDER = (0.52, 0.085, 0.985, 0.51), (0.345, 0.82, 0.655, 0.975)
-"""Parts of a frame: left, top, right and bottom, as shares of it."""
-WIDTH, TOP = 380, 30
+WIDTH, SEA, HEIGHT, TOP = 380, 280, 352, 30
 
 
-def part(picture: Image.Image, box: tuple[float, float, float, float]) -> Image.Image:
-    """A part of a frame, `WIDTH` wide."""
-    left, top, right, bottom = np.multiply(box, 2 * picture.size)
-    cut = picture.crop((left, top, right, bottom))
-    return cut.resize((WIDTH, round(WIDTH * cut.height / cut.width)), Image.Resampling.LANCZOS)
+def close_up(scene: Scene, rudder: list[float]) -> Image.Image:
+    """The estimated ship in the middle of a map, and the commanded rudder rate below."""
+    canvas = Canvas(WIDTH, HEIGHT)
+    canvas.clear()
+    sea = Map(scene, np.eye(2, 3), pygame.Rect(0, 0, WIDTH, SEA))
+    sea.middle, sea.scale, sea.size = scene.believed[-1, :2], 2.4, scene.surroundings.size
+    sea.draw(canvas)
+    canvas.panel(pygame.Rect(0, SEA + 6, WIDTH, HEIGHT - SEA - 6))
+    canvas.text(12, SEA + 20, "rudder rate", size=11)
+    x, y = np.linspace(12.0, WIDTH - 12.0, STEPS), SEA + 44.0 - 22.0 * np.array(rudder)
+    canvas.line(np.stack([x[: len(y)], y], -1), "true")
+    return Image.fromarray(canvas.pixels())
 
 
 def frames(estimator: str) -> tuple[list[Image.Image], float]:
-    """Frames of an episode under the autopilot, and its score."""
+    """Close-ups of an episode under the autopilot, and its score."""
     env = gym.make(ENV, estimator=estimator, disturbance="rough", render_mode="rgb_array")
     agent = load_agent("autopilot", env)
     seen, info = env.reset(seed=SEED)
     agent.reset(1)
-    found, ended, step = [], False, 0
+    found, rudder, ended, step = [], list[float](), False, 0
     while not ended:
-        seen, _, terminated, truncated, info = env.step(agent.act(seen[None])[0])
+        action = agent.act(seen[None])[0]
+        rudder.append(float(action[0]))
+        seen, _, terminated, truncated, info = env.step(action)
         if step % EVERY == 0 and step < STEPS:
-            parts = [part(Image.fromarray(env.render()), box) for box in (CLOSE_UP, RUDDER)]
-            both = Image.new("RGB", (WIDTH, sum(each.height for each in parts)))
-            both.paste(parts[0], (0, 0))
-            both.paste(parts[1], (0, parts[0].height))
-            found.append(both)
+            found.append(close_up(env.unwrapped._renderer.scene, rudder))  # type: ignore[attr-defined]
         step, ended = step + 1, terminated or truncated
     return found, float(info["score"])
 
@@ -48,7 +55,7 @@ def frames(estimator: str) -> tuple[list[Image.Image], float]:
 def main() -> None:
     """Both episodes side by side, as one GIF."""
     flown = {label: frames(name) for name, label in ESTIMATORS.items()}
-    size, shown = (2 * WIDTH + 8, flown["on a filter"][0][0].height + TOP), []
+    size, shown = (2 * WIDTH + 8, HEIGHT + TOP), []
     for i in range(min(len(each) for each, _ in flown.values())):
         both = Image.new("RGB", size, "white")
         draw = ImageDraw.Draw(both)

@@ -30,8 +30,8 @@ from agents.studies.study import StudyError, read_study
 from vessel_gym.core import Core
 from vessel_gym.envs import SegorogeniAUVEnv
 from vessel_gym.registry import Registry
-from vessel_gym.rendering import make_renderer
-from vessel_gym.surroundings import (
+from vessel_gym.rendering.renderer import Renderer
+from vessel_gym.rendering.surroundings import (
     SURROUNDINGS,
     Surroundings,
     register_surroundings,
@@ -213,12 +213,11 @@ def picture(system: System, steps: int = 5, **options: Any) -> np.ndarray:
     pytest.importorskip("pygame")
     core = Core(system, 1, **options)
     core.start(seed=0)
-    renderer = make_renderer(core, "rgb_array", 20)
-    renderer.begin()
-    renderer.record()
+    renderer = Renderer(core, "rgb_array", 20)
+    renderer.record(begin=True)
     for _ in range(steps):
         core.step(np.full((1, core.config.action_size), 0.5))
-        renderer.record()
+        renderer.record(begin=False)
     drawn = renderer.draw()
     assert drawn is not None
     assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 50

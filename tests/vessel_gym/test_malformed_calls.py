@@ -15,9 +15,9 @@ from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.envs.own import register_environment
 from vessel_gym.guidance import dubins
 from vessel_gym.processes import Process
+from vessel_gym.rendering.surroundings import Surroundings
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Bias, Sensor, plain
-from vessel_gym.surroundings import Surroundings
 from vessel_gym.system import System
 from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.dive import SpatialDive

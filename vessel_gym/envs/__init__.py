@@ -1,24 +1,25 @@
 """The environments: single and vector classes on the batched core, and systems by families.
 
-They may import all other folders of `vessel_gym`; users create them by `gymnasium.make`. The
-classes of an environment, such as `SigmaCorvetteEnv` and `SigmaCorvetteVectorEnv`, and its system
-are made when first asked for.
+They may import all other folders of `vessel_gym`; users create them by `gymnasium.make`. Every
+class, such as `SigmaCorvetteEnv` and `SigmaCorvetteVectorEnv`, and its system are made when first
+asked for.
 """
 
+from importlib import import_module
 from typing import Any
 
-from vessel_gym.envs.catalogue import CLASSES, classes
-from vessel_gym.envs.own import register_environment
-from vessel_gym.envs.single import VesselEnv
-from vessel_gym.envs.vector import VesselVectorEnv
+from vessel_gym.envs.catalogue import CLASSES, environment_class
 
-__all__ = [*CLASSES, "VesselEnv", "VesselVectorEnv", "register_environment"]
+_MODULES = {"VesselEnv": "single", "VesselVectorEnv": "vector", "register_environment": "own"}
+__all__ = [*CLASSES, *_MODULES]
 
 
 def __getattr__(name: str) -> Any:
+    if name in _MODULES:
+        return getattr(import_module(f"vessel_gym.envs.{_MODULES[name]}"), name)
     if name not in CLASSES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return classes(name.removesuffix("Env").removesuffix("Vector"))[name]
+    return environment_class(name)
 
 
 def __dir__() -> list[str]:

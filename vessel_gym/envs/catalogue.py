@@ -1,13 +1,11 @@
 """The package's environments: a system by name, and the classes that are made from it."""
 
+from collections.abc import Callable
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar
 
-from vessel_gym.envs.manual import manual
-from vessel_gym.envs.single import VesselEnv
-from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.system import System
 
 _SYSTEMS = {
@@ -41,20 +39,33 @@ class OfAnyVessel:
         super().__init__(*arguments, **options)
 
 
+class _Manual:
+    """Docstring of an environment's class, written when first read."""
+
+    def __get__(self, _: Any, owner: Any) -> str:
+        from vessel_gym.envs.manual import manual  # late, as it reads files
+
+        return manual(owner.system)
+
+
 @cache
-def classes(name: str) -> dict[str, type]:
-    """Single and vector class of an environment, with one system, by their names."""
+def _system(name: str) -> tuple[Callable[..., System], System]:
+    """Function that makes an environment's system, and the system."""
     path, *vessel = _SYSTEMS[name]
     module, _, function = path.partition(".")
     system_of = getattr(import_module(f"vessel_gym.envs.{module}"), function)
-    own, space = ((OfAnyVessel,), "vessel_gym/") if name in _OF_ANY_VESSEL else ((), "")
-    system: System = system_of(*vessel, f"{space}{name}-v0")
+    space = "vessel_gym/" if name in _OF_ANY_VESSEL else ""
+    return system_of, system_of(*vessel, f"{space}{name}-v0")
+
+
+@cache
+def environment_class(title: str) -> type:
+    """Single or vector class of an environment, by its name; both have one system."""
+    face = "VectorEnv" if title.endswith("VectorEnv") else "Env"
+    name = title.removesuffix(face)
+    module = import_module(f"vessel_gym.envs.{'single' if face == 'Env' else 'vector'}")
+    bases = (*((OfAnyVessel,) if name in _OF_ANY_VESSEL else ()), getattr(module, f"Vessel{face}"))
+    system_of, system = _system(name)
     body = {"system": system, "system_of": staticmethod(system_of), "__module__": "vessel_gym.envs"}
-    made = {}
-    for base, doc in (
-        (VesselEnv, manual(system)),
-        (VesselVectorEnv, f"Vector environment of `{name}Env`, which has the manual."),
-    ):
-        title = base.__name__.replace("Vessel", name)
-        made[title] = type(title, (*own, base), body | {"__doc__": doc})
-    return made
+    doc = _Manual() if face == "Env" else f"Vector environment of `{name}Env`, with its manual."
+    return type(title, bases, body | {"__doc__": doc})

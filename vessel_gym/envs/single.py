@@ -12,7 +12,6 @@ from vessel_gym.core import Core
 from vessel_gym.envs.shared import action_space, check_arguments, first_seed, observation_space
 from vessel_gym.system import System
 from vessel_gym.truth import SCORED
-from vessel_gym.whole_step import Moment
 
 
 class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -89,21 +88,13 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
             return core.observe()[0], 0.0, True, False, self._info()
         moment = core.advance(action, self._shape)
         if moment is None:
-            reward, end = core.now.reward.item(0), core.last.end_of(0)
-            step = core.observe()[0], reward, end > 0, False, self._info()
+            observation, reward, info = core.observe()[0], core.now.reward.item(0), self._info()
         else:
-            step = self._seen(moment)
+            seen, reward = moment.seen()
+            observation, info = seen.astype(np.float32), _with_numbers(moment.info())
         if self.render_mode is not None:
             self._record()
-        return step
-
-    def _seen(self, moment: Moment) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Results of a step from those of its program."""
-        (observation, reward, total, end, steps), config = moment.seen(), self.core.config
-        info: dict[str, Any] = moment.info()
-        info["healthy"], info["score"] = True, config.score_of(total, steps)
-        info["end"], info["is_success"] = end, end == config.success
-        return observation.astype(np.float32), reward, end > 0, False, info
+        return observation, reward, info["end"] > 0, False, info
 
     def render(self) -> np.ndarray | None:
         """Image ``(height, width, 3)`` of the episode; in mode ``"human"``, update the window."""
@@ -119,17 +110,21 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
             self._renderer = None
 
     def _info(self) -> dict[str, Any]:
-        info = {name: values[0] for name, values in self.core.happened().items()}
-        return info | {name: info[name].item() for name in SCORED}
+        return _with_numbers({name: each[0] for name, each in self.core.happened().items()})
 
     def _record(self, begin: bool = False) -> None:
         if self._renderer is None:
-            from vessel_gym.rendering import make_renderer
+            from vessel_gym.rendering.renderer import Renderer
 
             assert self.render_mode is not None
-            self._renderer = make_renderer(self.core, self.render_mode, self.metadata["render_fps"])
-        if begin:
-            self._renderer.begin()
-        self._renderer.record()
+            self._renderer = Renderer(self.core, self.render_mode, self.metadata["render_fps"])
+        self._renderer.record(begin)
         if self.render_mode == "human":
             self._renderer.draw()
+
+
+def _with_numbers(info: dict[str, Any]) -> dict[str, Any]:
+    """``info`` with Python's numbers in place of arrays of one number."""
+    for name in SCORED:
+        info[name] = info[name].item()
+    return info

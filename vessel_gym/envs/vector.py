@@ -228,17 +228,13 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self.render_mode is None:
             return
         if not self._renderers:
-            from vessel_gym.rendering import make_renderer
+            from vessel_gym.rendering.renderer import Renderer
 
-            fps = self.metadata["render_fps"]
-            self._renderers = [
-                make_renderer(self.core, self.render_mode, fps, row) for row in range(self.num_envs)
-            ]
+            given = self.core, self.render_mode, self.metadata["render_fps"]
+            self._renderers = [Renderer(*given, row) for row in range(self.num_envs)]
         for renderer, new, on in zip(self._renderers, reset_mask, going, strict=True):
-            if new:
-                renderer.begin()
             if new or on:
-                renderer.record()
+                renderer.record(begin=new)
 
     def _masked(
         self, info: dict[str, np.ndarray], rows: np.ndarray | None = None

@@ -18,18 +18,12 @@ class Hull:
         aside: Outline ``(k, 2)`` forward and down.
         least: Smallest drawn length [pixels].
         scaled: Is the outline drawn to scale where that is larger?
-        near: Half width of a close-up in lengths, at least.
     """
 
     above: np.ndarray
     aside: np.ndarray
     least: float
-    near: float
     scaled: bool = True
-
-    def pixels(self, length: float, least: float) -> float:
-        """Drawn length [pixels] for a true length and a smallest one."""
-        return max(length, least) if self.scaled else self.least
 
 
 def _mirrored(side: np.ndarray) -> np.ndarray:
@@ -57,9 +51,9 @@ _FUSELAGE = np.array([
 _DOT = 0.5 * CIRCLE
 
 HULLS = {
-    "ship": Hull(_SHIP, _SHIP, 44.0, 0.55),
-    "torpedo": Hull(_TORPEDO, _TORPEDO, 30.0, 0.7),
-    "aircraft": Hull(_WING, _FUSELAGE, 28.0, 2.0),
-    "dot": Hull(_DOT, _DOT, 9.0, 0.5, scaled=False),
+    "ship": Hull(_SHIP, _SHIP, 44.0),
+    "torpedo": Hull(_TORPEDO, _TORPEDO, 30.0),
+    "aircraft": Hull(_WING, _FUSELAGE, 28.0),
+    "dot": Hull(_DOT, _DOT, 9.0, scaled=False),
 }
-"""Outlines by name, see `vessel_gym.surroundings.HULLS`."""
+"""Outlines by name, see `vessel_gym.rendering.surroundings.HULLS`."""

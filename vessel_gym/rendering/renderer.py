@@ -1,74 +1,95 @@
-"""A window or an array with the image of an episode."""
+"""History of an episode, drawn into arrays or a window."""
 
 from functools import cache
 from typing import Any
 
 import numpy as np
-import pygame
+from gymnasium.error import DependencyNotInstalled
 
-from vessel_gym.rendering.canvas import Canvas
-from vessel_gym.rendering.picture import Picture
+from vessel_gym.core import Core
+from vessel_gym.extras import require
+from vessel_gym.rendering.scene import RECORDED, Scene
+from vessel_gym.rendering.surroundings import Surroundings, surroundings_of
 
 SIZE = 1008, 720
 """Width and height of an image; video codecs need multiples of 16."""
 
 
 @cache
-def _canvas() -> Canvas:
-    """The canvas of all images, which is copied after each drawing."""
+def _canvas() -> Any:
+    """The canvas of all images.
+
+    Learners ask for images beforehand (``make_vec_env`` of stable-baselines3 always does) and most
+    never draw: pygame is needed to draw alone.
+    """
+    try:
+        require("pygame")
+    except ModuleNotFoundError as error:
+        raise DependencyNotInstalled(str(error)) from error
+    from vessel_gym.rendering.canvas import Canvas
+
     return Canvas(*SIZE)
 
 
 class Renderer:
-    """Draw an episode into an array, or into a window that the user may close at any time.
+    """History of one vehicle in an episode, and its image.
 
     Args:
-        picture: Image of an episode.
-        render_mode: ``"human"`` or ``"rgb_array"``.
+        core: The environment's core.
+        render_mode: ``"human"`` (a window) or ``"rgb_array"`` (needs no display).
         fps: Frames a second of the window.
+        row: Index of the environment in the batch.
     """
 
-    def __init__(self, picture: Picture, render_mode: str, fps: int) -> None:
-        self._picture, self._render_mode, self._fps = picture, render_mode, fps
-        self._human = render_mode == "human"
-        self._window: pygame.Surface | None = None
-        self._clock = pygame.time.Clock()
-        if self._human:
-            pygame.display.init()
-            pygame.display.set_caption(picture.title)
-            self._window = pygame.display.set_mode(SIZE)
+    def __init__(self, core: Core, render_mode: str, fps: int, row: int = 0) -> None:
+        self._core, self._human, self._fps, self._row = core, render_mode == "human", fps, row
+        self._surroundings = Surroundings()
+        self._history: dict[str, list[np.ndarray]] = {}
+        self._window: Any = None
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __getstate__(self) -> dict[str, Any]:
         """A copy keeps the history and opens a window of its own."""
-        return type(self), (self._picture, self._render_mode, self._fps)
+        return vars(self) | {"_window": None}
 
-    def begin(self) -> None:
-        """Begin a new episode."""
-        self._picture.begin()
+    def record(self, begin: bool) -> None:
+        """Append the core's present state to the history, which begins anew if asked."""
+        core, row = self._core, self._row
+        if begin:
+            self._surroundings = surroundings_of(core, core.now.scenario[row])
+            self._history = {key: [] for key in RECORDED}
+        present = core.happened()
+        for key, moments in self._history.items():
+            moments.append(present[key][row].copy())
 
-    def record(self) -> None:
-        """Append the present state to the episode's history."""
-        self._picture.record()
+    @property
+    def scene(self) -> Scene:
+        """Scene of the episode so far."""
+        history = {key: np.array(each) for key, each in self._history.items()}
+        ensemble = self._core.now.belief.ensemble
+        if ensemble is not None:
+            history["ensemble"] = ensemble[self._row : self._row + 1]
+        return Scene(self._core, self._surroundings, history)
 
     def draw(self) -> np.ndarray | None:
-        """Return the image ``(height, width, 3)``, or update the window in mode ``"human"``."""
+        """Return the image ``(height, width, 3)``, or update the window in mode ``"human"``.
+
+        Raises:
+            DependencyNotInstalled: without pygame.
+        """
+        canvas = _canvas()
+        from vessel_gym.rendering.canvas import Window
+        from vessel_gym.rendering.picture import draw_picture
+
+        draw_picture(canvas, self.scene, self._row)
         if not self._human:
-            self._picture.draw(_canvas())
-            pixels = pygame.image.tobytes(_canvas().finish(), "RGB")
-            return np.frombuffer(pixels, np.uint8).reshape(*SIZE[::-1], 3).copy()
-        if self._window is not None and any(
-            event.type == pygame.QUIT for event in pygame.event.get()
-        ):
-            self.close()
-        if self._window is not None:
-            self._picture.draw(_canvas())
-            self._window.blit(_canvas().finish(), (0, 0))
-            pygame.display.flip()
-            self._clock.tick(self._fps)
+            pixels: np.ndarray = canvas.pixels()
+            return pixels
+        if self._window is None:
+            self._window = Window(self._core.config.system.name, SIZE, self._fps)
+        self._window.show(canvas)
         return None
 
     def close(self) -> None:
         """Close the window, if one is open; later images are dropped."""
         if self._window is not None:
-            self._window = None
-            pygame.display.quit()
+            self._window.close()

@@ -1,4 +1,4 @@
-"""Contents of an image of an episode, computed once for windows and pages.
+"""Contents of an image of an episode, computed once for frames and pages.
 
 A scene is computed from the history of one environment: the arrays of ``info`` from a rollout,
 ``(T, ...)`` by key.
@@ -14,18 +14,17 @@ from vessel_gym.core import Core
 from vessel_gym.disturbances.seaway import Seaway
 from vessel_gym.disturbances.water import SurfaceWater
 from vessel_gym.models.estimation import WITHOUT_COVARIANCE
-from vessel_gym.surroundings import Surroundings, in_words, pose
+from vessel_gym.rendering.surroundings import Surroundings, in_words, pose
 
 RECORDED = (
     "truth", "estimate", "covariance", "measurement", "available", "unknown_input",
     "input_estimate", "score",
 )  # fmt: skip
-"""Keys of a history that a scene needs; ``action`` and ``ensemble`` are optional."""
+"""Keys of a history that a scene needs; ``ensemble`` is optional."""
 _FIRST = ("x", "y", "psi", "u", "climb", "z", "h", "theta")
 """Components whose charts come first."""
 _POSE = ("x", "y", "z", "h", "phi", "theta", "psi")
 """Components on maps, whose charts show the error of the estimate."""
-_LINES = ("true", "goal", "measurement", "obstacle")
 
 
 class Series(NamedTuple):
@@ -42,13 +41,11 @@ class Chart(NamedTuple):
 
     title: str  # quantity and unit
     series: Sequence[Series]
-    band: tuple[np.ndarray, np.ndarray] | None = (
-        None  # lower and upper edge of a pale area below the lines
-    )
+    # lower and upper edge of a pale area below the lines
+    band: tuple[np.ndarray, np.ndarray] | None = None
     reach: tuple[float, ...] = ()  # values that the axis includes
-    measured: np.ndarray | None = (
-        None  # (T,) measurements of the last line's quantity, NaN where none came
-    )
+    # (T,) measurements of the last line's quantity, NaN where none came
+    measured: np.ndarray | None = None
 
     @property
     def limits(self) -> tuple[float, float]:
@@ -63,7 +60,7 @@ class Chart(NamedTuple):
     @property
     def ticks(self) -> list[float]:
         """Three or more round levels of the axis."""
-        return ticks(*self.limits, 3).tolist()
+        return ticks(*self.limits).tolist()
 
 
 class Ambient(NamedTuple):
@@ -71,9 +68,8 @@ class Ambient(NamedTuple):
 
     name: str
     unit: str
-    vector: (
-        np.ndarray
-    )  # (T, 2) north and east, its direction of motion; the length is the speed or wave height
+    # (T, 2) north and east, its direction of motion; the length is the speed or wave height
+    vector: np.ndarray
     note: str = ""
 
 
@@ -84,11 +80,8 @@ def ambients(core: Core, history: dict[str, np.ndarray]) -> list[Ambient]:
         core: Core of the environment.
         history: History of one environment, with ``truth`` ``(T, n)``.
     """
-    truth, names, disturbance = (
-        history["truth"],
-        core.config.true_state.names,
-        core.config.world.disturbance,
-    )
+    truth, names = history["truth"], core.config.true_state.names
+    disturbance = core.config.world.disturbance
 
     def level(*each: str) -> np.ndarray:
         columns = [[names.index(f"{name} {way}") for name in each] for way in ("north", "east")]
@@ -98,9 +91,8 @@ def ambients(core: Core, history: dict[str, np.ndarray]) -> list[Ambient]:
     if "current north" in names:
         found.append(Ambient("Current", "m/s", level("current")))
     elif "current" in names:  # of a vehicle in a vertical plane, which lies north
-        found.append(
-            Ambient("Current", "m/s", np.pad(truth[:, [names.index("current")]], ((0, 0), (0, 1))))
-        )
+        north = truth[:, names.index("current")]
+        found.append(Ambient("Current", "m/s", np.stack([north, 0.0 * north], -1)))
     if "mean wind north" in names:
         found.append(Ambient("Wind", "m/s", level("mean wind", "gust"), "gusts included"))
     if isinstance(disturbance, Seaway | SurfaceWater):
@@ -137,28 +129,23 @@ class Components:
     def __init__(self, core: Core, history: dict[str, np.ndarray], names: Sequence[str]) -> None:
         config, vehicle = core.config, core.config.system.vehicle
         state, turns = vehicle.state_names, [name in vehicle.angles for name in names]
-        at, angles = (
-            [config.estimation.space.names.index(name) for name in names],
-            tuple(np.flatnonzero(turns).tolist()),
-        )
+        at = [config.estimation.space.names.index(name) for name in names]
+        angles = tuple(np.flatnonzero(turns).tolist())
         self.names, self.words = names, [in_words(name, vehicle.angles) for name in names]
         scale = np.array([factor for *_, factor in self.words])
-        true = history["truth"][:, [state.index(name) for name in names]]
-        self.true, self.error = (
-            scale * true,
-            scale * difference(history["estimate"][:, at], true, angles),
-        )
-        claimed = config.estimation.filter.name not in WITHOUT_COVARIANCE
-        self.cov = (
-            history["covariance"][:, at][:, :, at] * np.outer(scale, scale) if claimed else None
-        )
+        columns = [state.index(name) for name in names]
+        true, self.cov = history["truth"][:, columns], None
+        self.true = scale * true
+        self.error = scale * difference(history["estimate"][:, at], true, angles)
+        if config.estimation.filter.name not in WITHOUT_COVARIANCE:
+            self.cov = history["covariance"][:, at][:, :, at] * np.outer(scale, scale)
         measured = np.full(true.shape, np.nan)
         for channel, name in enumerate(config.sensors.gives):
             if name in names:
                 i, came = names.index(name), history["available"][:, channel]
                 measured[came, i] = history["measurement"][came, channel]
         self.measured = scale * difference(measured, true, angles)
-        self.axes = pose(np.eye(len(state)), state)[[state.index(name) for name in names], :3]
+        self.axes = pose(np.eye(len(state)), state)[columns, :3]
         self.members = None
         if "ensemble" in history:
             mean = history["estimate"][-len(history["ensemble"]) :, None, at]
@@ -171,13 +158,14 @@ class Scene:
     Args:
         core: Core of the environment.
         surroundings: Surroundings of the vehicle.
-        history: History of one environment: `RECORDED`, and optionally ``action`` ``(T, a)`` and
-            ``ensemble`` ``(t, m, n)`` of the last t moments.
+        history: History of one environment: `RECORDED`, and optionally ``ensemble`` ``(t, m, n)``
+            of the last t moments.
 
     Attributes:
+        estimated: Names of the estimated components, those on maps first.
         time: ``(T,)`` [s].
         true: True positions and attitudes of the vehicle ``(T, 6)``, see
-            `vessel_gym.surroundings.pose`.
+            `vessel_gym.rendering.surroundings.pose`.
         believed: Estimated positions and attitudes ``(T, 6)``, with true values in components that
             are not estimated.
         position: Estimated components of the position; without any, the heading or the first
@@ -193,7 +181,7 @@ class Scene:
         self.core, self.surroundings, self.history = core, surroundings, history
         config = core.config
         names = config.estimation.space.own
-        self._estimated = sorted(
+        self.estimated = sorted(
             names, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST)
         )
         states = history["truth"].copy()
@@ -203,47 +191,32 @@ class Scene:
         states[:, [true_names.index(name) for name in names]] = history["estimate"][:, : len(names)]
         self.believed = pose(states, true_names)
         placed = [name for name in ("y", "x", "z", "h") if name in names]
-        self.position = Components(
-            core, history, placed or (["psi"] if "psi" in names else [names[0]])
-        )
+        self.position = Components(core, history, placed or ["psi" if "psi" in names else names[0]])
         self.located = bool(placed)
         measured, level = self.position.measured, self.position.axes[:, :2].any(1)
-        self._fixed = (
-            level | ~level.any()
-        )  # components of a fix: the horizontal ones, if there are any
+        # a fix has all horizontal components, if there are any
+        self._fixed = level | ~level.any()
         fixed = np.isfinite(measured[:, self._fixed]).all(1, keepdims=True)
-        self.fixes = np.where(
-            fixed, np.where(np.isnan(measured), self.position.error, measured), np.nan
-        )
+        known = np.where(np.isnan(measured), self.position.error, measured)
+        self.fixes = np.where(fixed, known, np.nan)
 
     def charts(self, most: int) -> list[Chart]:
-        """Charts of estimates, of a single unknown input, of actions and score.
+        """Charts of estimates, of a single unknown input and of the score.
 
         Args:
             most: Largest number of charts.
         """
-        core, history = self.core, self.history
-        rest = []
+        core, history, rest = self.core, self.history, list[Chart]()
         if len(core.config.estimation.inputs) == 1 and np.isfinite(history["unknown_input"]).all():
             rest.append(self._unknown_input())
-        if "action" in history:
-            lines = zip(
-                core.config.system.vehicle.action_names, _LINES, history["action"].T, strict=False
-            )
-            rest.append(Chart("Actions", [Series(*each) for each in lines], reach=(-1.0, 1.0)))
-        rest.append(
-            Chart("Score so far", [Series("", "true", history["score"], 2.0)], reach=(0.0, 1.0))
-        )
-        return [self._component(name) for name in self._estimated[: most - len(rest)]] + rest
+        score = Series("", "true", history["score"], 2.0)
+        rest.append(Chart("Score so far", [score], reach=(0.0, 1.0)))
+        return [*map(self._component, self.estimated[: most - len(rest)]), *rest]
 
     def _component(self, name: str) -> Chart:
         """Chart of a component, or of its error if maps show the component."""
         component = Components(self.core, self.history, [name])
-        (words, unit, _), error, measured = (
-            component.words[0],
-            component.error[:, 0],
-            component.measured[:, 0],
-        )
+        error, measured = component.error[:, 0], component.measured[:, 0]
         if name in _POSE:
             lines, middle = [Series("estimate − truth", "believed", error)], np.zeros(len(error))
         else:
@@ -252,9 +225,8 @@ class Scene:
                 [_true(true), Series("estimate", "believed", middle, 1.2)],
                 true + measured,
             )
-        chart = Chart(
-            _title(words, unit), lines, measured=measured if np.isfinite(measured).any() else None
-        )
+        measured = measured if np.isfinite(measured).any() else None
+        chart = Chart(_title(*component.words[0][:2]), lines, measured=measured)
         if component.cov is None:
             return chart
         sd = np.sqrt(np.maximum(component.cov[:, 0, 0], 0.0))
@@ -293,6 +265,8 @@ class Scene:
         ):
             labels["fix"] = "position fix"
         labels["start"] = "start"
+        if around.surface is not None:
+            labels["surface"] = "surface of the water"
         if len(around.path):
             labels["path"] = "path to follow"
         if len(around.fairway):
@@ -312,15 +286,14 @@ def _title(words: str, unit: str) -> str:
     return words[:1].upper() + words[1:] + (f" [{unit}]" if unit else "")
 
 
-def ticks(low: float, high: float, least: int) -> np.ndarray:
-    """Round levels in an interval, as few as possible but at least ``least``.
+def nice(value: float) -> float:
+    """Smallest of 1, 2 and 5 times a power of ten that is at least a positive value."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return next(float(k * power) for k in (1.0, 2.0, 5.0, 10.0) if k * power >= 0.9999 * value)
 
-    Levels are multiples of 1, 2 or 5 times a power of ten.
-    """
-    exponent = int(np.ceil(np.log10(high - low)))
-    for power in range(exponent, exponent - 3, -1):
-        for step in (float(f"1e{power}"), float(f"5e{power - 1}"), float(f"2e{power - 1}")):
-            first, last = np.ceil(low / step - 1e-6), np.floor(high / step + 1e-6)
-            if last - first + 1 >= least:
-                return np.round(step * np.arange(first, last + 1.0), 2 - power) + 0.0
-    raise AssertionError("a hundredth of an interval lies in it often enough")
+
+def ticks(low: float, high: float) -> np.ndarray:
+    """Three to eight round levels in an interval."""
+    step = nice((high - low) / 7.5)
+    levels: np.ndarray = np.arange(np.ceil(low / step - 1e-6), np.floor(high / step + 1e-6) + 1.0)
+    return step * levels

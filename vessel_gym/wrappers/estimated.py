@@ -1,6 +1,6 @@
 """An estimator in the loop of any Gymnasium environment."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -9,15 +9,9 @@ import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
 from estimators import Gaussian, Model
-from estimators.checks import numbers
 from vessel_gym import checks
-from vessel_gym.models.estimation import EstimatorChoice
-from vessel_gym.sensor_faults import SensorFault
-from vessel_gym.sensors import Sensor
 from vessel_gym.wrappers.simulation import sampled_prior
 from vessel_gym.wrappers.watch import Watch, observed_state, time_step
-
-_ALL = np.ones(1, bool)
 
 
 class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
@@ -52,23 +46,26 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
             the true state.
         observation: Function of the state ``(n,)`` that returns an observation, an array or a
             dictionary; None: the state.
-        passes: Keys of a dictionary, or components of an array, that pass to the agent unchanged,
-            such as goals. All others come from the estimate.
-        known_input: Function of the action that returns the filter's known input; None: the action
-            as numbers, clipped to its space.
-        estimator: Name of a filter, "truth", "dead-reckoning", or a function of the model that
-            returns a filter.
-        estimator_options: Options of the filter; ``late`` is the use of late measurements, "fused"
-            (at the time when they were taken), "as new" or "discarded".
-        sensors: "clean", "nominal" or "degraded", or a list of `Sensor` objects that read ``(state,
-            known input)``. Their noise replaces the model's R. Rates and delays are in Hz and s if
-            the environment has a time step ``dt``, as MuJoCo's have; otherwise a step is the unit
-            of time.
-        observe: "mean"; "mean+std", with the standard deviations of the states appended, or as
-            ``std`` in a dictionary; or "measurement": measurements, mask of those that arrived, and
-            ``passes``.
-        sensor_faults: `SensorFault` objects. Their times are in s if the environment has a time
-            step ``dt``, otherwise in steps.
+        **options: Options by name:
+
+            - ``passes`` (none by default): keys of a dictionary, or components of an array, that
+              pass to the agent unchanged, such as goals. All others come from the estimate.
+            - ``known_input``: function of the action that returns the filter's known input. The
+              default is the action as numbers, clipped to its space.
+            - ``estimator`` (``"ekf"``): name of a filter, ``"truth"``, ``"dead-reckoning"``, or a
+              function of the model that returns a filter.
+            - ``estimator_options``: options of the filter; ``late`` is the use of late
+              measurements, ``"fused"`` (at the time when they were taken), ``"as new"`` or
+              ``"discarded"``.
+            - ``sensors`` (``"nominal"``): also ``"clean"`` or ``"degraded"``, or a list of `Sensor`
+              objects that read ``(state, known input)``. Their noise replaces the model's R. Rates
+              and delays are in Hz and s if the environment has a time step ``dt``, as MuJoCo's
+              have; otherwise a step is the unit of time.
+            - ``observe`` (``"mean"``): ``"mean+std"`` also has the standard deviations of the
+              states, appended, or as ``std`` in a dictionary. ``"measurement"`` is measurements,
+              mask of those that arrived, and ``passes``.
+            - ``sensor_faults``: `SensorFault` objects. Their times are in s if the environment has
+              a time step ``dt``, otherwise in steps.
 
     Raises:
         TypeError: for an object that is no model, prior or estimator, or observations that are
@@ -83,19 +80,11 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         prior: Gaussian | None = None,
         state: Callable[[gym.Env, Any], Any] | None = None,
         observation: Callable[[np.ndarray], Any] | None = None,
-        passes: Sequence[Any] = (),
-        known_input: Callable[[Any], Any] | None = None,
-        estimator: EstimatorChoice = "ekf",
-        estimator_options: dict[str, Any] | None = None,
-        sensors: str | Sequence[Sensor] = "nominal",
-        observe: str = "mean",
-        sensor_faults: Sequence[SensorFault] = (),
+        **options: Any,
     ) -> None:
         RecordConstructorArgs.__init__(
             self, _disable_deepcopy=True, model=model, prior=prior, state=state,
-            observation=observation, passes=passes, known_input=known_input, estimator=estimator,
-            estimator_options=estimator_options, sensors=sensors, observe=observe,
-            sensor_faults=sensor_faults,
+            observation=observation, **options,
         )  # fmt: skip
         gym.Wrapper.__init__(self, env)
         _refuse_autoreset(env)
@@ -107,7 +96,7 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         of_row = None if observation is None else partial(_of_row, observation)
         self.watch = Watch(
             env.observation_space, env.action_space, 1, time_step(env), model, prior, of_row,
-            passes, known_input, estimator, estimator_options, sensors, observe, sensor_faults,
+            **options,
         )  # fmt: skip
         self.observation_space = self.watch.space
 
@@ -116,14 +105,13 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
     ) -> tuple[Any, dict[str, Any]]:
         """Begin an episode; a seed also seeds the sensors and the filter."""
         seen, info = self.env.reset(seed=seed, options=options)
-        self.watch.seed(_ALL, [seed])
-        self.watch.begin(_ALL, self._truth(seen))
+        self.watch.begin(np.zeros(1, int), self._state(self.env, seen), seed)
         return self._observed(seen), info | self._info()
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Step the environment, and observe the estimate."""
         seen, reward, terminated, truncated, info = self.env.step(action)
-        self.watch.go_on(self._truth(seen), action, ~_ALL)
+        self.watch.step(self._state(self.env, seen), action, np.zeros(1, bool))
         return self._observed(seen), reward, terminated, truncated, info | self._info()
 
     @property
@@ -148,9 +136,6 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
             )
         return prior
 
-    def _truth(self, seen: Any) -> np.ndarray:
-        return np.asarray(self._state(self.env, seen))[None]  # the check copies the array
-
     def _observed(self, seen: Any) -> Any:
         if isinstance(seen, dict):  # values of any kind may pass
             observed = self.watch.observe({key: [value] for key, value in seen.items()})
@@ -173,13 +158,5 @@ def _refuse_autoreset(env: gym.Env) -> None:
 
 
 def _of_row(observation: Callable[[np.ndarray], Any], x: np.ndarray) -> Any:
-    """Observation of a batch of one."""
-    return _row(observation(x[0]))
-
-
-def _row(value: Any) -> Any:
-    """Value of a function of one state, as a batch of one."""
-    if isinstance(value, dict):
-        return {key: _row(part) for key, part in value.items()}
-    array = numbers(value)
-    return value if array is None else array[None]
+    """Observation of a batch ``(1, n)`` by a function of one state."""
+    return observation(x[0])

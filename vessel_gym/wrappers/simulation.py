@@ -11,7 +11,7 @@ from gymnasium.spaces import Box
 
 from estimators import Gaussian, NonlinearModel
 from estimators.angles import difference
-from estimators.checks import as_array, short_repr
+from estimators.checks import short_repr
 
 _Get = Callable[[gym.Env], np.ndarray]
 _Put = Callable[[gym.Env, np.ndarray], None]
@@ -53,11 +53,6 @@ def simulator(
     """
     if not isinstance(env, gym.Env):
         raise TypeError(f"a simulator is made of a Gymnasium environment, got {short_repr(env)}")
-    if not callable(measurement):
-        raise TypeError(
-            "measurement must be a function of (states, known inputs), got"
-            f" {short_repr(measurement)}"
-        )
     copy = made_again(env)
     copy.reset(seed=0)
     base: Any = copy.unwrapped
@@ -69,15 +64,8 @@ def simulator(
         # if so, the actions are MuJoCo's controls
         if np.allclose(rollout(x, u), steps(x, u), rtol=1e-6, atol=1e-8):
             steps = rollout
-    reads = np.shape(measurement(x, u))
-    if len(reads) != 2 or reads[0] != _TRIES:
-        raise ValueError(
-            f"measurement must broadcast: of {_TRIES} states it gives shape {reads}, not"
-            f" ({_TRIES}, p)"
-        )
-    return NonlinearModel(
-        steps, measurement, square("Q", Q, x.shape[-1]), square("R", R, reads[1]), **angles
-    )
+    p = np.shape(measurement(x, u))[-1]
+    return NonlinearModel(steps, measurement, _square(Q, x.shape[-1]), _square(R, p), **angles)
 
 
 def _access(base: Any, get: _Get | None, put: _Put | None) -> tuple[_Get, _Put]:
@@ -96,17 +84,10 @@ def _access(base: Any, get: _Get | None, put: _Put | None) -> tuple[_Get, _Put]:
     )
 
 
-def square(name: str, value: np.ndarray | float, size: int) -> np.ndarray:
-    """A covariance from a matrix, or from a number that multiplies the identity.
-
-    Raises:
-        ValueError: for a matrix of another size.
-    """
-    array = as_array(name, value)
-    array = array * np.eye(size) if array.ndim == 0 else array
-    if array.shape != (size, size):
-        raise ValueError(f"{name} must be ({size}, {size}) or a number, got shape {array.shape}")
-    return array
+def _square(value: np.ndarray | float, size: int) -> np.ndarray:
+    """A covariance from a matrix, or from a number that multiplies the identity."""
+    array = np.asarray(value, float)
+    return array * np.eye(size) if array.ndim == 0 else array
 
 
 def _tried(env: gym.Env, steps: "_Simulator") -> tuple[np.ndarray, np.ndarray]:
@@ -117,12 +98,6 @@ def _tried(env: gym.Env, steps: "_Simulator") -> tuple[np.ndarray, np.ndarray]:
     for seed in range(_TRIES):
         env.reset(seed=seed)
         x.append(np.array(steps.get(env), float))
-        if x[-1].ndim != 1:
-            shape = x[-1].shape
-            raise TypeError(
-                f"get gives a state of shape {shape}, no row of numbers: give get and put, or a"
-                " model of your own"
-            )
         u.append(np.asarray(space.sample(), float).reshape(-1))
         steps.put(env, x[0])
         if not np.allclose(steps.get(env), x[0], rtol=1e-12, atol=1e-12):
@@ -148,12 +123,8 @@ def _points(
     shape = np.broadcast_shapes(x.shape[:-1], u.shape[:-1])
     states = np.broadcast_to(x, shape + x.shape[-1:]).reshape(-1, x.shape[-1])
     actions = np.broadcast_to(u, shape + u.shape[-1:]).reshape(len(states), -1)
-    return (
-        states,
-        actions,
-        np.isfinite(states).all(1) & np.isfinite(actions).all(1),
-        shape + x.shape[-1:],
-    )
+    finite = np.isfinite(states).all(1) & np.isfinite(actions).all(1)
+    return states, actions, finite, shape + x.shape[-1:]
 
 
 class _Simulator:

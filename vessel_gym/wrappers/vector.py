@@ -8,7 +8,6 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
 from estimators import Gaussian, Model
-from estimators.checks import short_repr
 from vessel_gym import checks
 from vessel_gym.wrappers.watch import Watch, observed_state, time_step
 
@@ -28,7 +27,7 @@ class EstimatedObservation(VectorWrapper):
             observations are the states. Environments must be rows, which cannot be checked if B is
             n: Gymnasium's native CartPole, for example, keeps them in columns.
         observation: Function of the states ``(B, n)`` that returns observations, one row for each;
-            None: the states.
+            None: the states. Rows cannot be checked if B is the size of an observation.
         **options: As for the single wrapper: ``passes``, ``known_input`` (a function of the
             actions, ``(B, m)``), ``estimator``, ``estimator_options``, ``sensors``, ``observe`` and
             ``sensor_faults``.
@@ -71,34 +70,18 @@ class EstimatedObservation(VectorWrapper):
     ) -> tuple[Any, dict[str, Any]]:
         """Begin episodes, in all environments or in those of ``options["reset_mask"]``."""
         mask = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, bool)), bool)
-        if seed is None:
-            seeds: list[Any] = [None] * self.num_envs
-        elif isinstance(seed, int | np.integer):
-            seed = int(seed)
-            seeds = [seed + i for i in range(self.num_envs)]
-        else:
-            seeds = list(seed)
-        if len(seeds) != self.num_envs:
-            raise ValueError(
-                f"seed must be one number, or one for each of {self.num_envs}, got"
-                f" {short_repr(seed)}"
-            )
         seen, info = self.env.reset(seed=seed, options=options)  # type: ignore[arg-type]
-        self.watch.seed(mask, seeds)
-        self.watch.begin(mask, self._truth(seen))
+        self.watch.begin(np.flatnonzero(mask), self._state(self.env, seen), seed)
         self._over &= ~mask
         return self.watch.observe(seen), info | self._info(mask)
 
     def step(self, actions: Any) -> tuple[Any, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Step all environments; those whose episode has ended begin the next."""
         seen, reward, terminated, truncated, info = self.env.step(actions)
-        self.watch.go_on(self._truth(seen), actions, self._over)
+        self.watch.step(self._state(self.env, seen), actions, self._over)
         self._over = (terminated | truncated) & self._restarts
         every = np.ones(self.num_envs, bool)
         return self.watch.observe(seen), reward, terminated, truncated, info | self._info(every)
-
-    def _truth(self, seen: Any) -> np.ndarray:
-        return np.array(self._state(self.env, seen), float)
 
     def _info(self, rows: np.ndarray) -> dict[str, Any]:
         happened = self.watch.info()

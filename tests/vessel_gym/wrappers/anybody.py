@@ -1,10 +1,11 @@
-"""Environments that nobody here wrote, with an estimator in their loop: what a user writes for each, in 12 lines."""
+"""Environments of other packages with an estimator in their loop, and a linear one."""
 
 from collections.abc import Callable
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
+import pytest
 
 from estimators import Gaussian, LinearModel, NonlinearModel
 from vessel_gym.wrappers import EstimatedObservation, simulator
@@ -58,18 +59,6 @@ def mountain_car(**options: Any) -> gym.Env:
     )
 
 
-def acrobot(**options: Any) -> gym.Env:
-    env = gym.make("Acrobot-v1")
-    model = simulator(
-        env, lambda x, u: x[..., :2], Q=1e-9, R=1e-4, state_angles=(0, 1), measurement_angles=(0, 1)
-    )
-    return EstimatedObservation(
-        env, model, None, _state,
-        lambda x: [np.cos(x[..., 0]), np.sin(x[..., 0]), np.cos(x[..., 1]), np.sin(x[..., 1]), x[..., 2], x[..., 3]],
-        **options,
-    )  # fmt: skip
-
-
 def _known(action: Any) -> np.ndarray:
     """An action as the known input of a fitted model: with a 1 behind."""
     return np.concatenate([action, np.ones((*np.shape(action)[:-1], 1))], -1)
@@ -110,19 +99,12 @@ def _mujoco(
     model = simulator(env, measurement, Q=1e-8, R=1e-4)
     return EstimatedObservation(
         env, model, None, lambda env, obs: np.concatenate([env.unwrapped.data.qpos, env.unwrapped.data.qvel]),
-        observation, passes, **options,
+        observation, passes=passes, **options,
     )  # fmt: skip
 
 
 def inverted_pendulum(**options: Any) -> gym.Env:
     return _mujoco("InvertedPendulum-v5", None, lambda x, u: x[..., :2], **options)
-
-
-def hopper(**options: Any) -> gym.Env:
-    def seen(x):
-        return np.concatenate([x[..., 1:6], np.clip(x[..., 6:], -10.0, 10.0)], -1)
-
-    return _mujoco("Hopper-v5", seen, lambda x, u: x[..., :6], **options)
 
 
 def reacher(**options: Any) -> gym.Env:
@@ -140,5 +122,56 @@ def point_maze(**options: Any) -> gym.Env:
     model = _fitted("PointMaze_UMaze-v3", lambda obs: obs["observation"], np.eye(2, 4))
     return EstimatedObservation(
         gym.make("PointMaze_UMaze-v3"), model, None, lambda env, obs: obs["observation"],
-        lambda x: {"observation": x, "achieved_goal": x[..., :2]}, ["desired_goal"], _known, **options,
+        lambda x: {"observation": x, "achieved_goal": x[..., :2]}, passes=["desired_goal"],
+        known_input=_known, **options,
     )  # fmt: skip
+
+
+_NEEDS = dict.fromkeys(("inverted_pendulum", "reacher"), "mujoco") | {
+    "lunar_lander": "Box2D",
+    "point_maze": "gymnasium_robotics",
+}
+
+
+def built(name: str, **options: Any) -> gym.Env:
+    """The environment that the function of this name makes, if its package is installed."""
+    if name in _NEEDS:
+        pytest.importorskip(_NEEDS[name])
+    return globals()[name](**options)
+
+
+class Linear(gym.Env):
+    """``x+ = A x + B u + w``: a linear environment whose noise is the model's."""
+
+    A, B, Q = np.array([[1.0, 0.1], [-0.1, 0.95]]), np.array([[0.0], [0.1]]), np.diag([1e-4, 4e-4])
+    observation_space = gym.spaces.Box(-np.inf, np.inf, (2,), np.float64)
+    action_space = gym.spaces.Box(-10.0, 10.0, (1,), np.float64)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.x = self.np_random.normal(size=2) * 0.3
+        return self.x.copy(), {}
+
+    def step(self, action):
+        noise = np.sqrt(np.diag(self.Q)) * self.np_random.normal(size=2)
+        reward = -float(self.x @ self.x + 0.1 * action @ action)
+        self.x = self.A @ self.x + self.B @ action + noise
+        return self.x.copy(), reward, False, False, {}
+
+
+LINEAR = LinearModel(Linear.A, [[1.0, 0.0]], Linear.Q, [[0.01]], B=Linear.B)
+LINEAR_PRIOR = Gaussian([0.0, 0.0], 0.09 * np.eye(2))
+
+
+def flown(env: gym.Env, steps: int = 40, seed: int = 5) -> list[dict[str, Any]]:
+    """Info and observation of each moment, under random actions."""
+    seen, info = env.reset(seed=seed)
+    moments = [info | {"observation": seen}]
+    env.action_space.seed(0)
+    for _ in range(steps):
+        seen, _, terminated, truncated, info = env.step(env.action_space.sample())
+        moments.append(info | {"observation": seen})
+        if terminated or truncated:
+            seen, info = env.reset()
+            moments.append(info | {"observation": seen})
+    return moments
