@@ -1,7 +1,6 @@
 """A whole step as one program: world, filter and mission, where all of them are compiled."""
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from itertools import accumulate
 from math import prod
 from operator import itemgetter

@@ -20,10 +20,14 @@ density = spectrum.energy[:, None] * np.diff(spectrum.share) / np.diff(spectrum.
 around = np.append(directions, directions[0] + 2.0 * np.pi)
 hertz = frequency[:, 0] / (2.0 * np.pi)
 
-figure, axes = plt.subplots(figsize=(5.2, 4.4), subplot_kw={"projection": "polar"}, layout="constrained")
+figure, axes = plt.subplots(
+    figsize=(5.2, 4.4), subplot_kw={"projection": "polar"}, layout="constrained"
+)
 axes.set(theta_zero_location="N", theta_direction=-1, ylim=(0.0, 0.4), rlabel_position=-60.0)
 levels = np.linspace(0.0, density.max(), 12)[1:]
-filled = axes.contourf(around, hertz, np.c_[density, density[:, :1]], levels, cmap="Blues", extend="max")
+filled = axes.contourf(
+    around, hertz, np.c_[density, density[:, :1]], levels, cmap="Blues", extend="max"
+)
 axes.plot(np.arctan2(ky, kx), w / (2.0 * np.pi), "o", color="tab:orange", markersize=4)
 axes.set_xticks(np.deg2rad([0, 90, 180, 270]), ["north", "east", "south", "west"])
 axes.set_yticks([0.1, 0.2, 0.3], ["0.1 Hz", "0.2", "0.3"])

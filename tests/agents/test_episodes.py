@@ -5,9 +5,7 @@ import json
 import re
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import gymnasium as gym
@@ -142,22 +140,6 @@ def test_a_long_episode_keeps_every_second_moment_and_its_end(monkeypatch: pytes
     page = page_of([kept], ["kf-umv-ui"])
     assert page["dt"] == 2.0 * kept.env.unwrapped.core.config.system.vehicle.dt
     assert page["flights"][0]["true"]["shape"][0] == 31 + 1
-
-
-def test_an_environment_of_others_has_charts_of_its_estimates():
-    kept = rollout("autopilot", SHIP, [3], {"max_episode_steps": 12, "estimator": "ekf"})
-    names = ("estimate", "covariance", "truth")
-    single = SimpleNamespace(unwrapped=SimpleNamespace(dt=0.05), spec=gym.spec("Pendulum-v1"))
-    batch = SimpleNamespace(unwrapped=SimpleNamespace(envs=[single]))
-    others = replace(kept, env=batch, history={name: kept.history[name] for name in names})
-    page = page_of([others], ["ekf"])
-    assert (page["scene"], page["dt"], page["unit"]) == (None, 0.05, "s")
-    charts = page["flights"][0]["charts"]
-    assert [chart["title"] for chart in charts] == [f"Component {i}" for i in range(6)]
-    for name, line in zip(("truth", "estimate"), charts[1]["series"], strict=True):
-        drawn = kept.history[name][:, 0, 1]
-        np.testing.assert_allclose(unpacked(line["value"]), drawn, rtol=1e-6)
-    assert "three.js" not in Episode(page).html()
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from own_task import DepthController, KeepDepth, KeepDepthEnv, KeepShallowDepth, system_with
+from own_task import SYSTEM, DepthController, KeepDepth, KeepShallowDepth, system_with
 from refusals import refused
 
 import agents
@@ -41,7 +41,6 @@ from vessel_gym.system import System
 from vessel_gym.tasks.dive import Dive, SpatialDive
 
 ENV, OWN = "KeepDepth-v0", "own_task:DepthController"
-SYSTEM = KeepDepthEnv.system
 COMMON = ["score", "return", "steps", "steering_travel", "reversals", "saturation"]
 ENDS = ("input_rmse", "nees", "unhealthy")
 
@@ -100,7 +99,7 @@ def test_a_task_of_ones_own_is_trained(tmp_path: Path):
             " your own as module:object, or .* agents.register_controller$",
         ),
         ("own_task:no_agent", TypeError, "'own_task:no_agent' makes str"),
-        ("own_task:CRUISE", TypeError, "cannot be called"),
+        ("own_task:SYSTEM", TypeError, "cannot be called"),
         ("own_task:Nobody", ValueError, "has no 'Nobody'"),
         ("nowhere:Controller", ValueError, "cannot import 'nowhere'"),
     ],

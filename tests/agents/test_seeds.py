@@ -35,13 +35,6 @@ def test_batches_of_training_seeds_share_no_environment():
     assert hyperparameters("SigmaCorvette-v0")["n_envs"] <= largest
 
 
-def test_evaluation_seeds_are_consecutive_from_the_first():
-    first = EVALUATION[0]
-    assert evaluation_seeds(3) == [first, first + 1, first + 2]
-    assert evaluation_seeds(2, first=500) == [first + 500, first + 501]
-    assert evaluation_seeds(1, first=999_999) == [EVALUATION[-1]]
-
-
 @pytest.mark.parametrize(
     ("seeds", "arguments", "sentence"),
     [

@@ -69,12 +69,16 @@ def test_evaluate_compares_estimators(
 
 
 def test_the_page_has_a_flight_on_each_estimator(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    """Without a scene, it shows each component of truth and estimate."""
     flown = episode(registered_id(NAME), None, "swinging:Brake")
     assert list(flown.scores) == ["ukf", "ekf", "enkf", "dead-reckoning", "truth"]
-    assert not _command(
-        monkeypatch, f"watch {NAME} --agent swinging:Brake --out {tmp_path / 'page.html'}"
-    )
-    assert "Swinging-v0" in (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert (flown.page["scene"], flown.page["dt"], flown.page["unit"]) == (None, 0.05, "s")
+    charts = [chart["title"] for chart in flown.page["flights"][0]["charts"]]
+    assert charts == ["Component 0", "Component 1"]
+    assert "three.js" not in flown.html()
+    page = tmp_path / "page.html"
+    assert not _command(monkeypatch, f"watch {NAME} --agent swinging:Brake --out {page}")
+    assert "Swinging-v0" in page.read_text(encoding="utf-8")
 
 
 @pytest.mark.slow

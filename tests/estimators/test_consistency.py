@@ -35,7 +35,7 @@ def _p_values(data, model: LinearModel = MODEL) -> dict[str, float]:
 
 
 @pytest.mark.slow
-def test_a_consistent_filter_is_failed_no_more_often_than_is_stated():
+def test_a_consistent_filter_fails_no_more_often_than_stated():
     """The allowance is for 200 assessments: a false alarm of 0.1 % for each of the ten claims."""
     kf = make("kf", MODEL)
     reports = [
@@ -74,9 +74,7 @@ def test_gaps_in_the_measurements_are_no_sign_of_inconsistency():
         ("kf", {"input_cov": 9.0}),
     ],
 )
-def test_a_filter_with_an_unknown_input_is_judged_by_what_the_input_leaves(
-    name: str, options: dict
-):
+def test_a_filter_is_judged_by_what_an_unknown_input_leaves(name: str, options: dict):
     system = unknown_input_system(0, feedthrough=name != "kf-umv-ui-wdf")
     model, d = system.model, 3.0 * _rng(1).normal(size=(40, 300, 1))
     data = simulate(model, system.prior, _rng(3), runs=300, steps=40, u=np.zeros(2), d=d)
@@ -112,7 +110,7 @@ def test_a_filter_with_random_members_can_be_assessed():
 # --- the single tests -----------------------------------------------------------------------------
 
 
-def test_the_chi_square_test_is_exact_at_one_time_and_judges_many_together():
+def test_the_chi_square_test_judges_one_time_or_many():
     values = _rng(0).chisquare(3, size=(1, 50))
     band = chi_square_test(values, 3)
     ends = np.array(chi_square_band(50, 3)) / 3.0
@@ -135,7 +133,7 @@ def test_degrees_of_freedom_may_differ_between_runs_and_be_none():
     assert band.p_value == 1.0  # two times, the second of which says nothing
 
 
-def test_the_whiteness_of_one_series_is_the_test_of_ljung_and_box():
+def test_whiteness_of_one_series_is_the_test_of_ljung_and_box():
     e, lags = _rng(0).normal(size=80), np.arange(1, 13)
     r = np.array([(e[lag:] * e[:-lag]).sum() for lag in lags]) / (e**2).sum()
     statistic = 80 * 82 * (r**2 / (80 - lags)).sum()
@@ -145,7 +143,7 @@ def test_the_whiteness_of_one_series_is_the_test_of_ljung_and_box():
     np.testing.assert_allclose(found.found[:, 0], r * 80 / (80 - lags), rtol=1e-12)
 
 
-def test_whiteness_does_not_depend_on_scale_or_mixture_of_the_measurements():
+def test_whiteness_does_not_depend_on_scale_or_mixture():
     rng = _rng(1)
     S = np.broadcast_to(random_covariance(rng, 3), (50, 8, 3, 3))
     e = np.matvec(np.linalg.cholesky(S), rng.normal(size=(50, 8, 3)))
@@ -168,7 +166,7 @@ def test_whiteness_over_gaps_has_its_level_too():
         assert low <= (np.array(p) < level).sum() <= high
 
 
-def test_a_lag_at_which_a_measurement_never_came_twice_says_nothing():
+def test_a_lag_without_a_pair_of_measurements_says_nothing():
     e, S = _rng(2).normal(size=(41, 3, 1)), np.ones((41, 3, 1, 1))
     available = np.zeros(e.shape, bool)
     available[::2] = True
@@ -189,7 +187,7 @@ def test_innovations_without_spread_are_refused():
 # --- simulation ----------------------------------------------------------------------------------
 
 
-def test_simulated_runs_without_noise_follow_known_and_unknown_input():
+def test_simulated_runs_follow_known_and_unknown_input():
     model = LinearModel(
         [[0.5]], lambda u: 1.0 + u[..., None], [[0.0]], [[0.0]], B=[[1.0]], G=[[1.0]], H=[[2.0]]
     )

@@ -67,9 +67,8 @@ def assert_equal(one, other, fields=FIELDS) -> None:
 
 
 @one_of_each()
-def test_shuffled_measurements_end_where_ordered_ones_do_in_rows_that_begin_at_times_of_their_own(
-    case: Case,
-):
+def test_shuffled_measurements_end_where_ordered_ones_do(case: Case):
+    """In rows that begin at times of their own; to the last bit."""
     late = Late(case)
     filter = case.make(late.system.model)
     ordered = late.run(filter, late.y)
@@ -101,7 +100,8 @@ LATE, YS = Delayed(KF, 1), np.zeros((3, 1, 2))
 BEGUN = LATE.init(PRIOR)
 
 
-def test_what_comes_too_late_or_twice_is_refused_and_counted_until_a_row_begins_again():
+def test_what_comes_too_late_or_twice_is_refused_and_counted():
+    """Until a row begins again."""
     delayed = Delayed(KF, 2)
 
     def updated(belief, *come: tuple[int, int, int]):
@@ -116,56 +116,55 @@ def test_what_comes_too_late_or_twice_is_refused_and_counted_until_a_row_begins_
     belief = following(updated(delayed.init(PRIOR)), (0, 2, 0), (1, 1, 0))
     np.testing.assert_array_equal(belief.refused, [1, 0, 0])  # row 0: of before it began
     before = following(following(belief))
-    belief = following(before, (1, 3, 1), (1, 4, 0), (2, 2, 0))
+    belief, untouched = following(before, (1, 3, 1), (1, 4, 0), (2, 2, 0)), following(before)
     np.testing.assert_array_equal(belief.refused, [1, 2, 0])  # row 1: older than the horizon
-    untouched = following(before)
     np.testing.assert_array_equal(belief.mean[:2], untouched.mean[:2])
-    twice = updated(updated(belief, (2, 1, 0)), (2, 1, 0))
+    once = updated(belief, (2, 1, 0))
+    twice = updated(once, (2, 1, 0))
     np.testing.assert_array_equal(twice.refused, [1, 2, 1])
-    np.testing.assert_array_equal(twice.mean, updated(belief, (2, 1, 0)).mean)
+    np.testing.assert_array_equal(twice.mean, once.mean)
     rows = np.array([False, True, False])
     begun = following(twice.with_rows(rows, delayed.init(PRIOR)[rows]), (1, 2, 0), (1, 1, 0))
     np.testing.assert_array_equal(begun.refused, [1, 1, 1])
 
 
-def test_a_known_input_of_the_measurements_alone_is_theirs_when_their_step_is_repeated():
-    """A measurement of an earlier step does not mix up ``u`` of `update` and of `predict`."""
-    model = NonlinearModel(
-        lambda x, u: x + u[..., :1], lambda x, u: x * u[..., :1], 0.1 * np.eye(1), np.eye(1)
-    )
+def test_a_late_measurement_has_the_known_input_of_its_step():
+    """It does not mix up ``u`` of `update` and of `predict`."""
+    one = np.eye(1)
+    model = NonlinearModel(lambda x, u: x + u[..., :1], lambda x, u: x * u[..., :1], one, one)
     y, moved, seen = np.random.default_rng(0).uniform(0.5, 2.0, size=(3, 6, 3, 1))
     filter = make("ekf", model)
-    delayed, prior = Delayed(filter, 2), Gaussian(np.ones((3, 1)), np.eye(1))
+    delayed, prior = Delayed(filter, 2), Gaussian(np.ones((3, 1)), one)
     ordered, late = filter.init(prior), delayed.init(prior)
+    ages = by_age(y, np.array([0, 0, 0, 2, 0, 0])[:, None, None])
     for k in range(6):
         if k:
             ordered, late = filter.predict(ordered, moved[k]), delayed.predict(late, moved[k])
         ordered = filter.update(ordered, y[k], u=seen[k])
-        ages = np.full((3, 3, 1), np.nan)
-        ages[:, 0] = y[k] if k != 3 else np.nan
-        ages[:, 2] = y[3] if k == 5 else np.nan
-        late = delayed.update(late, ages, u=seen[k])
+        late = delayed.update(late, ages[k], u=seen[k])
     assert_equal(late, ordered)
 
 
 def test_rows_can_be_taken_out_and_copies_go_on():
     late = Late(CASES[0])
     delayed = Delayed(CASES[0].make(late.system.model), HORIZON)
-    belief = late.run(delayed, by_age(late.y, late.delay))[-1]
+    belief, other = (
+        late.run(delayed, by_age(size * late.y, late.delay))[-1] for size in (1.0, 0.0)
+    )
     rows, u, ages = np.arange(ROWS) % 2 == 0, np.ones((ROWS, 2)), np.full((ROWS, 4, 3), np.nan)
     ages[:, 2] = 1.0
-    together = delayed.update(delayed.predict(belief, u), ages)
-    apart = delayed.update(delayed.predict(belief[rows], u[rows]), ages[rows])
-    assert_equal(apart, together[rows], (*FIELDS, "refused", "reach"))
-    fresh = delayed.init(late.system.rows(ROWS)).with_rows(rows, belief[rows])
+
+    def following(belief, part=slice(None), filter=delayed):
+        return filter.update(filter.predict(belief, u[part]), ages[part])
+
+    together, fields = following(belief)[rows], (*FIELDS, "refused", "reach")
+    assert_equal(following(belief[rows], rows), together, fields)
+    assert_equal(following(other.with_rows(rows, belief[rows]))[rows], together, fields)
     np.testing.assert_array_equal(belief.reach, [HORIZON] * 3 + [2])
+    fresh = delayed.init(late.system.rows(ROWS)).with_rows(rows, belief[rows])
     np.testing.assert_array_equal(fresh.reach, 0)
-    other = late.run(delayed, by_age(0.0 * late.y, late.delay))[-1].with_rows(rows, belief[rows])
-    mixed = delayed.update(delayed.predict(other, u), ages)  # with the steps of its rows
-    assert_equal(mixed[rows], together[rows], (*FIELDS, "refused", "reach"))
     for copied in (deepcopy, lambda each: pickle.loads(pickle.dumps(each))):
-        filter = copied(delayed)
-        assert_equal(filter.update(filter.predict(copied(belief), u), ages), together)
+        assert_equal(following(copied(belief), filter=copied(delayed))[rows], together)
 
 
 class Own:

@@ -39,9 +39,7 @@ RECORD = Record(Y, Y, [None] * len(Y), None)
 @pytest.mark.parametrize(
     ("name", "ended"), [*((name, True) for name in FILTERS), ("kf-umv-ui-wdf", False)]
 )
-def test_it_is_the_direct_feedthrough_of_what_the_input_did_to_state_and_measurement(
-    name: str, ended: bool
-):
+def test_delayed_feedthrough_is_direct_of_an_equivalent_model(name: str, ended: bool):
     """X' + G d of `UMVFilter` with G' = A G, H' = C G + H is x; its d is that of the last step."""
     model = _model(ended)
     G, H = model.A @ model.G, model.C @ model.G + model.H
@@ -63,7 +61,7 @@ def test_it_is_the_direct_feedthrough_of_what_the_input_did_to_state_and_measure
         assert one.cov == pytest.approx(drive @ with_input(other)[1] @ drive.T, abs=1e-7)
 
 
-def test_a_kalman_filter_told_the_variance_has_it_as_white_noise_of_state_and_measurement():
+def test_an_assumed_variance_is_white_noise_of_state_and_y():
     model, D = _model(), np.array([[0.5, 0.2], [0.2, 0.9]])
     found = track(make("kf", model, input_cov=D), START, RECORD)
     A, G = np.pad(model.A, (0, Q)), np.vstack([model.G, np.eye(Q)])  # d(k-1) as more states
@@ -77,7 +75,7 @@ def test_a_kalman_filter_told_the_variance_has_it_as_white_noise_of_state_and_me
         assert one.input_cov == pytest.approx(other.cov[N:, N:], abs=1e-10)
 
 
-def test_a_filter_of_what_acts_now_refuses_the_model_and_says_which_takes_it():
+def test_a_filter_without_delay_refuses_delayed_feedthrough():
     assert isinstance(make("kf-umv-ui", _model()), EndedUMVFilter)
     with pytest.raises(ValueError, match=r"delayed_feedthrough: use EndedUMVFilter"):
         UMVFilter(_model())

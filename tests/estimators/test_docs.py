@@ -49,9 +49,3 @@ def test_a_recipe_runs_from_its_first_block_to_its_last(recipe: str, capsys: pyt
     if recipe == "several-models":  # which is better than one model
         errors = np.array(found["errors"])[10:].mean(0)
         assert errors[0] < 0.4 * errors[1]
-
-
-def test_the_pendulum_takes_eighteen_lines():
-    code = EXAMPLES[[example.id for example in EXAMPLES].index("README 0")].values[0]
-    lines = [line for line in code.splitlines() if line.strip()]
-    assert len(lines) <= 18

@@ -42,9 +42,7 @@ def _in_numpy(case: Case, model: LinearModel) -> LinearModel | NonlinearModel:
 
 @pytest.mark.parametrize("of_a_user", [False, True])
 @one_of_each("linear")
-def test_every_filter_is_what_numpy_computes_whether_it_or_the_model_is_compiled(
-    case: Case, of_a_user: bool
-):
+def test_compiled_filters_compute_what_numpy_computes(case: Case, of_a_user: bool):
     """Step by step from one belief, with gaps: no further apart than their rounding."""
     system = case.system(3)
     plain = make(case.name, system.model, **case.options)

@@ -1,7 +1,5 @@
 """The package needs NumPy and SciPy; llvmlite is loaded when an equation is compiled."""
 
-import ast
-import graphlib
 import os
 import subprocess
 import sys
@@ -48,32 +46,6 @@ def test_only_numpy_and_scipy_are_needed_until_then():
     bare = set(_run("import sys, numpy, scipy.linalg, scipy.special; print(*sys.modules)").split())
     extra = {name.partition(".")[0] for name in loaded - bare} - {"estimators", "numpy", "scipy"}
     assert extra <= set(sys.stdlib_module_names)
-
-
-def test_modules_import_each_other_in_one_direction_types_and_late_imports_included():
-    """The engine counts as one module; it needs checks of arguments alone."""
-    graph: dict[str, set[str]] = {}
-    for path in (ROOT / "estimators").rglob("*.py"):
-        imports = [
-            node
-            for node in ast.walk(ast.parse(path.read_text()))
-            if isinstance(node, ast.ImportFrom)
-        ]
-        names = [
-            f"{node.module}.{alias.name}".split(".") for node in imports for alias in node.names
-        ]
-        own = path.relative_to(ROOT / "estimators").with_suffix("").parts[0]
-        graph.setdefault(own, set()).update(
-            {name[1] for name in names if name[0] == "estimators"} - {own}
-        )
-    order = list(graphlib.TopologicalSorter(graph).static_order())  # raises where there is a circle
-    assert (
-        order.index("linalg")
-        < order.index("models")
-        < order.index("filter")
-        < order.index("kalman")
-    )
-    assert graph["engine"] <= {"checks"}
 
 
 def test_every_filter_and_every_belief_is_exported():

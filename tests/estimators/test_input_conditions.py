@@ -50,9 +50,7 @@ def _assert_zeros(found: np.ndarray, *expected: complex) -> None:
 @pytest.mark.parametrize(
     "zeros", [(), (1.5,), (-0.4, 1.1), (2.0, 0.6, -0.1), (1.2, 0.5 + 1.0j, 0.5 - 1.0j)]
 )
-def test_the_zeros_of_one_input_and_measurement_are_those_of_its_transfer_function(
-    zeros: tuple[complex, ...], seed: int
-):
+def test_the_zeros_are_those_of_the_transfer_function(zeros: tuple[complex, ...], seed: int):
     """It shows at once with as many zeros as poles, one step later with one less."""
     found = _conditions(_with_zeros(zeros), seed)
     _assert_zeros(found.zeros, *zeros)
@@ -79,7 +77,7 @@ def test_inputs_side_by_side_have_the_zeros_of_each(seed: int):
     assert np.isinf(found.sd).all()
 
 
-def test_a_mode_that_no_measurement_shows_anyhow_is_no_zero_of_the_input():
+def test_an_unobservable_mode_is_no_zero_of_the_input():
     A, C, G, H = _with_zeros((0.4, 0.3))
     A, C = block_diag(A, np.diag([1.0, 0.7])), np.hstack([C, np.zeros((1, 2))])
     for hidden in ([[0.0], [0.0]], [[2.0], [1.0]]):
@@ -87,7 +85,7 @@ def test_a_mode_that_no_measurement_shows_anyhow_is_no_zero_of_the_input():
 
 
 @pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
-def test_an_unbiased_filter_diverges_where_a_zero_is_outside_the_unit_circle(name: str):
+def test_a_filter_diverges_with_a_zero_outside_the_unit_circle(name: str):
     """Random stable systems with one measurement: covariances grow in some, settle in others."""
     rng, grown = np.random.default_rng(0), []
     for _ in range(20):
@@ -112,9 +110,7 @@ def test_an_unbiased_filter_diverges_where_a_zero_is_outside_the_unit_circle(nam
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
-def test_deviations_are_those_of_one_step_of_the_filter_from_what_a_kalman_filter_knows(
-    name: str, seed: int
-):
+def test_deviations_are_those_of_one_step_from_the_steady_kf(name: str, seed: int):
     model = unknown_input_system(seed, name == "kf-umv-ui", p=4, q=2).model
     prior = np.array([[9.0, 2.0], [2.0, 4.0]])
     found = input_conditions(model.A, model.C, model.G, model.H, model.Q, model.R, prior)
@@ -130,7 +126,7 @@ def test_deviations_are_those_of_one_step_of_the_filter_from_what_a_kalman_filte
     np.testing.assert_allclose(found.sd, np.sqrt(np.diag(cov) / np.diag(prior)), rtol=1e-5)
 
 
-def test_without_a_steady_state_deviations_are_those_of_the_measurements_alone():
+def test_without_a_steady_state_deviations_are_of_measurements():
     """A mode that grows and that no measurement shows."""
     A, C, G, H = _with_zeros((0.4, 0.3))
     A, C, G = block_diag(A, 1.1), np.hstack([C, [[0.0]]]), np.vstack([G, [[0.0]]])

@@ -59,7 +59,7 @@ def test_rmse_and_nees_do_not_notice_whole_turns_of_an_angle():
 # --- consistency ----------------------------------------------------------------------------------
 
 
-def test_nees_and_nis_are_squared_distances_in_standard_deviations():
+def test_nees_and_nis_are_squared_standardised_distances():
     rng = np.random.default_rng(0)
     mean, truth = rng.normal(size=(2, 4, 5, 3))
     cov, error = random_covariance(rng, 3, (4, 5)), truth - mean

@@ -13,6 +13,7 @@ from estimators import (
     Gaussian,
     LinearModel,
     NonlinearModel,
+    RandomKeys,
     Schedule,
     compiled,
     make,
@@ -113,29 +114,28 @@ def test_a_schedule_of_a_component_that_u_has_not_is_refused():
         filter.predict(filter.init(Gaussian(np.zeros(2), I2)), np.zeros(2))
 
 
-def test_singular_covariances_lists_of_integers_and_half_an_input_are_accepted():
+def test_lists_singular_covariances_and_half_an_input_are_taken():
     model = LinearModel(A=[[1, 1], [0, 1]], C=[[1, 0]], Q=np.zeros((2, 2)), R=[[0]])
-    assert (model.n, model.p, model.q) == (2, 1, 0)
-    assert model.A.dtype == model.R.dtype == float
-    assert Gaussian([0, 0], np.ones((2, 2))).cov.dtype == float
+    assert (model.n, model.p, model.q, model.G) == (2, 1, 0, None)
+    assert model.A.dtype == model.R.dtype == Gaussian([0, 0], np.ones((2, 2))).cov.dtype == float
     # A missing half of the unknown input counts as zero.
     assert (np.zeros((1, 3)) == LinearModel(**FINE, G=np.ones((2, 3))).H).all()
     assert (np.zeros((2, 3)) == LinearModel(**FINE, H=np.ones((1, 3))).G).all()
-    assert LinearModel(**FINE).G is None
 
 
 # --- linear models --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["kf", "ekf", "huber-kf", "kf-umv-ui", "kf-umv-ui-wdf"])
-def test_matrices_may_be_functions_of_the_known_input_and_compiled_are_part_of_the_program(
-    name: str,
-):
+@pytest.mark.parametrize("name", ["kf", "ekf", "huber-kf", "enkf", "kf-umv-ui", "kf-umv-ui-wdf"])
+def test_matrices_may_be_functions_of_the_known_input(name: str):
     """They give what a filter built anew at every step gives; a warm step calls no compiled one."""
-    rng, calls = np.random.default_rng(1), []
-    sizes = {"A": 3, "B": 2, "C": 3, "G": 1}
-    base = {key: rng.normal(size=(3, size)) for key, size in sizes.items()} | {"R": 2.0 * np.eye(3)}
-    constant = {"Q": np.eye(3), "H": rng.normal(size=(3, 1)) * (name == "kf-umv-ui")}
+    rng, keys, calls = np.random.default_rng(1), RandomKeys.seeded(range(2)), []
+    base = {
+        key: rng.normal(size=(3, size)) for key, size in {"A": 3, "B": 2, "C": 3, "G": 1}.items()
+    }
+    base |= {"Q": np.eye(3), "R": 2.0 * np.eye(3)}
+    fixed = "G" if name == "enkf" else "Q"  # an array, which says how many states there are
+    constant = {"H": rng.normal(size=(3, 1)) * (name == "kf-umv-ui"), fixed: base.pop(fixed)}
 
     def changing(key: str) -> Callable:
         def function(u: np.ndarray) -> np.ndarray:
@@ -148,14 +148,14 @@ def test_matrices_may_be_functions_of_the_known_input_and_compiled_are_part_of_t
     for way in (compiled, partial(compiled, matrices=True), lambda f: f):
         functions = {key: way(changing(key)) for key in base}
         filter = make(name, LinearModel(**functions, **constant))
-        belief = expected = filter.init(Gaussian(np.zeros((2, 3)), np.eye(3)))
+        belief = expected = filter.init(Gaussian(np.zeros((2, 3)), np.eye(3)), rng=keys)
         for k in range(6):
             calls.clear()
-            belief = filter.step(belief, y[k], u[k])
+            belief = filter.step(belief, y[k], u[k], rng=keys.at(k))
             assert k == 0 or bool(calls) != filter.model.is_compiled("predict")
             matrices = {key: function(u[k]) for key, function in functions.items()}
             anew = make(name, LinearModel(**matrices, **constant))
-            expected = anew.update(anew.predict(expected, u[k]), y[k])
+            expected = anew.step(expected, y[k], u[k], rng=keys.at(k))
             assert_same(belief, expected, 1e-11)
 
 
@@ -198,11 +198,6 @@ def test_jacobians_are_the_analytic_ones(way: Callable, error: float):
 # --- discretisation -------------------------------------------------------------------------------
 
 
-def _continuous(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(seed)
-    return rng.normal(size=(3, 3)), rng.normal(size=(3, 2)), random_covariance(rng, 2)
-
-
 def _flow(A: np.ndarray, x: np.ndarray, drive: np.ndarray, dt: float) -> np.ndarray:
     """The end of ``x' = A x + drive`` after ``dt``, by integration in small steps."""
     return solve_ivp(
@@ -211,20 +206,19 @@ def _flow(A: np.ndarray, x: np.ndarray, drive: np.ndarray, dt: float) -> np.ndar
 
 
 @pytest.mark.parametrize("dt", [0.7, 3.0])
-def test_zero_order_hold_and_van_loan_are_what_integration_gathers(dt: float):
+def test_discretisations_are_what_integration_gathers(dt: float):
     """In a batch, too, which may share B."""
-    models, rng = [_continuous(seed) for seed in range(3)], np.random.default_rng(100)
-    B, Q = models[0][1:]
-    F, D = zero_order_hold(np.stack([m[0] for m in models]), B, dt)
-    for i, (A, *_) in enumerate(models):
+    rng = np.random.default_rng(100)
+    As, B, Q = rng.normal(size=(3, 3, 3)), rng.normal(size=(3, 2)), random_covariance(rng, 2)
+    F, D = zero_order_hold(As, B, dt)
+    for A, step, held in zip(As, F, D, strict=True):
         x, u = rng.normal(size=3), rng.normal(size=2)
-        expected = _flow(A, x, B @ u, dt)
-        assert_close(F[i] @ x + D[i] @ u, expected, 1e-9)
+        assert_close(step @ x + held @ u, _flow(A, x, B @ u, dt), 1e-9)
         # P' = A P + P A' + B Q B' from P = 0, as one vector.
         rate = np.kron(A, np.eye(3)) + np.kron(np.eye(3), A)
         gathered = _flow(rate, np.zeros(9), (B @ Q @ B.T).ravel(), dt).reshape(3, 3)
         transition, noise = van_loan(A, B, Q, dt)
-        assert_close(transition, F[i], 1e-12)
+        assert_close(transition, step, 1e-12)
         assert_close(noise, gathered, 1e-9)
         assert_array_equal(noise, noise.T)
 
@@ -237,46 +231,32 @@ def test_continuous_models_are_lists_too_and_no_step_goes_back():
             step(-0.1)
 
 
-def test_differences_of_few_digits_are_refused_and_a_jacobian_taken():
+def test_differences_of_few_digits_need_a_jacobian():
     """Of float32 they would be off by 40 %."""
 
-    def single(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        x = x.astype(np.float32)
-        return x + np.float32(0.1) * np.sin(x)
-
-    def slope(x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        return (1.0 + 0.1 * np.cos(x))[..., None] * I2
-
-    def predicted(cov: np.ndarray, **own: object) -> Belief:
-        model = NonlinearModel(single, lambda x, u: x[..., :1], 1e-6 * I2, [[1e-4]], **own)
+    def predicted(**own: object) -> Belief:
+        model = NonlinearModel(
+            lambda x, u: np.sin(x.astype(np.float32)), lambda x, u: x, 1e-6 * I2, I2, **own
+        )
         filter = make("ekf", model)
-        return filter.predict(filter.init(Gaussian([100.3, 3.7], cov)))
+        return filter.predict(filter.init(Gaussian([100.3, 3.7], 1e-8 * I2)))
 
-    with pytest.raises(
-        ValueError, match=r"transition returns numbers of few digits .* compute it in float64, give"
-    ):
-        predicted(1e-8 * I2)
-    A = slope(np.array([100.3, 3.7]), None)
-    found = predicted(1e-8 * I2, transition_jacobian=slope).cov
-    assert_allclose(found, 1e-8 * A @ A.T + 1e-6 * I2, rtol=1e-12, atol=0.0)
+    with pytest.raises(ValueError, match=r"transition returns numbers of few digits .* in float64"):
+        predicted()
+    found = predicted(transition_jacobian=lambda x, u: np.cos(x)[..., None] * I2).cov
+    expected = 1e-8 * np.diag(np.cos([100.3, 3.7]) ** 2) + 1e-6 * I2
+    assert_allclose(found, expected, rtol=1e-12, atol=0.0)
 
 
 @pytest.mark.parametrize("way", [compiled, lambda f: f], ids=["compiled", "differences"])
 @pytest.mark.parametrize("spread", [1.0, 100.0, 1e5])
-def test_the_jacobian_of_an_angle_is_right_however_little_is_known_of_it(
-    spread: float, way: Callable
-):
-    model = NonlinearModel(
-        *2 * [way(lambda x, u: wrap(x))],
-        [[1.0]],
-        [[1.0]],
-        state_angles=(0,),
-        measurement_angles=(0,),
-    )
+def test_the_jacobian_of_an_angle_is_right_for_any_spread(spread: float, way: Callable):
+    angle, noise = way(lambda x, u: wrap(x)), [[1.0]]
+    angles = {"state_angles": (0,), "measurement_angles": (0,)}
+    model = NonlinearModel(angle, angle, noise, noise, **angles)
     for linearise in (model.linearise_transition, model.linearise_measurement):
-        assert_allclose(
-            linearise(np.array([np.pi]), None, [[spread**2]])[1], [[1.0]], rtol=0, atol=1e-10
-        )
+        slope = linearise(np.array([np.pi]), None, [[spread**2]])[1]
+        assert_allclose(slope, [[1.0]], rtol=0, atol=1e-10)
 
 
 # --- compiled functions ---------------------------------------------------------------------------

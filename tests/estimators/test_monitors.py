@@ -11,7 +11,6 @@ from estimators import (
     Belief,
     ChiSquareMonitor,
     CusumMonitor,
-    Delayed,
     FaultMonitor,
     Gaussian,
     LinearModel,
@@ -100,7 +99,7 @@ def test_the_delay_of_a_cusum_is_its_run_length(mean: float):
     assert abs(after.mean() - 1.0 / sum(rates)) < norm.isf(0.0005) * after.std() / np.sqrt(3000)
 
 
-def test_cusums_of_several_channels_raise_no_more_false_alarms_than_stated():
+def test_false_alarms_of_several_cusums_are_as_stated():
     rng, S = np.random.default_rng(2), np.array([[1.0, 0.6, 0.0], [0.6, 1.0, 0.0], [0.0, 0.0, 1.0]])
     after, accused = first_alarms(CusumMonitor(3, 0.01), rng, 800, S, np.zeros(3))
     assert after.mean() > 100.0 - norm.isf(0.001) * after.std() / np.sqrt(after.size)
@@ -112,7 +111,7 @@ def test_cusums_of_several_channels_raise_no_more_false_alarms_than_stated():
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_channel_that_is_correlated_with_the_faulty_one_is_not_accused(kind: type):
+def test_a_channel_correlated_with_the_fault_is_not_accused(kind: type):
     """Innovations alone would accuse all three alike: what is common to them is large."""
     rng, S, faulty = np.random.default_rng(8), 20.0 + np.diag([1.0, 2.0, 3.0]), 2
     _, accused = first_alarms(kind(3, 1e-3), rng, 500, S, 4.0 * np.sqrt(3.0) * np.eye(3)[faulty])
@@ -121,7 +120,7 @@ def test_a_channel_that_is_correlated_with_the_faulty_one_is_not_accused(kind: t
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_measurement_that_is_absurd_is_accused_and_forgotten_like_any_other(kind: type):
+def test_an_absurd_measurement_is_accused_and_forgotten(kind: type):
     rng = np.random.default_rng(14)
     e = 1e-3 * rng.normal(size=(12, 3, 3))
     e[0] += np.diag([1e90, -1e306, 1e306])
@@ -131,7 +130,7 @@ def test_a_measurement_that_is_absurd_is_accused_and_forgotten_like_any_other(ki
     assert not states.alarm[10:].any()
 
 
-def test_what_speaks_against_a_sensor_is_what_the_innovation_has_less_without_it():
+def test_suspicion_is_the_nis_that_a_sensor_adds():
     """The normalised innovation squared, less that of the other channels, as a normal deviate."""
     rng = np.random.default_rng(10)
     S, e = random_covariance(rng, 4), 3.0 * rng.normal(size=(50, 4))
@@ -143,19 +142,6 @@ def test_what_speaks_against_a_sensor_is_what_the_innovation_has_less_without_it
         share = nis(e, S) - nis(e[:, rest], S[np.ix_(rest, rest)])
         deviate = norm.isf(chi2.sf(share, len(channels)))
         np.testing.assert_allclose(state.suspicion[:, sensor], deviate, rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize("size", [4.0, 10.0, 100.0, 1e6])
-def test_of_correlated_channels_a_chi_square_accuses_the_sensor_that_moved_however_far(size: float):
-    """The two other channels, together a sensor, have more degrees of freedom, and no fault."""
-    monitor = ChiSquareMonitor({"pair": (1, 2), "one": 0}, window=1)
-    belief = read(np.array([size, 0.0, 0.0]), 0.9 + 0.1 * np.eye(3))
-    state = monitor.watch(monitor.start(), belief)
-    assert state.accused == 1
-    deviation = np.sqrt(
-        1.0 / np.linalg.inv(0.9 + 0.1 * np.eye(3))[0, 0]
-    )  # given the others; two sides count
-    assert state.suspicion[1] == pytest.approx(size / deviation, rel=0.01)
 
 
 # --- missing measurements, rows, series -----------------------------------------------------------
@@ -177,14 +163,14 @@ def test_a_sensor_that_is_lost_counts_for_nothing(kind: type):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_cusum_begins_again_after_an_alarm_and_a_window_forgets(kind: type):
+def test_a_cusum_restarts_after_an_alarm_and_a_window_forgets(kind: type):
     states = kind(1, 1e-3).run(read(np.array([50.0, *[0.1] * 11])[:, None], np.eye(1)))
     still = 9 if kind is ChiSquareMonitor else 0
     assert states.alarm.tolist() == [True] * (1 + still) + [False] * (11 - still)
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_series_a_row_and_a_loop_are_one_and_rows_begin_again_by_mask(kind: type):
+def test_a_series_is_a_loop_whose_rows_begin_again_by_mask(kind: type):
     rng, done = np.random.default_rng(12), np.arange(4) % 2 == 0
     S, e = random_covariance(rng, 3), 1.7 * rng.normal(size=(30, 4, 3))
     monitor = kind({"a": (0, 1), "b": 2}, 0.01)
@@ -205,7 +191,7 @@ def test_a_series_a_row_and_a_loop_are_one_and_rows_begin_again_by_mask(kind: ty
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_measurement_that_only_a_pseudo_inverse_could_take_in_counts_for_nothing(kind: type):
+def test_an_update_by_pseudo_inverse_counts_for_nothing(kind: type):
     model = LinearModel(np.eye(1), np.ones((2, 1)), np.eye(1), np.zeros((2, 2)))
     filter, monitor = make("kf", model), kind(2)
     belief = filter.update(filter.init(Gaussian([0.0], [[1.0]])), [10.0, 10.0])
@@ -213,13 +199,6 @@ def test_a_measurement_that_only_a_pseudo_inverse_could_take_in_counts_for_nothi
     state = monitor.watch(monitor.start(), belief)
     assert not state.alarm
     assert not state.memory.any()
-
-
-def test_a_filter_to_which_measurements_come_late_is_watched_as_any_other():
-    late, prior, monitor = Delayed(_KF, 2), Gaussian([[0.0]], [[1.0]]), CusumMonitor(1)
-    beliefs = _KF.update(_KF.init(prior), [[3.0]]), late.update(late.init(prior), [[[3.0]]])
-    one, other = (monitor.watch(monitor.start(1), belief) for belief in beliefs)
-    np.testing.assert_array_equal(one.statistic, other.statistic)
 
 
 # --- what is refused ------------------------------------------------------------------------------
@@ -237,7 +216,7 @@ def test_rates_and_shifts_have_bounds(options: dict):
         CusumMonitor(2, **options)
 
 
-def test_innovations_that_carry_an_unknown_input_are_refused_unless_it_is_told_as_noise():
+def test_innovations_with_an_unknown_input_are_refused():
     system, monitor = unknown_input_system(0, True), ChiSquareMonitor(3)
     told = make("kf", system.model, input_cov=1.0)
     belief = told.update(told.init(system.prior), np.full(3, 1e3))

@@ -40,7 +40,7 @@ def test_words_are_the_published_ones(
 # --- what a number depends on ---------------------------------------------------------------------
 
 
-def test_a_number_is_the_same_however_many_are_drawn_and_in_whatever_batch():
+def test_a_number_is_the_same_in_every_batch_and_count():
     rows = RandomKeys.seeded(range(5)).of("sensor").at(np.array([3, 1, 4, 1, 5]))
     whole, members = rows.normals(23), rows.members(101, 7)
     for count in range(8):
@@ -56,7 +56,7 @@ def test_a_number_is_the_same_however_many_are_drawn_and_in_whatever_batch():
     np.testing.assert_array_equal(some.normals(23), whole[[4, 0]])
 
 
-def test_every_seed_name_step_use_component_and_member_has_a_number_of_its_own():
+def test_every_key_step_use_and_member_has_its_own_number():
     found = [
         RandomKeys.seeded(seeds).of(episode).of(name).at(step).normals(5, use)
         for seeds in ([0], [1], [2**32], [2**64 - 1], [2**64], [2**64 + 1], [2**200])
@@ -92,7 +92,7 @@ def drawn(kind: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize("kind", ["normals", "members"])
-def test_normal_numbers_have_the_moments_and_the_distribution_of_the_normal(kind: str):
+def test_normal_numbers_are_normally_distributed(kind: str):
     z = drawn(kind).ravel()
     moments = np.array([np.mean(z**k) for k in range(1, 9)])
     exact = np.array([0.0, 1.0, 0.0, 3.0, 0.0, 15.0, 0.0, 105.0])

@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 
 from estimators import (
-    Filter,
     Gaussian,
     LinearModel,
     NonlinearModel,
     RandomKeys,
-    compiled,
     make,
     run,
 )
@@ -26,7 +24,7 @@ MATRICES = {"A": I2, "C": I2, "Q": I2, "R": I2, "B": I2, "G": I2, "H": I2}
 
 
 @pytest.mark.parametrize("copied", [lambda x: x, lambda x: pickle.loads(pickle.dumps(x))])
-def test_a_model_and_a_prior_have_copies_of_their_arrays_that_nobody_can_write_to(copied: Callable):
+def test_models_and_priors_have_read_only_copies(copied: Callable):
     given = {name: np.array(matrix) for name, matrix in MATRICES.items()}
     mean = np.zeros(2)
     nonlinear = NonlinearModel(_same, _same, given["Q"], given["R"], G=given["G"], H=given["H"])
@@ -73,7 +71,7 @@ def test_nobody_can_write_to_a_belief(case: Case):
             assert not array.flags.writeable, name
 
 
-def test_a_known_input_that_changes_later_does_not_change_the_belief():
+def test_a_known_input_changed_later_leaves_the_belief():
     system = kalman_system(0)
     filter, u = make("kf", system.model), np.ones((1, 2))
     predicted = filter.predict(filter.init(system.rows(1)), u)
@@ -94,32 +92,6 @@ def test_a_setting_of_a_filter_is_read_only(name: str, setting: str):
     ):
         setattr(filter, setting, 2)
     assert getattr(filter, setting) is kept
-
-
-class _Counting(Filter):
-    """A filter of one's own, in NumPy, that counts."""
-
-    def __init__(self, model: LinearModel, gain: float = 0.5) -> None:
-        super().__init__(model)
-        self.gain, self.calls = gain, 0
-
-    def _predict(self, belief, u, mean, A, Q):
-        self.calls += 1
-        return {"mean": mean, "cov": belief.cov}
-
-    def _update(self, belief, u, e, C, R, available):
-        return {"mean": belief.mean + self.gain * e, "cov": belief.cov}
-
-
-def test_a_filter_of_ones_own_in_numpy_follows_its_settings_and_a_compiled_one_refuses_another():
-    filter = _Counting(LinearModel(I2, I2, I2, I2))
-    belief = filter.predict(filter.init(Gaussian(np.zeros(2), I2)))
-    filter.gain = 1.0
-    assert filter.calls == 1
-    np.testing.assert_array_equal(filter.update(belief, [3.0, 4.0]).mean, [3.0, 4.0])
-    traced = compiled(type("Traced", (_Counting,), {}))(LinearModel(I2, I2, I2, I2))
-    with pytest.raises(AttributeError, match="gain of a filter is read-only"):
-        traced.gain = 1.0
 
 
 # --- functions that work in place -----------------------------------------------------------------

@@ -8,7 +8,7 @@ from estimators import Gaussian, LinearModel, make
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise"])
-def test_without_feedthrough_the_filter_settles_at_the_covariance_of_darouach_1995(name: str):
+def test_the_steady_covariance_is_that_of_darouach_1995(name: str):
     """The example of Darouach, Zasadzinski & Xu (1995), section 5."""
     model = LinearModel(
         A=[[0.0, 0.6, 0.075], [0.75, 0.0, 0.0], [0.0, 0.75, 0.0375]],

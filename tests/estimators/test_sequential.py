@@ -6,7 +6,7 @@ from itertools import pairwise, permutations
 import numpy as np
 import pytest
 
-from estimators import Delayed, Gaussian, LinearModel, NonlinearModel, make
+from estimators import Delayed, Gaussian, LinearModel, make
 from estimators.randomness import RandomKeys
 from tests.estimators.cases import (
     Case,
@@ -33,7 +33,7 @@ def _alone(y: np.ndarray, j: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", ["kf", "ekf", "iekf", "ukf", "robust-kf", "etkf", "pf"])
-def test_measurements_one_by_one_leave_what_they_leave_together_in_every_order(name: str):
+def test_updates_one_by_one_equal_one_update_in_every_order(name: str):
     system = _independent(kalman_system(0))
     options = {"pf": {"particles": 30}, "etkf": {"members": 20}}.get(name, {})
     filter, record = make(name, system.model, **options), simulate(system, 1, ROWS, 4)
@@ -55,7 +55,7 @@ def test_measurements_one_by_one_leave_what_they_leave_together_in_every_order(n
 
 
 @one_of_each()
-def test_a_filter_of_an_unknown_input_refuses_a_second_update_and_delayed_takes_a_step_as_one(
+def test_a_second_update_of_a_step_needs_delayed(
     case: Case,
 ):
     system = case.system(0)
@@ -78,37 +78,7 @@ def test_a_filter_of_an_unknown_input_refuses_a_second_update_and_delayed_takes_
             filter.update(joint, y)
 
 
-def test_each_measurement_has_its_own_known_input_covariance_and_measurement_function():
-    """Rows of C at inputs of their own, and an R of their own: as one model that has all of them at once."""
-    system = _independent(kalman_system(1))
-    model, y, R = system.model, np.array([1.0, -2.0, 0.5]), np.diag([0.3, 2.0, 0.7])
-    gains = np.array([1.0, 1.5, 2.0])
-    following = dataclasses.replace(model, C=lambda u: u[..., :1, None] * model.C)
-    filter = make("kf", following)
-    whole = make("kf", dataclasses.replace(model, C=gains[:, None] * model.C))
-    belief = filter.predict(filter.init(system.prior), [1.0, 0.0])
-    expected = whole.update(whole.predict(whole.init(system.prior), [1.0, 0.0]), y, R=R)
-    for j in (2, 0, 1):
-        belief = filter.update(belief, _alone(y, j), R=R, u=np.array([gains[j], 0.0]))
-    np.testing.assert_allclose(belief.mean, expected.mean, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(belief.cov, expected.cov, rtol=0, atol=1e-12)
-
-
-def test_of_a_nonlinear_model_each_measurement_is_linearised_where_those_before_it_left_the_estimate():
-    model = NonlinearModel(
-        lambda x, u: x, lambda x, u: np.stack([x[..., 0] ** 2, x[..., 0]], -1), [[0.1]], np.eye(2)
-    )
-    ekf = make("ekf", model)
-    belief = ekf.update(ekf.init(Gaussian([2.0], [[1.0]])), [np.nan, 3.0])
-    mean, variance = belief.mean[0], belief.cov[0, 0]
-    assert (mean, variance) == (pytest.approx(2.5), pytest.approx(0.5))
-    slope = 2.0 * mean
-    gain = variance * slope / (slope**2 * variance + 1.0)
-    after = ekf.update(belief, [9.0, np.nan])
-    assert after.mean[0] == pytest.approx(mean + gain * (9.0 - mean**2), rel=1e-9)
-
-
-def test_rows_that_have_begun_and_rows_that_run_are_each_treated_as_what_they_are():
+def test_rows_that_begin_and_rows_that_run_stay_apart():
     system = unknown_input_system(0, feedthrough=False)
     filter, record = make("kf-umv-ui-wdf", system.model), simulate(system, 0, 2, 2)
     begun = filter.init(system.rows(2)).replace(u=record.u[0])
@@ -119,7 +89,7 @@ def test_rows_that_have_begun_and_rows_that_run_are_each_treated_as_what_they_ar
     assert_same(mixed[1], filter.update(begun, record.y[1])[1])
 
 
-def test_a_late_filter_takes_measurements_of_a_step_with_one_known_input():
+def test_late_measurements_of_a_step_have_one_known_input():
     model = LinearModel(
         np.eye(2), lambda u: u[..., :1, None] * np.eye(2), np.eye(2), np.eye(2), B=np.eye(2, 1)
     )

@@ -1,10 +1,10 @@
 """Smoothers: the least-squares solution for all times at once, and what follows from it."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
-from scipy.linalg import block_diag
 
 from estimators import (
     Gaussian,
@@ -15,15 +15,16 @@ from estimators import (
     nees,
     run,
     smooth,
-    stacked,
 )
+from estimators.kalman import with_input
 from estimators.metrics import chi_square_band
 from tests.estimators.batch import least_squares, marginals
 from tests.estimators.cases import (
     INPUT_PRIOR,
-    System,
     assert_close,
     assert_same,
+    gaps,
+    input_as_state,
     kalman_system,
     pushed_vehicle,
     simulate,
@@ -34,87 +35,59 @@ from tests.estimators.cases import (
 UNKNOWN = ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv")
 
 
-def gaps(y: np.ndarray) -> np.ndarray:
-    return np.where(np.random.default_rng(0).random(y.shape) < 0.2, np.nan, y)
-
-
-def at_all_times(system: System, solution) -> tuple[np.ndarray, np.ndarray]:
-    """The states and their covariances, of the least-squares solution."""
-    T, n = solution.x.shape
-    return solution.x, marginals(solution.cov[: T * n, : T * n], n)
-
-
-@pytest.mark.parametrize("name", ["kf", "ekf", "ukf"])
-def test_smoothed_states_are_the_least_squares_solution_for_all_of_them(name: str):
-    system = kalman_system(0)
-    record = simulate(system, 0, runs=2, steps=20)
-    y = gaps(record.y)
-    y[4] = np.nan
-    smoothed = smooth(run(make(name, system.model), system.prior, y, u=record.u))
-    for i in range(2):
-        x, cov = at_all_times(system, least_squares(system, y[:, i], record.u[:, i]))
-        assert_close(smoothed.mean[:, i], x, 1e-9)
-        assert_close(smoothed.cov[:, i], cov, 1e-9)
-
-
-@pytest.mark.parametrize("name", UNKNOWN)
-@pytest.mark.parametrize("q", [1, 2])
-def test_smoothed_states_and_inputs_are_the_least_squares_solution_for_all_of_them(
-    name: str, q: int
-):
+@pytest.mark.parametrize(
+    ("name", "q"), [*((name, 0) for name in ("kf", "ekf", "ukf")), *product(UNKNOWN, (1, 2))]
+)
+def test_smoothed_states_and_inputs_are_least_squares(name: str, q: int):
+    """Of all times at once, some measurements missing."""
     now, T = name == "kf-umv-ui", 20
-    late = 0 if now else 1  # of the step before
-    system = unknown_input_system(q, now, p=4, q=q)
+    late = q > 0 and not now  # the input is of the step before
+    system = unknown_input_system(q, now, p=4, q=q) if q else kalman_system(0)
     record = simulate(system, 1, runs=2, steps=T)
-    y, n = record.y, system.model.n
+    y, n = gaps(record.y) if q == 0 else record.y, system.model.n
     y[5, :, 0] = np.nan  # the others show the input, too
-    filter = make(name, system.model, input_prior=INPUT_PRIOR)
+    filter = make(name, system.model, **({"input_prior": INPUT_PRIOR} if q else {}))
     smoothed = smooth(run(filter, system.prior, y, u=record.u))
-    told = {} if now else {T - 1: np.eye(q)}  # the last one acts on nothing
+    known = {T - 1: np.eye(q)} if late else {}  # the last one acts on nothing
     for i in range(2):
-        solution = least_squares(system, y[:, i], record.u[:, i], told)
-        x, cov = at_all_times(system, solution)
-        assert_close(smoothed.mean[:, i], x, 1e-9)
-        assert_close(smoothed.cov[:, i], cov, 1e-9)
-        inputs = marginals(solution.cov[T * n :, T * n :], q)
-        assert_close(smoothed.input_mean[late:, i], solution.d[: T - late], 1e-9)
-        assert_close(smoothed.input_cov[late:, i], inputs[: T - late], 1e-9)
-        for k in range(T - late):
-            own = solution.cov[n * (k + late) :, T * n + q * k :][:n, :q]
-            assert_close(smoothed.state_input_cov[k + late, i], own, 1e-9)
+        solution = least_squares(system, y[:, i], record.u[:, i], known)
+        assert_close(smoothed.mean[:, i], solution.x, 1e-9)
+        assert_close(smoothed.cov[:, i], marginals(solution.cov[: T * n, : T * n], n), 1e-9)
+        for k in range(q and T - late):
+            d, at = slice(T * n + q * k, T * n + q * (k + 1)), (k + late, i)
+            assert_close(smoothed.input_mean[at], solution.d[k], 1e-9)
+            assert_close(smoothed.input_cov[at], solution.cov[d, d], 1e-9)
+            own = solution.cov[n * (k + late) :, d][:n]
+            assert_close(smoothed.state_input_cov[at], own, 1e-9)
 
 
 @pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf"])
-def test_an_input_that_no_measurement_shows_is_smoothed_with_its_prior(name: str):
-    now, T = name == "kf-umv-ui", 15
-    late = 0 if now else 1
-    system = unknown_input_system(3, now)
+def test_an_input_that_nothing_shows_is_smoothed_with_its_prior(name: str):
+    late, T = int(name != "kf-umv-ui"), 15
+    system = unknown_input_system(3, not late)
     record = simulate(system, 1, runs=1, steps=T)
     # Of that input, or the one before, nothing shows at once, but later measurements tell of it.
     record.y[6] = np.nan
     filter = make(name, system.model, input_prior=INPUT_PRIOR)
     series = run(filter, system.prior, record.y, u=record.u)
-    smoothed = smooth(series)
-    told = {6 - late: np.eye(1) / np.sqrt(INPUT_PRIOR)} | ({} if now else {T - 1: np.eye(1)})
-    solution = least_squares(system, record.y[:, 0], record.u[:, 0], told)
+    smoothed, known = smooth(series), {T - 1: np.eye(1)} if late else {}
+    known[6 - late] = np.eye(1) / np.sqrt(INPUT_PRIOR)
+    solution = least_squares(system, record.y[:, 0], record.u[:, 0], known)
     assert_close(smoothed.mean[:, 0], solution.x, 1e-8)
     assert_close(smoothed.input_mean[late:, 0], solution.d[: T - late], 1e-8)
     assert smoothed.input_cov[6, 0, 0, 0] < 0.5 * series.updated.input_cov[6, 0, 0, 0]
 
 
 @pytest.mark.parametrize("assumed", [0.5, 20.0])
-def test_an_input_whose_variance_is_told_is_smoothed_as_the_state_that_it_could_be(assumed: float):
+def test_an_input_of_known_variance_is_smoothed_as_a_state(assumed: float):
     system = unknown_input_system(0, True)
-    record = simulate(system, 1, runs=2, steps=15)
-    filter, whole, n = make("kf", system.model, input_cov=assumed), stacked(system.model), 4
-    smoothed = smooth(run(filter, system.prior, record.y, u=record.u))
-    Q, prior = np.array(whole.Q), block_diag(system.cov, assumed)
-    Q[n:, n:] = assumed
-    as_state = make("kf", LinearModel(whole.A, whole.C, Q, whole.R, B=whole.B))
-    other = smooth(run(as_state, Gaussian([*system.mean, 0.0], prior), record.y, u=record.u))
-    assert_close(smoothed.mean, other.mean[..., :n], 1e-9)
-    assert_close(smoothed.input_mean, other.mean[..., n:], 1e-9)
-    assert_close(smoothed.input_cov, other.cov[..., n:, n:], 1e-9)
+    augmented, record = input_as_state(system, [[assumed]]), simulate(system, 1, runs=2, steps=15)
+    smoothed, other = (
+        smooth(run(make("kf", each.model, **options), each.prior, record.y, u=record.u))
+        for each, options in ((system, {"input_cov": assumed}), (augmented, {}))
+    )
+    for one, expected in zip(with_input(smoothed), (other.mean, other.cov), strict=True):
+        assert_close(one, expected, 1e-9)
 
 
 @pytest.mark.parametrize(
@@ -125,12 +98,9 @@ def test_a_smoothed_covariance_is_never_larger_than_the_filters(name: str, make_
     system = make_system(0)
     record = simulate(system, 1, runs=5, steps=30)
     series = run(make(name, system.model), system.prior, gaps(record.y), u=record.u)
-    smoothed = smooth(series)
-    for own, covs in (("cov", series.cov), ("input_cov", series.updated.input_cov)):
-        if covs is not None:
-            less = np.linalg.eigvalsh(covs - getattr(smoothed, own))
-            assert less.min() > -1e-9 * np.abs(covs).max()
-            assert np.linalg.eigvalsh(getattr(smoothed, own)).min() > -1e-12 * np.abs(covs).max()
+    filtered, smoothed = (with_input(each)[1] for each in (series.updated, smooth(series)))
+    assert np.linalg.eigvalsh(filtered - smoothed).min() > -1e-9 * np.abs(filtered).max()
+    assert np.linalg.eigvalsh(smoothed).min() > -1e-12 * np.abs(filtered).max()
 
 
 @pytest.mark.parametrize("name", ["ekf", "ukf"])
@@ -145,7 +115,7 @@ def test_smoothed_errors_are_as_large_as_the_smoother_says(name: str):
 
 
 @pytest.mark.parametrize("name", ["kf", "kf-umv-ui-wdf", "etkf"])
-def test_a_fixed_lag_is_a_whole_smoother_whose_series_ends_so_much_later(name: str):
+def test_a_fixed_lag_is_a_smoother_of_a_longer_series(name: str):
     system = unknown_input_system(0, False) if name == "kf-umv-ui-wdf" else kalman_system(0)
     (_, y, u, _), filter = simulate(system, 1, runs=2, steps=8), make(name, system.model)
     series = run(filter, system.prior, y, u=u, rng=0)
@@ -191,7 +161,7 @@ def test_angles_are_smoothed_across_their_seam():
 # --- members --------------------------------------------------------------------------------------
 
 
-def test_smoothed_members_have_the_moments_of_the_exact_smoother_where_nothing_is_drawn():
+def test_smoothed_members_have_exact_moments_without_draws():
     """Without process noise a transform is exact, be its moments of full rank or not."""
     system = kalman_system(0)
     model = replace(system.model, Q=np.zeros((4, 4)))
@@ -230,7 +200,7 @@ def test_what_cannot_be_smoothed_says_so(name: str):
         smooth(series)
 
 
-def test_a_filter_of_ones_own_that_overrides_a_step_has_a_smoother_if_it_says_so():
+def test_a_user_defined_filter_has_a_smoother_if_it_says_so():
     class Forgetting(KalmanFilter):
         def _predict(self, *arguments):
             return super()._predict(*arguments)
@@ -250,7 +220,7 @@ def test_a_filter_of_ones_own_that_overrides_a_step_has_a_smoother_if_it_says_so
 
 
 @pytest.mark.parametrize("name", ["kf", "ukf"])
-def test_a_prior_of_which_next_to_nothing_is_known_is_smoothed_as_one_of_less(name: str):
+def test_a_vague_prior_is_smoothed_as_a_vaguer_one(name: str):
     """A level, its slope and a week's pattern: there 1e7 and 1e12 are alike."""
     A, C = np.zeros((8, 8)), np.eye(1, 8) + np.eye(1, 8, 2)
     A[0, :2], A[1, 1], A[2, 2:], A[3:, 2:7] = 1.0, 1.0, -1.0, np.eye(5)

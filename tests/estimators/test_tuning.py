@@ -39,36 +39,8 @@ def test_a_variance_is_the_mean_square_and_its_error_follows():
     assert found.log_likelihood == pytest.approx(-0.5 * T * (np.log(2.0 * np.pi * variance) + 1.0))
 
 
-def test_a_mean_of_any_sign_and_a_variance_know_nothing_of_each_other():
-    y = 2.0 * np.random.default_rng(1).normal(size=(100, 1)) - 300.0
-    found = fit(
-        lambda m, r: (noise(r)[0], Gaussian([m], [[0.0]])), {"m": -200.0, "r": 9.0}, y, signed=["m"]
-    )
-    assert found.estimates == pytest.approx({"m": y.mean(), "r": y.var()}, rel=1e-6)
-    errors = {"m": np.sqrt(y.var() / 100.0), "r": np.sqrt(2.0 / 100.0) * y.var()}
-    assert found.standard_errors == pytest.approx(errors, rel=1e-4)
-
-
-def test_an_autoregression_is_least_squares():
-    rng, y = np.random.default_rng(2), np.zeros((60, 1))  # the first is known, and no part of it
-    for k in range(1, 60):
-        y[k] = 0.8 * y[k - 1] + 0.5 * rng.normal()
-
-    def build(a: float, q: float) -> tuple[Filter, Gaussian]:
-        return make("kf", LinearModel([[a]], [[1.0]], [[q]], [[1e-12]])), Gaussian([0.0], [[0.0]])
-
-    found = fit(build, {"a": 0.3, "q": 1.0}, y, signed=["a"])
-    before, after = y[:-1, 0], y[1:, 0]
-    slope = before @ after / (before @ before)
-    rest = np.mean((after - slope * before) ** 2)
-    assert found.estimates["a"] == pytest.approx(slope, rel=1e-5)
-    error = np.sqrt(rest / (before @ before))
-    assert found.standard_errors["a"] == pytest.approx(error, rel=1e-3)
-    assert found.estimates["q"] == pytest.approx(rest, rel=1e-5)
-
-
 @pytest.mark.slow
-def test_estimates_and_errors_are_those_of_the_joint_density_of_all_measurements():
+def test_estimates_and_errors_are_those_of_the_joint_density():
     """At uneven times, with gaps: one Gaussian vector, whose covariance is known."""
     rng = np.random.default_rng(3)
     t = np.sort(rng.uniform(0.0, 30.0, 60))
@@ -108,7 +80,7 @@ def test_estimates_and_errors_are_those_of_the_joint_density_of_all_measurements
 
 
 @pytest.mark.nightly
-def test_an_interval_of_a_variance_holds_the_truth_as_often_as_theory_says():
+def test_an_interval_of_a_variance_covers_as_theory_says():
     """Its estimate is chi-square: 94.1 % for 20 measurements."""
     trials, inside = 200, 0
     for seed in range(trials):
@@ -136,7 +108,7 @@ def test_two_numbers_of_which_only_the_sum_is_seen_are_named():
     assert found.standard_errors["p"] == pytest.approx(np.sqrt(y.var() / 60), rel=1e-3)
 
 
-def test_a_number_that_does_nothing_and_one_that_is_only_bounded_are_named():
+def test_numbers_without_effect_or_only_bounded_are_named():
     y = random_walk(0, 60, 0.0, 4.0)
     found = fit(lambda r, idle: noise(r), {"r": 1.0, "idle": 3.0}, y)
     nothing = "the measurements tell nothing of idle: they are as likely with another"
@@ -210,15 +182,6 @@ def test_a_maximum_that_bends_in_the_small_alone_is_none():
     assert found == pytest.approx(smooth, rel=0.05)
 
 
-@pytest.mark.parametrize("unit", [1e-6, 30.0, 3e4, 1e6])
-def test_estimates_do_not_depend_on_units(unit: float):
-    y, start = random_walk(0, 60, 1.4, 4.0), {"q": 1.0, "r": 1.0}
-    one, other = fit(level, start, y), fit(lambda q, r: level(q, r, 1e7 * unit**2), start, unit * y)
-    assert other.converged
-    for name, value in one.estimates.items():
-        assert other.estimates[name] == pytest.approx(unit**2 * value, rel=1e-3)
-
-
 @pytest.mark.parametrize("unit", [1e-9, 1e-6, 1e-3, 1e9])
 @pytest.mark.parametrize("known", [0.0, 1.0])
 def test_a_start_in_other_units_finds_the_same(unit: float, known: float):
@@ -230,21 +193,6 @@ def test_a_start_in_other_units_finds_the_same(unit: float, known: float):
     assert one.estimates == pytest.approx(other.estimates, rel=0.02)
 
 
-@pytest.mark.parametrize("unit", [1e-6, 1e9])
-def test_a_start_that_has_no_likelihood_may_be_in_other_units(unit: float):
-    """Two sensors of one state agree to the last digit, as seen from far away."""
-    rng = np.random.default_rng(0)
-    y = unit * (np.cumsum(rng.normal(size=(30, 1)), 0) + 0.5 * rng.normal(size=(30, 2)))
-
-    def build(q: float, r: float) -> tuple[Filter, Gaussian]:
-        model = LinearModel([[1.0]], [[1.0], [1.0]], [[q]], r * np.eye(2))
-        return make("kf", model), Gaussian([0.0], [[10.0 * unit**2]])
-
-    found = fit(build, {"q": 1.0, "r": 1.0}, y).estimates
-    expected = fit(build, {"q": unit**2, "r": unit**2}, y).estimates
-    assert found == pytest.approx(expected, rel=1e-2)
-
-
 def test_a_search_leaves_a_plateau():
     """A variance beside a far greater one is as likely with another."""
     y = random_walk(0, 60, 0.2, 4.0)
@@ -253,7 +201,7 @@ def test_a_search_leaves_a_plateau():
 
 
 @pytest.mark.slow
-def test_a_filter_that_draws_numbers_has_the_same_in_every_evaluation():
+def test_every_evaluation_has_the_same_random_numbers():
     def build(q: float, r: float) -> tuple[Filter, Gaussian]:
         filter, prior = level(q, r)
         return make("enkf", filter.model, members=100, draws="independent"), prior

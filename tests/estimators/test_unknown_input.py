@@ -1,6 +1,5 @@
 """Laws of filters with unknown input, against each other, the papers and least squares."""
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -48,14 +47,8 @@ def _as_functions(model: LinearModel) -> NonlinearModel:
     return NonlinearModel(f, h, model.Q, model.R, G=model.G, H=model.H)
 
 
-# --- the papers, and least squares over a whole run -----------------------------------------------
-
-
-# --- reductions -----------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize("name", ["ekf-ui-wdf", "ukf-umv"])
-def test_a_driven_direction_that_depends_on_the_state_is_taken_at_the_estimate_before_the_step(
+def test_input_matrix_is_taken_at_the_estimate_before_the_step(
     name: str,
 ):
     system = pushed_vehicle(0)
@@ -70,17 +63,12 @@ def test_a_driven_direction_that_depends_on_the_state_is_taken_at_the_estimate_b
 # --- what hardly shows ----------------------------------------------------------------------------
 
 
-def _weak(name: str, seed: int) -> System:
-    rank = 1 if name == "ulise" else 2
-    return unknown_input_system(seed, name in ("kf-umv-ui", "ulise"), p=4, q=2, rank=rank)
-
-
 CORRELATED = np.array([[1.0, 0.3], [0.3, 0.2]])
 """A covariance of two inputs, of which some directions show well and others hardly."""
 
 
 @pytest.mark.parametrize("name", ["kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise"])
-def test_what_hardly_shows_is_estimated_as_by_a_kalman_filter_told_its_prior(name: str):
+def test_a_hardly_observable_input_is_estimated_with_its_prior(name: str):
     """Any measurements missing: d is white and has its prior, but for what shows well."""
     system, steps = unknown_input_system(0, name == "kf-umv-ui", p=4, q=2), 40
     model, root = system.model, np.linalg.cholesky(CORRELATED)
@@ -106,30 +94,7 @@ def test_what_hardly_shows_is_estimated_as_by_a_kalman_filter_told_its_prior(nam
     assert kinds == {0, 1, 2}  # not, hardly, well
 
 
-@pytest.mark.parametrize("name", ["kf-umv-ui", "ekf-ui-wdf", "ulise"])
-def test_in_which_coordinates_an_input_is_told_does_not_matter(name: str):
-    """Other units of each input, and sums of them: measurements missing, too."""
-    system = _weak(name, 1)
-    record = simulate(system, 1, runs=6, steps=25)
-    available = np.random.default_rng(1).random((25, 6, 4)) < 0.7
-    T = np.array([[1e6, 0.0], [5e-4, 1e-3]])
-    back = np.linalg.inv(T)
-    changed = replace(system.model, G=system.model.G @ back, H=system.model.H @ back)
-    plain, told = (
-        track(make(name, model, input_prior=cov), system.rows(6), record, available=available)
-        for model, cov in ((system.model, CORRELATED), (changed, T @ CORRELATED @ T.T))
-    )
-    for one, other in zip(plain, told, strict=True):
-        for given, expected in (
-            (other.mean, one.mean), (other.cov, one.cov),
-            (np.matvec(back, other.input_mean), one.input_mean),
-            (back @ other.input_cov @ back.T, one.input_cov),
-            (back @ other.input_observed @ T, one.input_observed),
-        ):  # fmt: skip
-            assert_close(given, expected, 1e-7)
-
-
-def test_what_ulise_hardly_sees_at_once_it_sees_without_bias_in_the_next_measurement():
+def test_ulise_is_unbiased_one_step_after_a_weak_feedthrough():
     system = unknown_input_system(2, True, p=4, q=2)
     system = replace(system, model=replace(system.model, H=system.model.H * [1.0, 1e-3]))
     d = np.zeros((9, 1, 2))
@@ -143,7 +108,7 @@ def test_what_ulise_hardly_sees_at_once_it_sees_without_bias_in_the_next_measure
     np.testing.assert_allclose(beliefs[5].input_mean[0], d[4, 0], rtol=0, atol=1e-9)
 
 
-def test_feedthrough_may_be_a_function_of_the_known_input_and_of_another_rank_in_every_row():
+def test_feedthrough_may_have_another_rank_in_every_row():
     system, rows = unknown_input_system(0, True, 4, 4, 2, rank=1), 3
     record = simulate(system, 0, rows, 12)
     record.u[..., 0] = np.arange(rows)
@@ -185,7 +150,7 @@ LINEAR, VEHICLE = unknown_input_system(1, True, p=4, q=2), _shaken()
         ("ekf-ui-wdf", VEHICLE, VEHICLE.model, 1e-7),
     ],
 )  # fmt: skip
-def test_with_the_input_as_a_state_filters_without_feedthrough_are_the_one_with_it(
+def test_stacked_filters_without_feedthrough_are_those_with_it(
     name: str, system: System, model: LinearModel | NonlinearModel, tolerance: float
 ):
     """They say of the state what `kf-umv-ui` says of (x, d), and again of d as the past input."""
@@ -214,7 +179,7 @@ def test_with_the_input_as_a_state_filters_without_feedthrough_are_the_one_with_
         lambda table: lambda u: table[u[..., 0].astype(int)],
     ],
 )
-def test_matrices_of_many_rows_or_of_the_known_input_stay_so_with_the_input_as_a_state(
+def test_stacked_matrices_follow_rows_and_known_input(
     way: Callable,
 ):
     models = [unknown_input_system(seed, True, p=4, q=2).model for seed in range(3)]
@@ -226,58 +191,3 @@ def test_matrices_of_many_rows_or_of_the_known_input_stay_so_with_the_input_as_a
             matrix = resolve(getattr(given, name), np.array([i]))
             matrix = matrix[i] if matrix.ndim > 2 else matrix
             np.testing.assert_array_equal(matrix, getattr(expected, name))
-
-
-# --- consistency ----------------------------------------------------------------------------------
-
-
-# --- what a filter refuses ------------------------------------------------------------------------
-
-
-def _functions(**changes: object) -> NonlinearModel:
-    given = {"transition": lambda x, u: x, "measurement": lambda x, u: x, "Q": I2, "R": I2}
-    return NonlinearModel(**{**given, **changes})
-
-
-def _matrices(**changes: object) -> LinearModel:
-    return LinearModel(**{"A": I2, "C": I2, "Q": I2, "R": I2, **changes})
-
-
-# The input drives a state that is not measured; of two inputs one is fed through, and takes up the
-# measurement that would show the other, or does not.
-HIDDEN = _matrices(C=[[1.0, 0.0]], R=[[1.0]], G=[[0.0], [1.0]])
-BLOCKED, FREE, H = [[0.0, 1.0], [0.0, 0.0]], [[0.0, 0.0], [0.0, 1.0]], [[1.0, 0.0], [0.0, 0.0]]
-RANK = "rank(H) + rank(C2 G2)"
-ADVICE = (
-    ": measure the input, or a state that it drives directly, by a measurement that no other"
-    " unknown input disturbs"
-)
-
-
-@pytest.mark.parametrize(
-    ("name", "model", "needs"),
-    [
-        ("ukf-umv", _matrices(G=np.ones((2, 1)), H=lambda u: np.zeros((2, 1))), "H = 0 (no feed"),
-        ("ekf-ui-wdf", HIDDEN, "rank(C G) = 1 unknown input, got 0: measure a state that each"),
-        ("ukf-umv", _functions(G=np.ones((2, 2))), "rank(C G) = 2 unknown inputs, got 1: "),
-        ("ulise", HIDDEN, f"{RANK} = 1 unknown input, got 0{ADVICE}"),
-        (
-            "ulise",
-            _matrices(G=np.stack([FREE, BLOCKED]), H=H),
-            f"{RANK} = 2 unknown inputs, got 1{ADVICE}",
-        ),
-    ],
-)
-def test_a_model_whose_input_no_measurement_could_show_is_refused_in_a_sentence(
-    name: str, model: LinearModel | NonlinearModel, needs: str
-):
-    with pytest.raises(ValueError, match=rf"^{name} needs {re.escape(needs)}[^\n]*$"):
-        make(name, model)
-    assert make("ulise", _matrices(G=FREE, H=H)).input_delay == 1
-
-
-def test_a_model_without_feedthrough_of_what_acts_now_has_no_input_to_be_a_state():
-    late = _matrices(G=np.ones((2, 1)), delayed_feedthrough=True)
-    for model in (_matrices(), _functions(), late):
-        with pytest.raises(ValueError, match=r"^stacked needs an unknown input"):
-            stacked(model)

@@ -12,7 +12,7 @@ S = settings("corvette")
 
 
 @pytest.mark.parametrize("simulation", SIMULATIONS)
-def test_after_the_update_the_errors_of_heading_and_d_add_up_to_the_noise(simulation: str):
+def test_errors_of_heading_and_d_add_up_to_the_noise(simulation: str):
     """The law by which the updated headings cannot be the printed ones."""
     rng, s, heading = np.random.default_rng(1), SIMULATIONS[simulation], experiment.RECORD
     d, noise = rng.normal(size=SAMPLES), 0.01 * rng.standard_normal((3, SAMPLES, 2))

@@ -13,7 +13,7 @@ DIVE = settings("itsunusa")["trial"]
 
 
 @pytest.mark.parametrize("case", ["own step", "printed step", "itsunusa"])
-def test_truth_and_measurements_have_the_noise_that_the_filter_assumes(case: str):
+def test_truth_and_measurements_have_the_assumed_noise(case: str):
     own, integrated, place, goal = True, segorogeni.positions, segorogeni._PLACE, TRIAL.goal
     if case == "itsunusa":
         dive, integrated, place = itsunusa.dive(DIVE, 4), itsunusa.depths, itsunusa._DEPTH
@@ -33,7 +33,7 @@ def test_truth_and_measurements_have_the_noise_that_the_filter_assumes(case: str
         np.testing.assert_allclose(end, goal, atol=0.2 if case == "itsunusa" else 1e-6)
 
 
-def test_the_published_square_root_keeps_the_second_moments_about_the_analysis_and_moves_the_mean():
+def test_the_published_square_root_moves_the_mean():
     """By about a quarter of the spread at ten members, root mean square over runs and components."""
     model = LinearModel(A=np.eye(3), C=np.eye(2, 3), Q=np.eye(3), R=np.eye(2))
     published, symmetric = (

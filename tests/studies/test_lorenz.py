@@ -22,7 +22,7 @@ CASES = [
 # seed, were within 8 % with standard deviations of at most 4 %.)
 @pytest.mark.slow
 @pytest.mark.parametrize(("row", "name"), CASES)
-def test_the_filter_is_as_good_as_published_and_not_suspiciously_better(row: Benchmark, name: str):
+def test_the_filter_is_as_good_as_published_and_no_better(row: Benchmark, name: str):
     # long enough here, as the start is no worse than the errors that follow
     short = replace(row.setting, burn_in=min(row.setting.burn_in, 100))
     cycles = 100 if row.reported_only else 200

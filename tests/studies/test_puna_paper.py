@@ -18,7 +18,7 @@ def test_a_taut_string_has_the_length_and_headings_of_geometry(side: float):
     np.testing.assert_allclose(headings, [-side * angle, side * angle])
 
 
-def test_the_figures_words_are_the_shortest_only_where_the_page_says():
+def test_words_of_figures_are_shortest_where_the_page_says():
     best = {name: min(of, key=of.get) for name, of in puna.open_case(PATHS).items()}
     assert [name for name, word in best.items() if word == "RSR"] == ["from the x axis"]
     _, _, whole, detour, *_ = puna.obstructed_case(PATHS).values()
@@ -32,7 +32,7 @@ def test_strings_round_the_obstacle_have_the_lengths_of_errata():
     assert (srs, sls) == pytest.approx((410.667, 404.963), abs=5e-4)
 
 
-def test_scaling_q_and_r_together_scales_errors_by_the_root_and_measuring_all_is_better():
+def test_errors_scale_with_the_root_of_q_and_r():
     process, measurement = np.outer([0.03, 1.5], [0.001, 3.0, 0.03, 0.03])
     sizes = {"members": [50], "runs": 4, "seed": 0, "steps": 100, "swing": 2.0, "period": 1.0}
     whole, small, alone = (

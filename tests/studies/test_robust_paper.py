@@ -12,7 +12,7 @@ MODEL = robust.discretised([robust.draw(seed) for seed in range(1, 61)])
 
 
 @pytest.mark.parametrize("error", [0.1, 0.8])
-def test_systems_are_stable_as_the_recipe_says_and_mistaken_ones_off_by_just_the_error(
+def test_systems_are_stable_and_mistaken_ones_off_by_the_error(
     error: float,
 ):
     rng = np.random.default_rng(0)
@@ -25,7 +25,7 @@ def test_systems_are_stable_as_the_recipe_says_and_mistaken_ones_off_by_just_the
 
 
 @pytest.mark.parametrize("tolerance", [0.0, 0.01, 0.1, 0.3])
-def test_from_natures_own_start_the_error_of_the_robust_filter_ends_as_large_as_it_claims(
+def test_worst_case_error_of_the_robust_filter_is_what_it_claims(
     tolerance: float,
 ):
     """The saddle point. Fifty inverses, some ill-conditioned, cost digits in a few systems."""
@@ -44,7 +44,7 @@ def test_from_natures_own_start_the_error_of_the_robust_filter_ends_as_large_as_
 
 
 @pytest.mark.slow
-def test_each_filter_wins_on_its_own_ground_and_loses_elsewhere_over_many_systems():
+def test_each_filter_wins_on_its_own_ground_and_loses_elsewhere():
     """The direction of the main results, by three standard errors over systems."""
 
     def margin(name: str, condition: Condition, systems: int = 60, *length: int) -> float:

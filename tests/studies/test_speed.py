@@ -32,9 +32,7 @@ def test_blocks_take_turns_and_every_other_round_goes_backwards():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "rows"), [("SigmaCorvette-v0", 0), ("PunaUAV-v0", 3)])
-def test_a_block_has_the_steps_that_are_counted_no_end_and_parts_that_are_all_of_it(
-    env_id: str, rows: int
-):
+def test_a_block_has_its_steps_no_end_and_parts_that_add_up(env_id: str, rows: int):
     flight = Flight(env_id, rows)
     assert flight() > 0.0
     core = flight.env.unwrapped.core

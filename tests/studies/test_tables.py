@@ -59,7 +59,7 @@ def test_a_command_writes_the_headings_and_labels_of_its_page(
     assert {len(row) for row in found} == {len(row) for row in page}
 
 
-def test_a_cell_is_a_mean_or_how_far_an_arm_is_below_another_or_over_it(
+def test_a_cell_is_a_mean_or_a_difference_of_two_arms(
     monkeypatch: pytest.MonkeyPatch,
 ):
     values = {"a": np.array([1.0, 3.0]), "b": np.array([2.0, 8.0])}
@@ -101,7 +101,7 @@ def test_a_constant_of_the_score_is_changed_alone(monkeypatch: pytest.MonkeyPatc
     assert (dear < usual).all()
 
 
-def test_worlds_in_which_signs_hold_change_or_are_not_decided_are_named(
+def test_worlds_in_which_a_sign_changes_are_named(
     monkeypatch: pytest.MonkeyPatch,
 ):
     means = {"kf-umv-ui": 0.55, "ekf-waves": 0.6, "ekf": 0.5, "huber-kf": 0.52,
@@ -148,7 +148,7 @@ def study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "mine"
 
 
-def test_a_study_of_suites_says_how_estimators_score_and_where_they_differ(study: str):
+def test_a_study_of_suites_says_where_estimators_differ(study: str):
     rows = {row[0]: row[1:] for row in cells(results.by_suite(study, CORVETTE, "rough"))[1:]}
     assert [*rows][-1] == "`dead-reckoning`"
     # Student's, two degrees of freedom, of 18 intervals at once: 18.93 x 0.1 / sqrt(3)
@@ -163,7 +163,7 @@ def test_a_study_of_suites_says_how_estimators_score_and_where_they_differ(study
     assert told.startswith("The truth has the highest mean in 3 of 3 columns. Beyond chance above")
 
 
-def test_the_headline_has_what_the_best_filter_and_held_measurements_lose(study: str):
+def test_the_headline_has_losses_of_best_filter_and_measurements(study: str):
     path = results.ROOT / "results" / study / "results.parquet"
     frame = pd.read_parquet(path)
     frame.assign(condition=frame.condition.str.removeprefix("rough, ")).to_parquet(path)

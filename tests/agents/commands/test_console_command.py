@@ -113,15 +113,6 @@ def shell(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.slow
-def test_agents_package_of_user_does_not_break_command(own: Path):
-    done = shell(own, "-m", "vessel_gym", "evaluate", "--episodes", "0")
-    assert (done.returncode, done.stderr) == (
-        2,
-        "error: --episodes must be from 1 to 2147483647, got 0\n",
-    )
-
-
 @pytest.mark.parametrize("file", ["estimators.py", "estimators/__init__.py"])
 def test_estimators_module_of_user_is_named(own: Path, file: str):
     (own / file).parent.mkdir(exist_ok=True)

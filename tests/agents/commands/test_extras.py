@@ -18,7 +18,7 @@ from agents.commands import ablate, watch
 from agents.commands import train as train_command
 from agents.commands.console import command
 from scripts import reproduce
-from vessel_gym.extras import EXTRAS, require
+from vessel_gym.extras import EXTRAS
 
 ROOT = Path(__file__).parents[3]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -128,18 +128,3 @@ def test_command_without_its_extra_says_what_to_type(
     assert stop.value.code == 2
     assert re.search(sentence(module, name), capsys.readouterr().err)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_module_that_cannot_even_be_looked_for_is_missing_too(monkeypatch: pytest.MonkeyPatch):
-    class Forbidding:
-        @staticmethod
-        def find_spec(name: str, path: Any = None, target: Any = None) -> None:
-            if name == "imageio_ffmpeg":
-                raise ImportError(name)
-
-    for name in [name for name in sys.modules if name.partition(".")[0] == "imageio_ffmpeg"]:
-        monkeypatch.delitem(sys.modules, name)
-    require("imageio_ffmpeg")
-    monkeypatch.setattr(sys, "meta_path", [Forbidding, *sys.meta_path])
-    with pytest.raises(ModuleNotFoundError, match=sentence("imageio_ffmpeg", "render")):
-        require("imageio_ffmpeg")

@@ -2,7 +2,6 @@
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -69,31 +68,3 @@ def test_the_same_episodes_are_flown_in_any_surroundings(tmp_path: Path, surroun
     printed = (done.stdout + done.stderr).decode(variables.get("PYTHONIOENCODING", "utf-8"))
     assert (done.returncode, "Traceback" in printed) == (status, False)
     assert re.search(words, printed, re.DOTALL)
-
-
-@pytest.mark.slow
-def test_read_only_packages_suffice_without_a_cache(tmp_path: Path):
-    site, work = tmp_path / "site", tmp_path / "work"
-    work.mkdir()
-    for name in ("estimators", "vessel_gym", "agents"):
-        shutil.copytree(ROOT / name, site / name, ignore=shutil.ignore_patterns("__pycache__"))
-        (site / name / "__pycache__").touch()  # root writes where nobody may, but not into a file
-    files = {each: each.stat().st_mtime_ns for each in [site, *site.rglob("*")]}
-    for each in files:
-        each.chmod(0o555)
-    caches = {
-        name: str(work / "none")
-        for name in ("HOME", "XDG_CACHE_HOME", "VESSEL_GYM_CACHE", "NUMBA_CACHE_DIR")
-    }
-    (work / "none").touch()
-    done = subprocess.run(
-        [sys.executable, "-m", "vessel_gym", "evaluate", "ThesisCorvette-v0", "--episodes", "1"], cwd=work,
-        env=os.environ | caches | {"PYTHONPATH": str(site), "PYTHONUTF8": "1", "PYTHONDONTWRITEBYTECODE": "1"},
-        capture_output=True, encoding="utf-8",
-    )  # fmt: skip
-    for each in files:
-        each.chmod(0o755)
-    assert (done.returncode, "Traceback" in done.stderr) == (0, False), done.stderr
-    assert re.search(TABLE, done.stdout)
-    assert {each: each.stat().st_mtime_ns for each in [site, *site.rglob("*")]} == files
-    assert [each.name for each in work.iterdir()] == ["none"]

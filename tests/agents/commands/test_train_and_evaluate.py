@@ -11,7 +11,6 @@ import agents
 import agents.training.algorithms
 from agents import rollout
 from agents.commands import evaluate, train
-from agents.commands.console import command
 from agents.policies.checkpoint import description, packaged
 from agents.refusal import Refusal
 from agents.seeds import tuning_seeds
@@ -94,12 +93,3 @@ def test_the_table_names_its_world_and_what_errors_are_of(capsys: pytest.Capture
     printed = " ".join(capsys.readouterr().out.split())
     assert "episodes: 1, disturbance=calm" in printed
     assert "│ Position error, RMS [m] │" in printed
-
-
-def test_an_interrupted_command_ends_quietly():
-    def interrupted() -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(SystemExit) as stop:
-        command(interrupted, [])
-    assert stop.value.code == 130

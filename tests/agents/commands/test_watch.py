@@ -1,7 +1,6 @@
 """`vessel-gym watch` writes pictures and films, and refuses in one sentence what the machine cannot write."""
 
 from pathlib import Path
-from types import SimpleNamespace
 
 import gymnasium as gym
 import imageio.v3 as iio
@@ -109,13 +108,3 @@ def test_missing_permission_or_full_disk_is_one_sentence(
     assert run("--out", str(tmp_path / "turn.png")) == 2
     assert f"{error.strerror}\n" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
-
-
-def test_a_page_says_which_episode_it_shows(tmp_path, monkeypatch, capsys):
-    page = SimpleNamespace(
-        page={"conditions": ["rough sea", "seed 7"]}, scores={"kf": 0.5}, save=lambda out: None
-    )
-    monkeypatch.setattr(agents, "episode", lambda *arguments: page)
-    out = tmp_path / "page.html"
-    assert run("--out", str(out)) == 0
-    assert capsys.readouterr().out == f"wrote {out}, seed 7, score 0.500 on kf\n"

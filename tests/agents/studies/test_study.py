@@ -258,6 +258,7 @@ ONE = "[environments]\nSigmaCorvette-v0 = {}\n"
         ('[estimators]\nkf = { estimator = "ekf" }', "the name 'kf' is taken"),
         ('[conditions]\na = { environments = ["SigmaCorvette-v0"] }', "the first condition is that of trainings"),
         ('[agents]\na = { kind = "ppo", flown_on = ["default"] }', "unknown estimator 'default'"),
+        ('\n"vessel_gym:SigmaCorvette-v0" = {}', "are one environment: leave one of them out"),
         ("[estimators]\n'' = { estimator = 'ekf' }", "names of estimators must be text in a line, got ''"),
         ("[estimators]\nekf = { environments = [] }", "environments must be a list of names, one or more"),
         ('[agents]\nautopilot = { kind = "ppo" }', "the name 'autopilot' is taken: give this 'ppo' another one"),
@@ -272,17 +273,6 @@ def test_silent_change_of_study_is_refused_with_line(tmp_path, line, words):
     found = mistakes(tmp_path, f"{ONE}{line}\n")
     assert (4, True) in [(number, words in text) for number, text in found], found
     assert all(number == 4 and "\n" not in text for number, text in found)
-
-
-def test_one_environment_under_two_names_is_refused(tmp_path):
-    (found,) = mistakes(tmp_path, ONE + '"vessel_gym:SigmaCorvette-v0" = {}\n')
-    assert found == (
-        3,
-        (
-            "SigmaCorvette-v0 and vessel_gym:SigmaCorvette-v0 are one environment: leave one of"
-            " them out"
-        ),
-    )
 
 
 def test_agent_that_cannot_be_trained_is_left_out(tmp_path):

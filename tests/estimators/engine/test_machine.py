@@ -68,7 +68,7 @@ def start(
 
 
 @pytest.mark.slow
-def test_objects_serve_other_processes_and_two_that_compile_at_once_agree(tmp_path: Path):
+def test_objects_serve_other_processes_that_compile_at_once(tmp_path: Path):
     both = [start(tmp_path) for _ in range(2)]
     one, other = (each.communicate() for each in both)
     assert one[0]
@@ -85,7 +85,7 @@ def test_objects_serve_other_processes_and_two_that_compile_at_once_agree(tmp_pa
 
 
 @pytest.mark.parametrize("damage", ["none", "half", "bit", "version"])
-def test_an_object_that_is_damaged_or_of_another_engine_is_compiled_anew(
+def test_a_damaged_or_foreign_object_is_compiled_anew(
     damage: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     function, x = fresh(), np.ones((1, 3))
@@ -127,9 +127,7 @@ def test_a_folder_that_others_can_write_to_is_not_used(
     assert machine._own(tmp_path) is None
 
 
-def test_a_folder_that_cannot_be_written_costs_time_and_nothing_else(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_a_read_only_cache_folder_costs_only_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(machine, "folder", lambda: str(tmp_path / "missing"))
     assert np.isfinite(fresh()(np.ones((1, 3)))).all()
     assert not (tmp_path / "missing").exists()
@@ -176,7 +174,7 @@ def test_objects_that_nobody_has_used_for_long_are_removed(tmp_path: Path):
 @pytest.mark.skipif("x86_64" not in machine._processor()[1], reason="of processors of this family")
 @pytest.mark.parametrize("optimised", [False, True])
 @pytest.mark.parametrize("name", ["x86-64", "x86-64-v3", machine._processor()[2]])
-def test_a_processor_with_less_and_a_compiler_with_more_effort_give_the_same_bits(
+def test_processors_and_compiler_effort_do_not_change_the_bits(
     name: str, optimised: bool, monkeypatch: pytest.MonkeyPatch
 ):
     if name == "x86-64-v3" and "+avx2" not in machine._processor()[3]:

@@ -133,7 +133,7 @@ def waves(x: Any) -> tuple[Any, ...]:
 
 
 @pytest.mark.parametrize("entries", [1, 3, 8, 13, 24])
-def test_a_function_along_rows_is_that_of_each_entry_and_has_its_instructions_once(entries: int):
+def test_a_function_along_rows_has_its_instructions_once(entries: int):
     x = 2.0 * np.random.default_rng(entries).normal(size=(21, 2 * entries))
     function = compiled(waves)
     for found, expected in zip(function(x), waves(x), strict=True):
@@ -187,7 +187,7 @@ def _scaled(factor: float, x: np.ndarray) -> np.ndarray:
     return factor * x
 
 
-def test_methods_and_functions_are_compiled_for_their_object_copied_and_pickled():
+def test_methods_are_compiled_for_their_object_and_its_copies():
     x = np.ones((2, 3))
     soft, hard = Spring(1.0), Spring(5.0)
     assert_array_equal(soft.force(x), -x)
@@ -222,7 +222,7 @@ def test_what_cannot_be_traced_raises_a_sentence(function: Any, sentence: str):
         compiled(function)(np.ones(2))
 
 
-def test_a_call_that_is_refused_leaves_nothing_that_the_next_one_would_use():
+def test_a_refused_call_leaves_nothing_for_the_next():
     function = compiled(lambda x, u: 2.0 * x + u[..., :1], axes=(1, 1))
     with pytest.raises(ValueError, match="broadcast"):
         function(np.ones((2, 3)), np.ones((4, 1)))
