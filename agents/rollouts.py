@@ -42,6 +42,8 @@ class Rollout:
         env: The (closed) vector environment, for its system and spaces.
         scenario: ``(N, k)`` scenarios that the task has drawn; None for an environment of another
             package.
+        constants: ``(N, e)`` constants that the disturbance has drawn; None for such an
+            environment.
     """
 
     env_id: str
@@ -54,6 +56,7 @@ class Rollout:
     history: Arrays
     env: Any
     scenario: Any
+    constants: Any
 
     @cached_property
     def core(self) -> Any:
@@ -110,11 +113,13 @@ def rollout(
         start = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
         core: Any = getattr(env.unwrapped, "core", None)
         scenario = core and core.now.scenario
+        constants = core and core.now.episode_constants
         frame: Any = partial(_frame, core, ensembles) if record else lambda info: {}
         scored = not record and type(env).step is VesselVectorEnv.step
         step = env.step_without_info if scored else env.step  # type: ignore[attr-defined]
         flown = _flown(env, step, flyer, *start, frame)
-    return Rollout(env_id, np.array(seeds), env=env, scenario=scenario, **flown)
+    drawn = {"scenario": scenario, "constants": constants}
+    return Rollout(env_id, np.array(seeds), env=env, **drawn, **flown)
 
 
 def _flown(

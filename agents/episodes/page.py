@@ -20,7 +20,7 @@ from vessel_gym.rendering.surroundings import Surroundings
 
 FRAMES = 1500
 """Moments that a page holds at most; of a longer one it holds every second, third and so on."""
-SCRIPTS = ("data", "canvas", "plan", "space", "charts", "controls")
+SCRIPTS = ("data", "canvas", "plan", "space", "charts", "sea", "controls")
 """Files of the page's own script, in the order in which they are joined."""
 
 

@@ -14,7 +14,7 @@ from agents.seeds import evaluation_seeds
 from agents.wrapped import core_of
 from estimators.checks import short_repr
 from vessel_gym import checks
-from vessel_gym.rendering.scene import Chart, Scene, Series, ambients
+from vessel_gym.rendering.scene import Chart, Scene, Series, ambients, waves_of
 from vessel_gym.rendering.surroundings import surroundings_of
 
 COMPARED = ("ekf", "enkf", "dead-reckoning", "truth")
@@ -153,6 +153,7 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
         "located": False,
         "focus": [],
         "scene": None,
+        "waves": None,
     }
     if not ours:
         page["flights"] = [
@@ -172,6 +173,7 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
             for (name, unit, _), axis in zip(first.words, first.axes.tolist(), strict=True)
         ],
         "scene": drawn(around, [scene.true for scene in scenes]),
+        "waves": packed(waves_of(core, flown[0].constants[0])),
         "flights": [_flight(*each, every) for each in zip(flown, names, scenes, strict=True)],
     }
 

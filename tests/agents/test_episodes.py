@@ -49,6 +49,19 @@ def unpacked(packing: dict[str, Any]) -> np.ndarray:
     return np.frombuffer(base64.b64decode(packing["float32"]), "<f4").reshape(packing["shape"])
 
 
+def test_a_page_shows_the_waves_that_the_episode_drew(flown: tuple[str, Episode]):
+    env_id, compared = flown
+    waves = data(compared.html())["waves"]
+    if env_id != SHIP:
+        assert waves is None
+        return
+    env = gym.make(env_id, **BRIEF).unwrapped
+    env.reset(seed=3)
+    w, _, kx, ky = np.split(env.core.now.episode_constants[0][:96], 4)
+    expected = np.arctan2(ky, kx), w / (2.0 * np.pi)
+    np.testing.assert_allclose(unpacked(waves), expected, rtol=1e-6)
+
+
 def test_a_page_holds_what_was_flown(flown: tuple[str, Episode]):
     env_id, compared = flown
     page = data(compared.html())

@@ -107,6 +107,22 @@ def ambients(core: Core, history: dict[str, np.ndarray]) -> list[Ambient]:
     return found
 
 
+def waves_of(core: Core, constants: np.ndarray) -> np.ndarray | None:
+    """Directions [rad from north] to which the waves of an episode run, and frequencies [Hz].
+
+    The shape is ``(2, n)``; None if the disturbance has no waves.
+
+    Args:
+        core: Core of the environment.
+        constants: Constants of the disturbance ``(e,)`` that the episode has drawn.
+    """
+    disturbance = core.config.world.disturbance
+    if not isinstance(disturbance, Seaway | SurfaceWater):
+        return None
+    w, _, kx, ky = disturbance.waves.constants(constants)
+    return np.stack([np.arctan2(ky, kx), w / (2.0 * np.pi)])
+
+
 class Components:
     """Estimated components of the vehicle's state, in displayed units.
 
