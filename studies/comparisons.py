@@ -9,8 +9,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from agents import rollout
-from agents.metrics import scores
+from agents.metrics import nees_of, scores
 from agents.policies.checkpoint import description, packaged
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import system_of
@@ -173,6 +175,30 @@ def turns(sea: str, other: str) -> str:
     rows = [of.format(other=other) for of in SETTINGS["turns"]["rows"]]
     still = {"assuming no current": assuming(replace(believed, current=0.0))}
     return comparison("turns", rows=rows, variants=VARIANTS | still, disturbance=sea)
+
+
+COMPONENTS = {
+    "position": ("x", "y"), "heading": ("psi",), "current": ("current north", "current east"),
+    "surge": ("u",), "sway": ("v",), "yaw rate": ("r",),
+}  # fmt: skip
+"""States of the corvette whose NEES is shown together."""
+
+
+def consistency(begin: float = 60.0) -> str:
+    """NEES by components of the corvette's filters, from a time [s] on."""
+    lines = []
+    for sea in ("moderate", "rough"):
+        for name in ("kf-umv-ui", "ekf-waves", "ekf"):
+            options = {"estimator": name, "disturbance": sea}
+            flown = rollout("autopilot", CORVETTE, evaluation_seeds(EPISODES), options)
+            late = np.arange(len(flown.alive)) * flown.config.system.vehicle.dt > begin
+            counted = flown.alive & late[:, None]
+            found = [
+                np.asarray(nees_of(flown, *names))[counted] / len(names)
+                for names in COMPONENTS.values()
+            ]
+            lines.append([f"{sea}, `{name}`", *(number(values, 2) for values in found)])
+    return table(["NEES/n", *COMPONENTS], lines)
 
 
 def compass() -> str:
