@@ -9,6 +9,7 @@ from agents.seeds import evaluation_seeds
 
 ELSEWHERE = {
     "engine",
+    "recipes/capytaine",
     "recipes/error-state",
     "recipes/several-models",
     "studies",

@@ -203,11 +203,24 @@ def product(matrix: np.ndarray, x: np.ndarray, onto: np.ndarray) -> np.ndarray:
     return np.stack(rows, -1) if rows else onto
 
 
-def interpolated(table: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Linear interpolation between the rows of a table ``(k, ...)`` at indices ``at (...)``."""
-    i = np.minimum(np.floor(at), len(table) - 2.0)
-    low, high = lookup(table, i), lookup(table, i + 1.0)
-    return low + (at - i if table.ndim == 1 else (at - i)[..., None]) * (high - low)
+def interpolated(table: np.ndarray, *at: np.ndarray) -> np.ndarray:
+    """Multilinear interpolation in a table at indices ``(...)`` along each of its first axes.
+
+    Args:
+        table: Numbers ``(k1, ..., kn)``, or rows ``(k1, ..., kn, m)``.
+        at: Indices along the n axes.
+    """
+    sizes, row = table.shape[: len(at)], table.shape[len(at) :]
+    low = [np.minimum(np.floor(x), max(k - 2.0, 0.0)) for x, k in zip(at, sizes, strict=True)]
+    corners = [low[0], low[0] + 1.0]
+    for i, k in zip(low[1:], sizes[1:], strict=True):
+        corners = [each * k + (i + more) for each in corners for more in (0.0, 1.0)]
+    values = [lookup(table.reshape(-1, *row), each) for each in corners]
+    for x, i in zip(reversed(at), reversed(low), strict=True):
+        share = (x - i)[..., None] if row else x - i
+        pairs = zip(values[::2], values[1::2], strict=True)
+        values = [near + share * (far - near) for near, far in pairs]
+    return values[0]
 
 
 def advance(

@@ -66,10 +66,8 @@ def components(drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def response(sea: Seaway, w: np.ndarray, beta: np.ndarray, speed: float) -> np.ndarray:
     """Sway velocity and yaw rate per metre of waves, means over a step, and the roll moment to hold ``(..., 3)``."""
     half = 0.5 * sea.dt * encounter_frequency(w, beta, speed)
-    loads = wave_loads(SHIP, w, beta)[..., 2:]
-    whole = np.concatenate([wave_response(SHIP, w, beta, speed), loads], -1)
-    mean = np.sinc(half / np.pi)
-    return np.stack([mean, mean, 1.0 / mean], -1) * np.exp(1j * half)[..., None] * whole
+    mean, motion = np.sinc(half / np.pi), wave_response(SHIP, w, beta, speed)
+    return np.stack([mean, mean, 1.0 / mean], -1) * np.exp(1j * half)[..., None] * motion
 
 
 @pytest.mark.parametrize("speed", [7.0, 15.4])
@@ -98,7 +96,7 @@ def test_waves_from_the_other_side_mirror_the_response(speed):
     w, beta = np.linspace(0.2, 3.0, 60)[:, None], np.linspace(0.0, np.pi, 37)
     for answer in (wave_response, wave_loads):
         one, other = answer(SHIP, w, beta, speed), answer(SHIP, w, -beta, speed)
-        assert np.abs(one + other).max() <= 1e-12 * np.abs(one).max()
+        assert (np.abs(one + other) <= 1e-12 * np.abs(one).max((0, 1))).all()
 
 
 # RMS yaw rate [mrad/s] at 15.4 m/s in a moderate sea, by direction of the waves minus heading.
@@ -278,7 +276,7 @@ def test_bands_carry_the_yaw_of_the_whole_spectrum():
             yaw = np.abs(response(sea, w, theta - psi, 12.0)[..., 1])
             whole = np.sqrt((energy * yaw**2).sum())
             assert sea.yaw_rate(psi, 12.0, sea.dt) == pytest.approx(whole, rel=1e-9)
-            bands = np.abs(sea.modelled.response(psi, 12.0)[..., 1])
+            bands = np.abs(sea.modelled.loadings(psi, 12.0)[..., 1])
             assert np.sqrt((bands**2).sum()) == pytest.approx(whole, rel=0.03)
 
 
@@ -308,7 +306,7 @@ def test_long_waves_carry_a_ship_as_they_carry_the_water(ship, beta):
     w = np.sqrt(GRAVITY * k)
     sway = w * np.sin(beta)
     water = np.array([sway, -1j * k * np.cos(beta) * sway])
-    assert np.abs(wave_response(ship, w, beta, 0.0) / water - 1.0).max() < 0.03
+    assert np.abs(wave_response(ship, w, beta, 0.0)[:2] / water - 1.0).max() < 0.03
     still = 1e-3 * w  # of waves 60 million ship lengths long, in which she is slow to nothing
     carried = wave_response(ship, still, beta, ship.speed)[0] / (still * sway / w)
     assert abs(carried - 1.0) < 0.03
@@ -384,13 +382,14 @@ def test_wave_motion_does_not_depend_on_the_step(ship):
     for w in 2.0 * np.pi / sea.spectrum.period * np.array([0.8, 1.0, 1.35]):
         drawn, state = np.zeros((len(t), 5 * COMPONENTS)), np.zeros((len(t), len(STATE)))
         k, beta = w**2 / GRAVITY, 0.8 * np.pi
-        one = [w, 0.0, k, 0.0, w / k * np.exp(-0.5 * k * ship.draught)]  # of 1 m, to the north
+        # to the north, of the sea's amplitude
+        one = [w, 0.0, k, 0.0, w / k * np.exp(-0.5 * k * ship.draught)]
         drawn[:, ::COMPONENTS] = one
         state[:, 2], state[:, 3] = -beta, ship.speed
         state[:, :2] = np.outer(ship.speed * t, [np.cos(beta), -np.sin(beta)])
         answer = wave_response(ship, w, beta, ship.speed)
         met = encounter_frequency(w, beta, ship.speed)
-        acting = sea.effect_at(drawn, t, np.zeros((len(t), 4)), state)
+        acting = sea.effect_at(drawn, t, np.zeros((len(t), 4)), state) / sea.waves.amplitude
         heading, moved = np.cumsum(acting[:, 0]), sea.dt * np.cumsum(acting[:, -1])
         assert heading.var() == pytest.approx(0.5 * abs(answer[1] / met) ** 2, rel=0.02)
         assert moved.var() == pytest.approx(0.5 * abs(answer[0] / met) ** 2, rel=0.02)

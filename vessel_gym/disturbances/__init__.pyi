@@ -8,3 +8,5 @@ from vessel_gym.disturbances.spectrum import WaveSpectrum as WaveSpectrum
 from vessel_gym.disturbances.spectrum import WaveSystem as WaveSystem
 from vessel_gym.disturbances.water import SurfaceWater as SurfaceWater
 from vessel_gym.disturbances.water import Water as Water
+from vessel_gym.disturbances.wave_response import TabledResponse as TabledResponse
+from vessel_gym.disturbances.wave_response import WaveResponse as WaveResponse

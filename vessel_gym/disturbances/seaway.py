@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine import along, compiled, lookup, sincos
+from estimators.engine import along, compiled, sincos
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.disturbances.disturbance import Disturbance
 from vessel_gym.disturbances.sea import Sea
 from vessel_gym.disturbances.spectrum import WaveSpectrum
+from vessel_gym.disturbances.wave_response import TabledResponse, WaveResponse
 from vessel_gym.disturbances.waves import WaveBands, WaveField
-from vessel_gym.processes import Process, integrated
+from vessel_gym.processes import Process, integrated, interpolated
 from vessel_gym.vehicles.corvette_equations import (
     AROUND,
     STATE,
@@ -22,13 +23,7 @@ from vessel_gym.vehicles.corvette_equations import (
     corvette_rates,
 )
 from vessel_gym.vehicles.equilibrium import root
-from vessel_gym.vehicles.seakeeping import (
-    WaveMotion,
-    encounter_frequency,
-    wave_loads,
-    wave_response,
-    wind_loads,
-)
+from vessel_gym.vehicles.seakeeping import StripTheory, encounter_frequency, wind_loads
 from vessel_gym.vehicles.vehicle import GRAVITY
 
 _REFLECTED = 0.25  # share of the waves' energy that a ship abeam reflects; assumed
@@ -42,12 +37,12 @@ class Seaway(Disturbance):
     """Disturbance of a ship that turns in a sea: first-order wave motion, wind, drift and current.
 
     The waves are a `WaveField` of a `WaveSpectrum`. The ship meets a wave at the frequency
-    ``w - k U cos(beta)``, which is zero or negative if she overtakes it, and responds by the yaw
-    rate and the sway velocity of `wave_response`. These motions are superposed on manoeuvring
-    (Fossen 2021, ch. 10): the yaw rate turns the heading, and the sway velocity shifts the track.
-    The roll moment acts on the ship. Wind (Blendermann 1994, a destroyer) and the drift of
-    reflected waves (Faltinsen 1990) push her to leeward, which positions cannot distinguish from a
-    current.
+    ``w - k U cos(beta)``, which is zero or negative if she overtakes it, and responds by a yaw rate
+    and a sway velocity: those of `wave_response`, or of a `WaveResponse` of your own hull. These
+    motions are superposed on manoeuvring (Fossen 2021, ch. 10): the yaw rate turns the heading, and
+    the sway velocity shifts the track. The roll moment acts on the ship. Wind (Blendermann 1994, a
+    destroyer) and the drift of reflected waves (Faltinsen 1990) push her to leeward, which
+    positions cannot distinguish from a current.
 
     The current carries the ship and the waves, whose field is at rest in the water. The wind is
     given relative to the ground. Its force follows from the wind relative to the ship, which the
@@ -58,9 +53,10 @@ class Seaway(Disturbance):
     waves [m/s].
 
     Raises:
-        ValueError: for a number out of range, or a depth, as shallow water is not modelled.
-        TypeError: for a ship that is no `CorvetteParameters`, or a spectrum that is no
-            `WaveSpectrum`.
+        ValueError: for a number out of range, a depth, as shallow water is not modelled, or a
+            response that lacks frequencies at which the sea has energy.
+        TypeError: for a ship that is no `CorvetteParameters`, a spectrum that is no `WaveSpectrum`,
+            or a response that is no `WaveResponse`.
     """
 
     ship: CorvetteParameters
@@ -71,6 +67,7 @@ class Seaway(Disturbance):
     wind_direction: float = 0.0  # direction to which the wind blows, rad from north
     current_time: float = 1000.0  # s
     depth: float | None = None  # of the water; None, as it is deep
+    response: WaveResponse | None = None  # of the ship to waves; None: strip theory
 
     names = ("current north", "current east", "water north", "water east")
     forces = ("yaw increment", *AROUND)
@@ -90,6 +87,15 @@ class Seaway(Disturbance):
         check_numbers("a seaway", vars(self), **kinds)
         if self.depth is not None:
             raise ValueError("a seaway is deep water: leave out its depth")
+        if self.response is not None:
+            instance("response of Seaway", self.response, WaveResponse)
+            low, high = self.spectrum.frequency_at(np.array([0.01, 0.99]))
+            own = self.response.frequency
+            if low < own[0] or high > own[-1]:
+                raise ValueError(
+                    f"response of Seaway must have frequencies from {low:.3g} to {high:.3g} rad/s,"
+                    f" where the sea has energy, got {own[0]:.3g} to {own[-1]:.3g}"
+                )
 
     @cached_property
     def waves(self) -> WaveField:
@@ -117,7 +123,7 @@ class Seaway(Disturbance):
         w, directions, energy = self.spectrum.cells
         beta = directions - np.asarray(heading)[..., None, None]
         half = 0.5 * dt * encounter_frequency(w, beta, np.asarray(speed))
-        yaw = np.sinc(half / np.pi) * np.abs(wave_response(self.ship, w, beta, speed)[..., 1])
+        yaw = np.sinc(half / np.pi) * np.abs(self.hull.motion(w, beta, speed)[..., 1])
         return np.sqrt((energy * yaw**2).sum((-2, -1)))
 
     @cached_property
@@ -130,7 +136,7 @@ class Seaway(Disturbance):
         w, beta = self.spectrum.frequency_at((np.arange(200) + 0.5) / 200.0), _AROUND
         speed = 0.8 * self.ship.speed
         half = 0.5 * self.dt * encounter_frequency(w[:, None], beta, np.asarray(speed))
-        mean = np.sinc(half / np.pi) * wave_response(self.ship, w[:, None], beta, speed)[..., 1]
+        mean = np.sinc(half / np.pi) * self.hull.motion(w[:, None], beta, speed)[..., 1]
         wave = 0.25 * self.spectrum.height * np.sqrt((np.abs(mean) ** 2).mean())
         return Sea(
             wave=max(float(wave), _LEAST / self.dt), peak=2.0 * np.pi / self.spectrum.period,
@@ -170,13 +176,11 @@ class Seaway(Disturbance):
     def draw(self, uniforms: np.ndarray) -> np.ndarray:
         """Constants of an episode's waves ``(..., 5 n)``.
 
-        They are those of `WaveField.draw`, and the orbital velocity at half the ship's draught by
-        wave number of each component [m2/s].
+        They are those of `WaveField.draw`, and the constant of the ship's response by frequency.
         """
         drawn = self.waves.draw(uniforms)
-        w = drawn[..., : WaveField.components]
-        decay = np.exp((-0.5 * self.ship.draught / GRAVITY) * w * w)
-        return np.concatenate([drawn, self.waves.amplitude * GRAVITY / w * decay], -1)
+        of_ship = along(lambda w: [self.hull.frequency_constant(w)], self.waves.constants(drawn)[0])
+        return np.concatenate([drawn, *of_ship], -1)
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Components ``(..., 8)`` of the effect, see `Seaway`, without waves."""
@@ -197,21 +201,20 @@ class Seaway(Disturbance):
         continuous time.
         """
         x, y, psi, u = np.moveaxis(state[..., :4], -1, 0)
-        hull, (sin_psi, cos_psi) = self._hull.at(u), sincos(psi)
+        hull, (sin_psi, cos_psi) = self.hull.at(u), sincos(psi)
         north, east = x - z[..., 2], y - z[..., 3]
 
-        def moved(w: Any, phase: Any, kx: Any, ky: Any, velocity: Any) -> list[Any]:
+        def moved(w: Any, phase: Any, kx: Any, ky: Any, of_ship: Any) -> list[Any]:
             ahead, abeam = kx * cos_psi + ky * sin_psi, ky * cos_psi - kx * sin_psi
             met = w - ahead * u
             half = 0.5 * self.dt * met  # half of the phase in a step
             mean = _mean(half)
             sin, cos = sincos(phase + w * time - kx * north - ky * east + half)
-            side = velocity * abeam
-            sway, yaw, roll = hull.moved(w, ahead, met, (side * cos, side * sin))
+            sway, yaw, roll = hull.moved(w, of_ship, ahead, abeam, met, (cos, sin))
             return [mean * sway, mean * yaw, _held(mean) * roll]
 
         waves = *self.waves.constants(drawn), drawn[..., 4 * WaveField.components :]
-        total = [each.sum(-1) for each in along(moved, *waves)]
+        total = [self.waves.amplitude * each.sum(-1) for each in along(moved, *waves)]
         return self._acting(total, z[..., :2], state)
 
     def _acting(
@@ -262,8 +265,11 @@ class Seaway(Disturbance):
         return total
 
     @cached_property
-    def _hull(self) -> WaveMotion:
-        return WaveMotion(self.ship)
+    def hull(self) -> StripTheory | TabledResponse:
+        """Response of the ship to waves."""
+        if self.response is None:
+            return StripTheory(self.ship)
+        return TabledResponse(self.ship, self.response)
 
 
 @compiled
@@ -291,7 +297,7 @@ class BandedSeaway(Seaway):
         """Rotating waves, then the current."""
         return Process.joined(self.bands.process(self.dt), self._current)
 
-    def response(self, heading: np.ndarray, speed: float) -> np.ndarray:
+    def loadings(self, heading: np.ndarray, speed: float) -> np.ndarray:
         """Complex response ``(4, ..., 3)`` to a unit of each wave, averaged over the coming step.
 
         The first axis is the waves of the bands. The last axis is sway velocity [m/s], yaw rate
@@ -308,11 +314,8 @@ class BandedSeaway(Seaway):
             )
             beta = direction - heading
             half = 0.5 * self.dt * encounter_frequency(w, beta, np.asarray(speed))
-            motion = np.concatenate(
-                [wave_response(self.ship, w, beta, speed), wave_loads(self.ship, w, beta)[..., 2:]],
-                -1,
-            )
-            return (np.sinc(half / np.pi) * np.exp(1j * half))[..., None] * motion
+            mean = np.sinc(half / np.pi) * np.exp(1j * half)
+            return mean[..., None] * self.hull.motion(w, beta, speed)
 
         return self.bands.loadings(of_waves)
 
@@ -333,29 +336,20 @@ class BandedSeaway(Seaway):
         return np.stack([*(each for part in parts for each in part), z[..., -2], z[..., -1]], -1)
 
     def _interpolated(self, heading: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """Real and imaginary parts of `response` ``(..., waves * 6)``."""
+        """Real and imaginary parts of `loadings` ``(..., waves * 6)``."""
         turn = heading / (2.0 * np.pi)
-        at = (turn - np.floor(turn)) * _HEADINGS
-        i = np.minimum(np.floor(at), _HEADINGS - 1.0)
         slowest, fastest = _TABLED[[0, -1]] * self.ship.speed
-        to = np.minimum(np.maximum((speed - slowest) / (fastest - slowest), 0.0), 1.0) * (
-            len(_TABLED) - 1
-        )
-        j = np.minimum(np.floor(to), len(_TABLED) - 2.0)
-        f, g, first = (at - i)[..., None], (to - j)[..., None], j * (_HEADINGS + 1) + i
-        near, beside, far, last = (
-            lookup(self._table, first + k) for k in (0, 1, _HEADINGS + 1, _HEADINGS + 2)
-        )
-        response = (1.0 - g) * ((1.0 - f) * near + f * beside)
-        return response + g * ((1.0 - f) * far + f * last)
+        share = np.clip((speed - slowest) / (fastest - slowest), 0.0, 1.0)
+        at = (turn - np.floor(turn)) * _HEADINGS
+        return interpolated(self._table, share * (len(_TABLED) - 1.0), at)
 
     @cached_property
     def _table(self) -> np.ndarray:
-        """Real and imaginary parts of `response` ``(speeds * headings, waves * 6)`` on a grid."""
+        """Real and imaginary parts of `loadings` ``(speeds, headings, waves * 6)`` on a grid."""
         heading = np.linspace(0.0, 2.0 * np.pi, _HEADINGS + 1)
-        response = np.stack([self.response(heading, speed) for speed in _TABLED * self.ship.speed])
+        response = np.stack([self.loadings(heading, speed) for speed in _TABLED * self.ship.speed])
         parts = np.moveaxis(np.concatenate([response.real, response.imag], -1), 1, 2)
-        return parts.reshape(len(_TABLED) * (_HEADINGS + 1), -1)
+        return parts.reshape(*parts.shape[:2], -1)
 
 
 def _held(mean: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators.engine import along, lookup, sincos
+from estimators.engine import along, sincos
 from vessel_gym.checks import check_numbers
 from vessel_gym.disturbances.spectrum import TURN, WaveSpectrum
 from vessel_gym.processes import Process, interpolated
@@ -51,13 +51,13 @@ class WaveField:
 
     @cached_property
     def _directions(self) -> np.ndarray:
-        """Directions [rad] below which shares of the energy run, at frequencies of 65 shares.
+        """Directions [rad] below which shares of the energy run, at frequencies ``(65, 129)``.
 
         The 129 shares ``(1 - cos(angle)) / 2`` lie close where few waves run.
         """
         shares = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, _DIRECTIONS + 1))
         nodes = self._frequencies[:: _FREQUENCIES // _NODES]
-        return np.concatenate([self.spectrum.directions_at(w, shares) for w in nodes])
+        return np.stack([self.spectrum.directions_at(w, shares) for w in nodes])
 
     def draw(self, uniforms: np.ndarray) -> np.ndarray:
         """Constants ``(..., 4 n)`` of an episode, each of all n components.
@@ -77,24 +77,12 @@ class WaveField:
             w = interpolated(self._frequencies, _FREQUENCIES / n * first)
             share = (rank + within) * (1.0 / n)
             place = _DIRECTIONS / np.pi * np.arccos(1.0 - 2.0 * share)
-            theta = self._direction(_NODES / n * first, place)
+            theta = interpolated(self._directions, _NODES / n * first, place)
             sin, cos = sincos(theta)
             k = w * w * (1.0 / GRAVITY)
             return [w, TURN * phase, k * cos, k * sin]
 
         return np.concatenate(along(component, np.arange(n) + first, phases, within, order), -1)
-
-    def _direction(self, node: Any, place: Any) -> Any:
-        """Interpolated directions [rad]."""
-        i = np.minimum(np.floor(node), _NODES - 1.0)
-        row = _DIRECTIONS + 1.0
-        low, high = (self._across(i * row + more, place) for more in (0.0, row))
-        return low + (node - i) * (high - low)
-
-    def _across(self, start: Any, place: Any) -> Any:
-        j = np.minimum(np.floor(place), _DIRECTIONS - 1.0)
-        low, high = (lookup(self._directions, start + j + more) for more in (0.0, 1.0))
-        return low + (place - j) * (high - low)
 
     def phases(
         self, drawn: np.ndarray, time: np.ndarray, north: np.ndarray, east: np.ndarray

@@ -62,42 +62,70 @@ def wave_loads(
     """
     instance("ship of wave_loads", ship, CorvetteParameters)
     frequency, beta, speed = _checked(frequency, beta, speed)
-    k, met = frequency**2 / GRAVITY, encounter_frequency(frequency, beta, np.asarray(speed))
+    return _loads(ship, rest_response(ship, frequency, beta), frequency, beta, speed)
+
+
+def rest_response(ship: CorvetteParameters, frequency: np.ndarray, beta: np.ndarray) -> np.ndarray:
+    """Complex sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] at rest ``(..., 3)``.
+
+    They are per metre of amplitude. A ship at rest moves as the water along her hull does.
+    Arguments as `wave_loads`.
+    """
+    k = frequency**2 / GRAVITY
     X = 0.5 * k * ship.length * np.cos(beta)  # phase between amidships and the end
     even = np.sinc(X / np.pi)
     small = np.abs(X) < 1e-3
     safe = np.where(small, 1.0, X)
     odd = np.where(small, X / 3.0, np.sin(safe) / safe**2 - np.cos(safe) / safe)
     side = np.sin(beta) * np.exp(-0.5 * k * ship.draught)
-    water = frequency[..., None] * np.stack([side * even, -6j / ship.length * side * odd], -1)
+    roll = 1j * ship.mass * GRAVITY * ship.stiffness * k * side * even
+    sway, yaw = frequency * side * even, -6j / ship.length * frequency * side * odd
+    return np.stack([sway, yaw, roll], -1)
+
+
+def _loads(
+    ship: CorvetteParameters, at_rest: np.ndarray, frequency: np.ndarray, beta: np.ndarray,
+    speed: float,
+) -> np.ndarray:  # fmt: skip
+    """`wave_loads` by the response at rest ``(..., 3)``, which is the motion of the water."""
     inertia, body, damping = sway_yaw_matrices(ship, speed)
+    met = encounter_frequency(frequency, beta, np.asarray(speed))
+    water = at_rest[..., :2]
     accelerated = 1j * (
         frequency[..., None] * (water @ body.T) + met[..., None] * (water @ (inertia - body).T)
     )
-    roll = np.asarray(1j * ship.mass * GRAVITY * ship.stiffness * k * side * even)
-    return np.concatenate([accelerated + water @ damping.T, roll[..., None]], -1)
+    return np.concatenate([accelerated + water @ damping.T, at_rest[..., 2:]], -1)
 
 
 def wave_response(
     ship: CorvetteParameters, frequency: np.ndarray, beta: np.ndarray, speed: float
 ) -> np.ndarray:
-    """Complex sway velocity [m/s] and yaw rate [rad/s] per metre of amplitude ``(..., 2)``.
+    """Complex sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] ``(..., 3)``.
 
-    Linear, first-order response of a ship on a straight course, without a pole at an encounter
-    frequency of 0. It is superposed on manoeuvring, Fossen (2021), ch. 10. Arguments as
-    `wave_loads`.
+    They are per metre of amplitude. Linear, first-order response of a ship on a straight course,
+    without a pole at an encounter frequency of 0. It is superposed on manoeuvring, Fossen (2021),
+    ch. 10. Arguments as `wave_loads`.
     """
     instance("ship of wave_response", ship, CorvetteParameters)
     frequency, beta, speed = _checked(frequency, beta, speed)
+    return under_way(ship, rest_response(ship, frequency, beta), frequency, beta, speed)
+
+
+def under_way(
+    ship: CorvetteParameters, at_rest: np.ndarray, frequency: np.ndarray, beta: np.ndarray,
+    speed: float,
+) -> np.ndarray:  # fmt: skip
+    """Response at a speed [m/s] by the response at rest ``(..., 3)``, as `wave_response`."""
+    side, turning, roll = np.moveaxis(_loads(ship, at_rest, frequency, beta, speed), -1, 0)
     inertia, body, damping = sway_yaw_matrices(ship, speed)
     met = encounter_frequency(frequency, beta, np.asarray(speed))
     # with the Coriolis force of the ship's own mass
     moving = damping + speed * np.outer(body[:, 0], [0.0, 1.0])
     parts = zip(moving.flat, inertia.flat, strict=True)
     a, b, c, d = (each + 1j * inertial * met for each, inertial in parts)
-    side, turning, _ = np.moveaxis(wave_loads(ship, frequency, beta, speed), -1, 0)
-    response = np.stack([d * side - b * turning, a * turning - c * side], -1)  # Cramer's rule
-    return response / (a * d - b * c)[..., None]
+    determinant = a * d - b * c  # Cramer's rule
+    sway, yaw = (d * side - b * turning) / determinant, (a * turning - c * side) / determinant
+    return np.stack([sway, yaw, roll], -1)
 
 
 def wind_loads(
@@ -153,8 +181,8 @@ def sway_yaw_matrices(
 
 
 @dataclass(frozen=True, eq=False)
-class WaveMotion:
-    """`wave_response` and roll moment in real numbers, for compiled code, at any speed.
+class StripTheory:
+    """`wave_response` of a ship, and the same response in real numbers for compiled code.
 
     A ship at rest moves as the water along her hull does, ``n = (even, -j odd)``. The response
     solves ``(M + j w_e I) x = (D + j w B + j w_e A) n``. Hence it is ``n + (M + j w_e I)^-1 U c``
@@ -173,6 +201,15 @@ class WaveMotion:
             tabled.append((damping + speed * np.outer(body[:, 0], [0.0, 1.0])).ravel())
         return np.array(tabled)
 
+    def motion(self, frequency: np.ndarray, beta: np.ndarray, speed: float) -> np.ndarray:
+        """Complex response ``(..., 3)``, see `wave_response`."""
+        return wave_response(self.ship, frequency, beta, speed)
+
+    def frequency_constant(self, frequency: np.ndarray) -> np.ndarray:
+        """Orbital velocity at half the draught by amplitude and wave number [m/s]."""
+        decay = np.exp((-0.5 * self.ship.draught / GRAVITY) * frequency * frequency)
+        return GRAVITY / frequency * decay
+
     def at(self, speed: np.ndarray) -> "HullAtSpeed":
         """The ship at speeds ``(...)`` [m/s], with M interpolated between tabled speeds."""
         place = (len(_SPEEDS) - 1) / _SPEEDS[-1] / self.ship.speed * speed
@@ -188,7 +225,7 @@ class WaveMotion:
 
 
 class HullAtSpeed(NamedTuple):
-    """A ship in waves at speeds ``(...)``, see `WaveMotion`."""
+    """A ship in waves at speeds ``(...)``, see `StripTheory`."""
 
     ship: CorvetteParameters
     speed: Any
@@ -196,16 +233,22 @@ class HullAtSpeed(NamedTuple):
     damped: list[list[Any]]  # adj(M) B
     inert: list[list[Any]]  # adj(I) B
 
-    def moved(self, w: Any, k_cos: Any, met: Any, side: tuple[Any, Any]) -> list[Any]:
+    def moved(
+        self, w: Any, orbital: Any, ahead: Any, abeam: Any, met: Any, wave: tuple[Any, Any]
+    ) -> list[Any]:
         """Momentary sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] ``(...)``.
 
         Args:
             w: Frequency of a wave [rad/s].
-            k_cos: Wave number along the hull ``k cos(beta)`` [1/m].
+            orbital: Result of `StripTheory.frequency_constant`.
+            ahead: Wave number along the hull ``k cos(beta)`` [1/m].
+            abeam: Wave number across the hull ``k sin(beta)`` [1/m].
             met: Frequency of encounter [rad/s].
-            side: Velocity of the water to the ship's side amidships [m/s], real and imaginary part.
+            wave: Elevation of the surface amidships [m], real and imaginary part.
         """
-        X = 0.5 * self.ship.length * k_cos  # phase between amidships and the end
+        side = orbital * abeam  # velocity of the water to the ship's side
+        side = side * wave[0], side * wave[1]
+        X = 0.5 * self.ship.length * ahead  # phase between amidships and the end
         X = np.where(np.abs(X) < 1e-6, 1e-6, X)
         sin, cos = sincos(X)
         p, q, s = self.determinants
@@ -216,7 +259,7 @@ class HullAtSpeed(NamedTuple):
         odd = (even - cos) * (over * size) * (6.0 / self.ship.length)
         scale = self.speed * (over * X)
         p, q = p * scale, q * scale
-        real, imaginary = k_cos * odd, odd + k_cos * even
+        real, imaginary = ahead * odd, odd + ahead * even
         met_real, met_imaginary = met * real, met * imaginary
         a, b = side[0] * p + side[1] * q, side[1] * p - side[0] * q  # side U / det
         sway, yaw = (

@@ -1,0 +1,201 @@
+"""Response of your own hull to waves, from a table of complex amplitudes."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimators.checks import finite_array, frozen
+from vessel_gym.processes import interpolated
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
+from vessel_gym.vehicles.seakeeping import HullAtSpeed, StripTheory, under_way
+
+_TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True, eq=False)
+class WaveResponse:
+    """First-order motion of a hull in waves, by frequency, direction and speed.
+
+    The amplitudes are those for a wave ``exp(j (w t - k x))`` of 1 m, which has its crest amidships
+    at t = 0. The motion is the real part of ``amplitude exp(j w_e t)`` with the frequency of
+    encounter w_e. Axes are those of the ship: x forward, y to starboard, z down. The sway velocity
+    and yaw rate are those of a ship that is free to sway and yaw. The roll moment acts about the
+    centre of gravity of this ship while she is upright.
+
+    One speed is enough: `TabledResponse` says what holds between the speeds, and beyond them.
+
+    Attributes:
+        frequency: Increasing frequencies of the waves ``(f,)`` [rad/s], not of encounter, from
+            0.001 up.
+        direction: Increasing directions ``(d,)`` [rad] to which waves run minus the heading; 0 is a
+            following sea. They go in regular steps from 0 to pi, or once around the circle without
+            its end. The motion in waves from the other side of a half circle is the negative.
+        speed: Increasing speeds of the ship ``(s,)`` [m/s].
+        sway: Complex sway velocities ``(f, d, s)`` [m/s] per metre of amplitude.
+        yaw: Complex yaw rates ``(f, d, s)`` [rad/s] per metre of amplitude.
+        roll: Complex roll moments ``(f, d, s)`` [N m] per metre of amplitude.
+
+    Raises:
+        ValueError: for frequencies or speeds that are too low or do not increase, directions other
+            than those above, and amplitudes that are not complex, not finite or of another shape.
+    """
+
+    frequency: np.ndarray
+    direction: np.ndarray
+    speed: np.ndarray
+    sway: np.ndarray
+    yaw: np.ndarray
+    roll: np.ndarray
+
+    def __post_init__(self) -> None:
+        values = {
+            "frequency": _increasing("frequency", self.frequency, 1e-3),
+            "direction": _regular(self.direction),
+            "speed": _increasing("speed", self.speed, 0.0),
+        }
+        shape = tuple(map(len, values.values()))
+        for name in ("sway", "yaw", "roll"):
+            values[name] = _amplitudes(name, getattr(self, name), shape)
+        for name, array in values.items():
+            object.__setattr__(self, name, frozen(array))
+
+    @cached_property
+    def over_a_turn(self) -> tuple[np.ndarray, np.ndarray]:
+        """Directions ``(n,)`` [rad] over a whole turn, and motions in them ``(f, n, s, 3)``."""
+        motion = np.stack([self.sway, self.yaw, self.roll], -1)
+        beta = self.direction
+        if _is_half(beta):
+            beta = np.concatenate([-beta[:0:-1], beta])
+            return beta, np.concatenate([-motion[:, :0:-1], motion], 1)
+        beta = np.append(beta, beta[0] + _TURN)
+        return beta, np.concatenate([motion, motion[:, :1]], 1)
+
+
+@dataclass(frozen=True, eq=False)
+class TabledResponse:
+    """A `WaveResponse` of a ship, whose own equations give the effect of her speed.
+
+    The motion depends much on the speed: that of the corvette at rest has from 0.55 to 1.34 times
+    the RMS yaw rate at 15.4 m/s, by direction of a moderate sea. It also has a sharp peak where the
+    frequency of encounter is near 0. Therefore the equations of `under_way` reduce the table to a
+    response at rest, which is interpolated linearly in real and imaginary parts, and lead back from
+    it. At its entries the table is reproduced. Between its speeds and beyond them the effect of the
+    speed is that of strip theory. If the table is that of a ship at rest, which a panel method
+    gives, this holds at all speeds.
+    """
+
+    ship: CorvetteParameters
+    response: WaveResponse
+
+    @cached_property
+    def _table(self) -> np.ndarray:
+        """Real and imaginary parts of responses at rest ``(f, n, s, 6)``, in all directions."""
+        beta, motion = self.response.over_a_turn
+        w, at_rest = self.response.frequency[:, None], np.empty_like(motion)
+        for i, speed in enumerate(self.response.speed):
+            own = motion[:, :, i]
+            units = [np.broadcast_to(unit, own.shape) for unit in np.eye(3)]
+            moved = [under_way(self.ship, unit, w, beta, speed) for unit in units]
+            at_rest[:, :, i] = np.linalg.solve(np.stack(moved, -1), own[..., None])[..., 0]
+        return np.concatenate([at_rest.real, at_rest.imag], -1)
+
+    def _at_rest(self, row: Any, beta: Any, speed: Any) -> Any:
+        """Real, then imaginary parts of sway velocity, yaw rate and roll moment ``(..., 6)``.
+
+        Args:
+            row: Result of `frequency_constant`.
+            beta: Direction of the waves relative to the heading [rad].
+            speed: Speed of the ship [m/s].
+        """
+        directions, _ = self.response.over_a_turn
+        turns = (beta - directions[0]) / _TURN
+        place = (turns - np.floor(turns)) * (len(directions) - 1.0)
+        return interpolated(self._table, row, place, _index(self.response.speed, speed))
+
+    def motion(self, frequency: np.ndarray, beta: np.ndarray, speed: float) -> np.ndarray:
+        """Complex response ``(..., 3)``, with arguments as `wave_response`."""
+        parts = self._at_rest(self.frequency_constant(frequency), beta, speed)
+        return under_way(self.ship, parts[..., :3] + 1j * parts[..., 3:], frequency, beta, speed)
+
+    def frequency_constant(self, frequency: np.ndarray) -> np.ndarray:
+        """Index ``(...)`` of frequencies [rad/s] among those of the table."""
+        return _index(self.response.frequency, frequency)
+
+    def at(self, speed: np.ndarray) -> "TableAtSpeed":
+        """The response at speeds ``(...)`` [m/s], for compiled code."""
+        return TableAtSpeed(self, StripTheory(self.ship).at(speed))
+
+
+class TableAtSpeed(NamedTuple):
+    """A `TabledResponse` at speeds ``(...)``."""
+
+    table: TabledResponse
+    hull: HullAtSpeed
+
+    def moved(
+        self, w: Any, row: Any, ahead: Any, abeam: Any, met: Any, wave: tuple[Any, Any]
+    ) -> list[Any]:
+        """Momentary sway velocity, yaw rate and roll moment ``(...)``, see `HullAtSpeed.moved`.
+
+        The sum is that of `StripTheory`, where n is the response at rest.
+        """
+        parts = self.table._at_rest(row, np.arctan2(abeam, ahead), self.hull.speed)
+        real = [parts[..., k] * wave[0] - parts[..., k + 3] * wave[1] for k in range(3)]
+        imaginary = [parts[..., k] * wave[1] + parts[..., k + 3] * wave[0] for k in range(2)]
+        c_real = -real[1] - ahead * imaginary[0], -ahead * imaginary[1]
+        c_imaginary = ahead * real[0] - imaginary[1], ahead * real[1]
+        p, q, s = self.hull.determinants
+        p, q = p - s * met * met, q * met
+        over = self.hull.speed / (p * p + q * q)
+        moved = []
+        for m, n in zip(self.hull.damped, self.hull.inert, strict=True):
+            above = _dot(m, c_real) - met * _dot(n, c_imaginary)
+            moved.append((above * p + (_dot(m, c_imaginary) + met * _dot(n, c_real)) * q) * over)
+        return [real[0] + moved[0], real[1] + moved[1], real[2]]
+
+
+def _dot(a: Any, b: Any) -> Any:
+    return a[0] * b[0] + a[1] * b[1]
+
+
+def _index(table: np.ndarray, value: Any) -> Any:
+    """Place of values among increasing numbers, for `interpolated`."""
+    return np.interp(value, table, np.arange(len(table)))
+
+
+def _increasing(name: str, given: object, least: float) -> np.ndarray:
+    values = finite_array(f"{name} of WaveResponse", given, name[0])
+    if not len(values) or values[0] < least or (np.diff(values) <= 0.0).any():
+        raise ValueError(f"{name} of WaveResponse must be numbers from {least:g} up that increase")
+    return values
+
+
+def _regular(given: object) -> np.ndarray:
+    """Directions that go in regular steps over half the circle or around it."""
+    values = finite_array("direction of WaveResponse", given, "d")
+    ends = [] if _is_half(values) else [values[:1] + _TURN]
+    steps = np.diff(np.concatenate([values, *ends]))
+    if len(values) < 3 or steps[0] <= 0.0 or not np.allclose(steps, steps[0], rtol=1e-3):
+        raise ValueError(
+            "direction of WaveResponse must go in regular steps from 0 to pi, or once around the"
+            " circle without its end [rad]"
+        )
+    return values
+
+
+def _is_half(direction: np.ndarray) -> bool:
+    return len(direction) > 0 and np.allclose(direction[[0, -1]], [0.0, np.pi], atol=1e-3)
+
+
+def _amplitudes(name: str, given: object, shape: tuple[int, ...]) -> np.ndarray:
+    values = np.asarray(given)
+    if values.shape != shape or values.dtype.kind != "c":
+        raise ValueError(
+            f"{name} of WaveResponse must be complex of shape {shape}, frequencies by directions by"
+            f" speeds, got {values.dtype} of shape {values.shape}"
+        )
+    if not np.isfinite(values).all():
+        raise ValueError(f"{name} of WaveResponse must be finite")
+    return values
