@@ -1,9 +1,9 @@
 """Beliefs: an immutable record of arrays for each family of filters."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import cache, lru_cache
-from typing import Any, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
 
@@ -13,7 +13,7 @@ Record = TypeVar("Record", bound="Belief")
 """The record of a filter's beliefs."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Belief:
     """Mean and covariance of the state, and the last measurement; leading axes are a batch.
 
@@ -43,15 +43,10 @@ class Belief:
     healthy: np.ndarray
     u: np.ndarray | None = None
 
-    @property
-    def input_mean(self) -> np.ndarray | None:
-        """``(..., q)`` estimate of the unknown input; None if the filter has none."""
-        return None
-
-    @property
-    def input_cov(self) -> np.ndarray | None:
-        """``(..., q, q)`` covariance of the unknown input; None if the filter has none."""
-        return None
+    input_mean: ClassVar[np.ndarray | None] = None
+    """``(..., q)`` estimate of the unknown input; None if the filter has none."""
+    input_cov: ClassVar[np.ndarray | None] = None
+    """``(..., q, q)`` covariance of the unknown input; None if the filter has none."""
 
     @property
     def ensemble(self) -> np.ndarray | None:
@@ -62,19 +57,18 @@ class Belief:
     @cache
     def names(cls) -> tuple[str, ...]:
         """Names of all fields but the known input; a compiled step reads these arrays."""
-        return tuple(name for name in cls.__dataclass_fields__ if name != "u")
+        return tuple(each.name for each in fields(cls) if each.name != "u")
 
     @classmethod
     def of(cls, arrays: dict[str, Any]) -> Self:
         """A belief from arrays by name; missing fields are None."""
-        belief, put = object.__new__(cls), object.__setattr__
-        for name in cls.__dataclass_fields__:
-            put(belief, name, arrays.get(name))
+        belief = object.__new__(cls)
+        vars(belief).update({each.name: arrays.get(each.name) for each in fields(cls)})
         return belief
 
     def arrays(self) -> dict[str, Any]:
         """The belief's fields by name."""
-        return {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return dict(vars(self))
 
     def replace(self, **changes: Any) -> Self:
         """A copy of the belief with some fields changed, as read-only arrays.
@@ -93,11 +87,11 @@ class Belief:
         Raises:
             TypeError: for a field that the belief does not have.
         """
-        if unknown := changed.keys() - self.__dataclass_fields__.keys():
+        before, after = vars(self), object.__new__(type(self))
+        vars(after).update(before, **changed)
+        if len(vars(after)) > len(before):
+            unknown = changed.keys() - before.keys()
             raise TypeError(f"{type(self).__name__} has no field {unknown.pop()!r}")
-        after, put = object.__new__(type(self)), object.__setattr__
-        for name in self.__dataclass_fields__:
-            put(after, name, changed[name] if name in changed else getattr(self, name))
         return after
 
     def __getitem__(self, rows: Any) -> Self:
@@ -131,10 +125,10 @@ class Belief:
         return self
 
 
-# `field()` keeps dataclass from taking the property of `Belief` as the default of a field.
+# `field()` keeps dataclass from taking the attribute of `Belief` as the default of a field.
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class InputBelief(Belief):
     """The belief of a filter that estimates the unknown input.
 
@@ -144,12 +138,12 @@ class InputBelief(Belief):
         state_input_cov: ``(..., n, q)`` covariance between the errors of state and input.
     """
 
-    input_mean: np.ndarray = field()
-    input_cov: np.ndarray = field()
+    input_mean: np.ndarray = field()  # type: ignore[misc]
+    input_cov: np.ndarray = field()  # type: ignore[misc]
     state_input_cov: np.ndarray
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ObservedInputBelief(InputBelief):
     """The belief of a filter that estimates observed directions of the unknown input without bias.
 
@@ -161,7 +155,7 @@ class ObservedInputBelief(InputBelief):
     input_observed: np.ndarray
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class DelayedInputBelief(ObservedInputBelief):
     """The belief of a filter that estimates the unknown input one step late.
 
@@ -175,7 +169,7 @@ class DelayedInputBelief(ObservedInputBelief):
     input_matrix: np.ndarray
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FeedthroughBelief(ObservedInputBelief):
     """The belief of a filter that estimates part of the unknown input late.
 
@@ -207,7 +201,7 @@ class FeedthroughBelief(ObservedInputBelief):
         return self.input_reach[..., : self.mean.shape[-1], :]
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class EnsembleBelief(Belief):
     """The belief of an ensemble filter; its mean and covariance are those of the members.
 
@@ -255,8 +249,8 @@ def changes_of_points(belief: Any, changes: dict[str, Any], name: str, axis: int
 
 
 @lru_cache(4)  # they are as large as the batch
-def _blank(batch: tuple[int, ...], p: int) -> dict[str, np.ndarray]:
-    """Read-only arrays about a measurement before there is one, cached."""
+def unmeasured(batch: tuple[int, ...], p: int) -> dict[str, np.ndarray]:
+    """Read-only arrays about the measurement of ``p`` channels before there is one, cached."""
     blank = {
         "innovation": np.zeros((*batch, p)),
         "innovation_cov": np.zeros((*batch, p, p)) + np.eye(p),
@@ -265,11 +259,6 @@ def _blank(batch: tuple[int, ...], p: int) -> dict[str, np.ndarray]:
     for array in blank.values():
         array.setflags(write=False)
     return blank
-
-
-def unmeasured(batch: tuple[int, ...], p: int, healthy: np.ndarray) -> dict[str, np.ndarray]:
-    """Arrays about the measurement of ``p`` channels in a belief that has had none."""
-    return {**_blank(batch, p), "healthy": healthy}
 
 
 def over_time(beliefs: Sequence[Record]) -> Record:

@@ -29,7 +29,7 @@ from estimators.model_checks import as_covariance
 from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import RandomKeys
 from estimators.recovery import is_healthy, recovered, rows_of
-from estimators.stepping import StepProgram
+from estimators.stepping import compiled_step
 from estimators.varying import StateNoise, resolve
 
 Rng = RandomKeys | np.random.Generator | None
@@ -85,10 +85,13 @@ class Filter(ABC, Generic[Record]):
                 f"model must be a LinearModel or a NonlinearModel, got {type(model).__name__}"
             )
         self.model = model
-        self._programs: dict[Any, Any] = {}
+        self._programs: dict[str, Any] = {}
         self.model_per_row = any(getattr(part, "ndim", 2) > 2 for part in vars(model).values())
         if self.model_per_row:
             self.compiled = False  # type: ignore[misc]  # a program has one model for all rows
+        self._inside = {step: model.is_compiled(step) for step in ("predict", "update", "step")}
+        # With a singular R an update is checked against its prediction.
+        self._joined = callable(model.R) or not lacks_rank(model.R).any()
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
@@ -196,8 +199,8 @@ class Filter(ABC, Generic[Record]):
         mean = np.array(np.broadcast_to(prior.mean, batch + prior.mean.shape[-1:]))
         cov = np.array(np.broadcast_to(prior.cov, batch + prior.cov.shape[-2:]))
         initial = self._begin(mean, cov, self._numbers(rng, batch) if self.random else None)
-        healthy = np.ones(batch, bool)
-        every = {"mean": mean, "cov": cov} | unmeasured(batch, self.model.p, healthy)
+        every = {"mean": mean, "cov": cov, "healthy": np.ones(batch, bool)}
+        every |= unmeasured(batch, self.model.p)
         belief: Any = self.record.of(every | initial)
         if self.compiled:
             invoker()  # loads LLVM now, and not in the first step
@@ -299,12 +302,7 @@ class Filter(ABC, Generic[Record]):
 
     def joins_steps(self) -> bool:
         """Are a prediction and its update one program? Filter and model are then compiled."""
-        if (one := self._programs.get("one")) is None:
-            one = self.compiled and self.model.is_compiled("step")
-            # With a singular R an update is checked against its prediction.
-            one = one and (callable(self.model.R) or not lacks_rank(self.model.R).any())
-            self._programs["one"] = one
-        return bool(one)
+        return self.compiled and self._joined and self._inside["step"]
 
     def log_likelihood(self, predicted: Record, updated: Record) -> np.ndarray:
         """The log density ``(...)`` of a measurement, given those before it; 0 where none came.
@@ -335,32 +333,34 @@ class Filter(ABC, Generic[Record]):
 
     def _run(self, step: str, belief: Record, data: Data) -> Record:
         """The belief after a prediction, an update, or both; lost rows are recovered."""
-        u, y, available, R, rng = data
-        if not self.compiled or isinstance(rng, np.random.Generator):
-            changed = self._in_numpy(step, belief, data)
-            if y is None:
-                changed |= unmeasured(belief.mean.shape[:-1], self.model.p, changed["healthy"])
-            after = belief.replaced(changed | {"u": u}).read_only()
-        else:
-            key = step, None if u is None else u.shape[-1], R is None
-            program = self._programs.get(key)
-            inside = program.inside if program else self.model.is_compiled(step)
-            more: list[Any] = []
-            if not inside:
-                with np.errstate(all="ignore"):
-                    more += self._answers(step, belief, data)
-            if self.random:
-                more += rng.words
-            if program is None:
-                given = u, y, available, R, *more
-                program = self._programs[key] = StepProgram(self, step, inside, belief, given)
-            after = program(belief, u, y, available, R, *more)
+        u, y, *_, rng = data
+        in_numpy = not self.compiled or isinstance(rng, np.random.Generator)
+        changed = (self._in_numpy if in_numpy else self._compiled)(step, belief, data)
+        if y is None:
+            changed |= unmeasured(belief.healthy.shape, self.model.p)
+        changed["u"] = u
+        after = belief.replaced(changed)
+        if in_numpy:
+            after.read_only()
         if b"\0" in after.healthy.tobytes():
             after = recovered(self, step, belief, after, data).read_only()
         if step == "update" and b"\0" in belief.healthy.tobytes():
             healthy = np.logical_and(after.healthy, belief.healthy)
             after = after.replaced({"healthy": healthy}).read_only()
         return after
+
+    def _compiled(self, step: str, belief: Record, data: Data) -> Changes:
+        """Arrays that a step changes, read-only, by a program that is compiled at first use."""
+        *given, rng = data
+        answers: Sequence[Any] = ()
+        if not self._inside[step]:
+            with np.errstate(all="ignore"):
+                answers = self._answers(step, belief, data)
+        if step not in self._programs:
+            self._programs[step] = compiled_step(self, step, belief, len(answers))
+        (read, program), drawn = self._programs[step], rng.words if self.random else ()
+        found = program(*read(belief), *given, *answers, *drawn)
+        return dict(zip(program.names, found, strict=True))
 
     def _answers(self, step: str, belief: Record, data: Data) -> Sequence[Any]:
         """Arrays from `propagate` or `expect`, and G or H if the filter estimates an input."""

@@ -39,7 +39,7 @@ _FAR = 6.0
 """Length of a whitened innovation, beyond that of p - 1 channels, that no particles explain."""
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ParticleBelief(Belief):
     """The belief of a particle filter; its mean and covariance are weighted moments.
 

@@ -82,9 +82,7 @@ def recovered(filter: Any, step: str, belief: Record, after: Record, data: Any) 
             some = rows_of(data, apart)
             again = before[apart].replaced({"u": some[0]})
             if step != "update":
-                again = again.replaced(
-                    unmeasured(again.healthy.shape, filter.model.p, again.healthy)
-                )
+                again = again.replaced(unmeasured(again.healthy.shape, filter.model.p))
                 again = _attempt(filter, "predict", again, some)
             if step != "predict":
                 again = _attempt(filter, "update", again, some)

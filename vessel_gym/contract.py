@@ -18,7 +18,7 @@ from estimators.checks import frozen, short_repr
 from estimators.engine import Compiled, compiled
 from vessel_gym.checks import is_compiled, refuse_other_ends
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.models.state_space import input_channels
+from vessel_gym.models.state_space import force_names
 from vessel_gym.system import Estimate, System, Task, Vehicle
 
 _ROWS = 3
@@ -102,7 +102,7 @@ def _contradictions(disturbance: Disturbance, vehicle: Vehicle) -> Iterator[str]
     who, names, process = type(disturbance).__name__, disturbance.names, disturbance.process
     forces, white = disturbance.forces, disturbance.white_increments
     for attribute, known in (
-        ("forces", input_channels(vehicle)), ("averaged", forces),
+        ("forces", force_names(vehicle)), ("averaged", forces),
         ("white_increments", [name for name in vehicle.increments if name not in forces]),
         ("inputs", (*forces, *white)),
     ):  # fmt: skip

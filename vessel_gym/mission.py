@@ -41,7 +41,7 @@ class Mission:
 
     def _step(self, now: State) -> Changes:
         """Reference, reward, end, score state and, if ``guided``, the observation."""
-        task, acting = self.task, now.exogenous[..., : self.space.outside]
+        task, acting = self.task, now.exogenous[..., : self.space.increments_and_flows]
         reference = self._reference(now, self.measured)
         ending = reference
         if self.true_end != self.measured:
@@ -100,7 +100,7 @@ class Mission:
 def estimate_of(space: StateSpace, mean: np.ndarray, input_mean: np.ndarray | None) -> Estimate:
     """Estimate for the task, from means ``(..., n)`` of the state and ``(..., q)`` of d."""
     known = input_mean if input_mean is not None and input_mean.shape[-1] else None
-    return Estimate(mean[..., : len(space.own)], space.flow(mean, known), known)
+    return Estimate(mean[..., : len(space.vehicle_states)], space.flow(mean, known), known)
 
 
 def standard_deviations(cov: np.ndarray) -> np.ndarray:

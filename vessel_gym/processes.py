@@ -18,7 +18,7 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
 def linear(function: _Function) -> _Function:
-    """Declare that a disturbance's effect or a sensor's reading is a matrix times its arguments.
+    """Declare that a sensor's reading is a matrix times its arguments.
 
     The matrix is computed once from the function, which is not called in later steps.
     """

@@ -145,7 +145,7 @@ def draw(
 
 def filter_prior(prior: Gaussian, space: StateSpace) -> Gaussian:
     """Prior of the states that a filter estimates."""
-    start, n = _start(prior.cov.tobytes(), space), len(space.own)
+    start, n = _start(prior.cov.tobytes(), space), len(space.vehicle_states)
     mean = np.zeros((len(prior.mean), len(start.cov)))
     mean[:, :n] = prior.mean[:, :n]
     return start.about(mean)
@@ -156,9 +156,9 @@ def _start(cov: bytes, space: StateSpace) -> Gaussian:
     """Prior of a filter about 0, given the covariance ``(n, n)`` of the vehicle."""
     whole = space.joint_prior(_square(cov))
     n, bias = len(_square(cov)), np.arange(len(whole) - space.sensors.bias.size, len(whole))
-    kept = np.concatenate([np.arange(len(space.own)), n + space.kept, bias])
+    kept = np.concatenate([np.arange(len(space.vehicle_states)), n + space.kept, bias])
     known = whole[np.ix_(kept, kept)]
-    if space.late:
+    if space.stacked:
         known = block_diagonal(known, space.input_cov)
     if space.last:  # nothing acted before the start: a negligible, not singular variance
         known = block_diagonal(known, 1e-6 * space.cov[np.ix_(space.last, space.last)])

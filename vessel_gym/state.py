@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.engine import Argument, trace
+from estimators.engine import Compiled
 
 Changes = dict[str, Any]
 """Arrays that a stage fills in, by name."""
@@ -134,7 +134,7 @@ class Stage:
 
     Args:
         function: Function of a `State`.
-        compiled: Is it compiled, for rows of the shapes that it meets first?
+        compiled: Is it compiled? The record then has the fields that it has at the first call.
         own: Number of last arrays that are the caller's own, if it is compiled.
     """
 
@@ -151,30 +151,26 @@ class Stage:
         if not self.compiled:
             return {name: _read_only(each) for name, each in self.function(now).items()}
         if self._read is None:
-            self._trace(now)
-        arrays = self._read(now)
-        if (found := self._program.call(*arrays)) is None:
-            found = self._program.compute(*arrays)
-        return dict(zip(self._names, found, strict=True))
+            self._compile(now)
+        found = self._program(*self._read(now))
+        return dict(zip(self._program.names, found, strict=True))
 
-    def _trace(self, now: State) -> None:
-        """Trace the function for rows of the record, and keep which arrays it reads."""
+    def _compile(self, now: State) -> None:
+        """Make a program of the record's arrays."""
         held = {name: a for name, a in vars(now).items() if isinstance(a, np.ndarray)}
         held |= {f"belief.{name}": a for name, a in _arrays_of(now.belief).items()}
-        rows = [Argument(a.shape[1:], a.dtype.kind) for a in held.values()]
 
-        def function(*tracers: Any) -> list[Any]:
+        def function(*tracers: Any) -> Changes:
             given = dict(zip(held, tracers, strict=True))
             belief = {name.partition(".")[2]: a for name, a in given.items() if "." in name}
             belief = {"input_mean": None} | belief
             row: Any = State(**{n: a for n, a in given.items() if "." not in n})
             row.belief = SimpleNamespace(**belief)
-            changes = self.function(row)
-            self._names = tuple(changes)
-            return list(changes.values())
+            return self.function(row)
 
-        self._program = trace(function, rows, sealed=True, own=self._own)
-        self._read = attrgetter(*map(list(held).__getitem__, self._program.arguments))
+        axes = [a.ndim - 1 for a in held.values()]
+        self._program = Compiled(function, axes, sealed=True, own=self._own)
+        self._read = attrgetter(*held)
 
 
 def _read_only(value: Any) -> Any:

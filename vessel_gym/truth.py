@@ -78,7 +78,7 @@ class UnknownInput(NamedTuple):
         """Places of the components of the unknown input, by their names."""
         channels, increments = world.space.channels, world.vehicle.increments
         arrays = {
-            "noise_before": world.space.new_names,
+            "noise_before": world.space.noise_names,
             "exogenous_before": [name if name in increments else None for name in channels],
             "exogenous": [None if name in increments else name for name in channels],
         }  # fmt: skip

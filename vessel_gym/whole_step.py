@@ -19,8 +19,8 @@ from vessel_gym.world import World
 
 _FIXED = "parameters", "scenario", "episode_constants"
 """Floats of the record that no step changes."""
-_GIVEN = "action", "noise_before", "exogenous_before"
-"""Floats of the record that are arguments of a step, or follow from those before it."""
+_BEFORE = "noise_before", "exogenous_before"
+"""Floats of the record that follow from others before a step."""
 _ROW = itemgetter((0, ...))  # of one environment, also of one number an environment
 
 
@@ -186,8 +186,7 @@ class WholeStep:
             rest = self._values(last)
             base, values = last, (action, *(map(_ROW, rest) if action.ndim == 1 else rest))
         arrays = self._read(values)
-        if (found := self._program.call(*arrays)) is None:
-            found = self._program.compute(*arrays)
+        found = self._program.call(*arrays)
         if b"\0" in found[self._healthy].tobytes():
             return None
         return Moment(self, base, values, found)
@@ -212,8 +211,10 @@ class WholeStep:
 
     def _trace(self, last: State) -> None:
         """Trace the stages for rows of the record."""
-        rows = {name: Argument(a.shape[1:], a.dtype.kind) for name, a in _arrays_of(last).items()}
-        numbers = [n for n, row in rows.items() if row.kind == "f" and n not in _GIVEN + _FIXED]
+        arrays = ((name, a) for name, a in _arrays_of(last).items() if name not in _BEFORE)
+        rows = {name: Argument(a.shape[1:], a.dtype.kind) for name, a in arrays}
+        apart = "action", *_FIXED
+        numbers = [n for n, row in rows.items() if row.kind == "f" and n not in apart]
         (self._observed,) = rows["observation"].shape
         layout = self.layout = Layout({name: rows.pop(name).shape for name in numbers})
 
@@ -233,14 +234,14 @@ class WholeStep:
 
     def _lay_out(self, apart: list[str]) -> None:
         """Find the program's arguments among the values of a step."""
-        self._fixed = [name for name in apart if name not in {*self.others, *_GIVEN}]
+        self._fixed = [name for name in apart if name not in {*self.others, "action"}]
         self._end_of_fixed, self.first_info = 1 + len(self._fixed), 1 + len(self.others)
         self._healthy = 1 + self.others.index("belief.healthy")
         first, end, steps = self.layout.first, *map(self.others.index, ("end", "steps"))
         observation = slice(first["observation"], first["observation"] + self._observed)
         self.places = _Places(observation, first["reward"], first["total"], 1 + end, 1 + steps)
-        values, names = ["action", *self._fixed, "", *self.others], ["", *apart]
-        self._read = itemgetter(*(values.index(names[i]) for i in self._program.arguments))
+        values = ["action", *self._fixed, "", *self.others]
+        self._read = itemgetter(*map(values.index, ["", *apart]))
 
     def _changes(self, given: dict[str, Any]) -> tuple[Changes, list[Any]]:
         """Arrays that a step changes, and the arrays of ``info``."""

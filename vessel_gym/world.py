@@ -94,7 +94,7 @@ class World:
 
     def _moved(self, now: State, after: np.ndarray) -> np.ndarray:
         """State of the vehicle a step later."""
-        before, outside = now.actuators, self.space.outside
+        before, outside = now.actuators, self.space.increments_and_flows
         if self.space.faulty:
             faults = now.exogenous[..., outside:]
             before, after = before + faults, after + faults
@@ -110,7 +110,7 @@ class World:
         actuators: np.ndarray,
     ) -> np.ndarray:  # fmt: skip
         """Exogenous input over the coming step: of white noise, the disturbance and the task."""
-        own, z, outside = self.disturbance, slow[..., : self.size], self.space.outside
+        own, z, outside = self.disturbance, slow[..., : self.size], self.space.increments_and_flows
         if own.uniforms:
             time = self.sensors.dt * now.steps
             effect = own.effect_at(now.episode_constants, time, z, state)

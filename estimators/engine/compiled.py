@@ -36,19 +36,17 @@ def trace(
     Raises:
         NotTraceable: if the function uses an operation that cannot be traced.
     """
-    program, arguments, given = Program(), list[Argument](), list[Any]()
+    program, given = Program(), list[Any]()
     whole = [matrices] * len(rows) if isinstance(matrices, bool) else matrices
-    for row, as_matrix in zip(rows, whole, strict=True):
-        if row is None:
-            given.append(None)
-        else:
-            inputs = matrix_inputs if as_matrix and row.kind in "fb" else scalar_inputs
-            given.append(inputs(program, len(arguments), row.shape, row.kind))
-            arguments.append(row)
+    for i, (row, as_matrix) in enumerate(zip(rows, whole, strict=True)):
+        inputs = matrix_inputs if as_matrix and row and row.kind in "fb" else scalar_inputs
+        given.append(None if row is None else inputs(program, i, *row))
     results = function(*given)
-    several = isinstance(results, tuple | list)
-    outputs = [*map(partial(_output, program), results if several else [results])]
-    return Function(program, arguments, outputs, several, sealed, own)
+    names = tuple(results) if isinstance(results, dict) else ()
+    several = isinstance(results, tuple | list | dict)
+    listed = [*results.values()] if names else results if several else [results]
+    outputs = [*map(partial(_output, program), listed)]
+    return Function(program, rows, outputs, several, names, sealed, own)
 
 
 def scalar_inputs(program: Program, argument: int, shape: tuple[int, ...], kind: str) -> Any:
@@ -95,15 +93,26 @@ def _kind(scalars: Sequence[Tracer]) -> str:
 
 
 class Compiled:
-    """A function of arrays, traced for each set of shapes it is called with; see `compiled`."""
+    """A function of arrays, traced for each set of shapes it is called with; see `compiled`.
+
+    Args:
+        function: As for `compiled`; it may also return a dictionary, whose values a call returns.
+        axes: As for `compiled`.
+        options: Options of `trace`.
+
+    Attributes:
+        function: The function that is traced.
+        names: Keys of the dictionary that the function returned when it was last traced.
+    """
 
     def __init__(
-        self, function: Callable[..., Any], axes: Sequence[int] | None, matrices: bool
+        self, function: Callable[..., Any], axes: Sequence[int] | None = None, **options: Any
     ) -> None:
         update_wrapper(self, function)
-        self.function, self._axes, self._matrices = function, axes, matrices
+        self.function, self._axes, self._options = function, axes, options
         self._traced: dict[Any, Function] = {}
-        self._last: Any = None, None  # constants of the last call, and the traced function
+        self._last: Any = None, None  # constants of the last call, and what it called
+        self.names: tuple[str, ...] = ()
 
     @property
     def __self__(self) -> Any:
@@ -117,44 +126,39 @@ class Compiled:
         if own is None:
             own = instance.__dict__[_METHODS] = _Methods()
         if self not in own:
-            own[self] = Compiled(self.function.__get__(instance), self._axes, self._matrices)
+            own[self] = Compiled(self.function.__get__(instance), self._axes, **self._options)
         return own[self]
 
     def __call__(self, *arrays: Any, **static: Any) -> Any:
         """Results for arrays; for tracers, the function becomes part of the traced caller."""
-        constants, function = self._last
-        if static != constants or (results := function.call(*arrays)) is None:
-            return self._call(arrays, static)
-        return results if function.several else results[0]
+        constants, call = self._last
+        return call(*arrays) if static == constants else self._call(static, *arrays)
 
-    def _call(self, arrays: tuple[Any, ...], static: dict[str, Any]) -> Any:
-        """Results for arguments of other shapes than at the last call."""
+    def _call(self, static: dict[str, Any], *arrays: Any) -> Any:
+        """Results for arguments unlike those of the last call."""
         if any(map(is_traced, arrays)):
             return self.function(*arrays, **static)
         axes = self._axes or (1,) * len(arrays)
-        held: list[np.ndarray] = []
-        rows: list[Argument | None] = []
-        for each, k in zip(arrays, axes, strict=True):
-            if each is None:
-                rows.append(None)
-            else:
-                held.append(a := in_memory(each))
-                rows.append(Argument(a.shape[a.ndim - k :], a.dtype.kind))
+        held = [None if each is None else in_memory(each) for each in arrays]
+        rows = [
+            None if a is None else Argument(a.shape[a.ndim - k :], a.dtype.kind)
+            for a, k in zip(held, axes, strict=True)
+        ]
         key = *rows, *static.items()
         if key not in self._traced:
-            self._traced[key] = trace(partial(self.function, **static), rows, self._matrices)
+            self._traced[key] = trace(partial(self.function, **static), rows, **self._options)
+            self._traced[key].otherwise = partial(self._call, static)
         function = self._traced[key]
         results = function.compute(*held)
-        self._last = static, function
-        return results if function.several else results[0]
+        self._last, self.names = (static, function.call), function.names
+        return results
 
     def __reduce__(self) -> Any:
         if (instance := self.__self__) is not None:
             return getattr, (instance, self.function.__name__)
         name = getattr(self.function, "__qualname__", "<locals>")
-        return (
-            (Compiled, (self.function, self._axes, self._matrices)) if "<locals>" in name else name
-        )
+        made = partial(Compiled, **self._options), (self.function, self._axes)
+        return made if "<locals>" in name else name
 
 
 class _Methods(dict[Compiled, Compiled]):
@@ -191,4 +195,4 @@ def compiled(
         return function
     if function is None:
         return partial(compiled, axes=axes, matrices=matrices)
-    return Compiled(function, axes, matrices)
+    return Compiled(function, axes, matrices=matrices)

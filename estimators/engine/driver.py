@@ -34,10 +34,10 @@ class Driver(LinearEmitter):
         """The function in LLVM IR."""
         arguments, results = self._function.arguments, self._function.results
         end, shared = (self.one.value(f"%{name}", "i") for name in ("end", "shared"))
-        strides = [
-            where((shared & (1 << i)) != 0, 0, each.size)
-            for i, each in enumerate(arguments.values())
-        ]
+
+        strides = {
+            i: where((shared & (1 << i)) != 0, 0, each.size) for i, each in arguments.items()
+        }
 
         def body(row: Tracer) -> None:
             own = [operation("minimum", row + lane, end - 1) for lane in range(self.width)]
@@ -46,18 +46,19 @@ class Driver(LinearEmitter):
                 T = type_of(_MEMORY.get(kind, kind), 1)
                 return [self.at(array, each * size, T) for each in own]
 
-            for (i, each), stride in zip(arguments.items(), strides, strict=True):
-                self._bases[i] = places(f"%a{i}", stride, each.kind)
+            for i, each in arguments.items():
+                self._bases[i] = places(f"%a{i}", strides[i], each.kind)
             self.block(instructions)
             for i, (parts, each) in enumerate(zip(outputs, results, strict=True)):
                 self._result(parts, each.kind, places(f"%o{i}", each.size, each.kind))
 
         self.loop(0, end, body, step=self.width)
-        arrays = [f"%a{i}" for i in arguments] + [f"%o{i}" for i in range(len(results))]
+        arrays = {f"%a{i}": i for i in arguments}
+        arrays |= {f"%o{i}": self._function.count + i for i in range(len(results))}
         loads = [
             f"  {name}.at = getelementptr ptr, ptr %arrays, i64 {i}\n"
             f"  {name} = load ptr, ptr {name}.at"
-            for i, name in enumerate(arrays)
+            for name, i in arrays.items()
         ]
         head = (
             f"define void @{name}(i64 %end, i64 %shared, ptr noalias %scratch,"

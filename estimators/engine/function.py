@@ -39,15 +39,17 @@ class Function:
         arguments: Shape and kind of a row of each argument.
         outputs: For each result its scalars or the view of a matrix, and an argument like it.
         several: Does the traced function give a tuple of results?
-        sealed: Does it take only the arguments that it reads, and return read-only arrays?
+        names: Names of the results of a function that gives a dictionary.
+        sealed: Does it ignore arguments that it does not read, and return read-only arrays?
         own: Number of last results that are the caller's own: writable, though ``sealed``.
 
     Attributes:
-        arguments: Shape and kind of a row of each argument of `call`, by its index.
-        call: Results for arrays like the last ones; None for others, which need `compute`.
+        arguments: Shape and kind of a row of each argument that it reads, by its index.
+        call: Results for arrays, in machine code if they are like the last ones; others are passed
+            to ``otherwise``.
         computed: Calls of `compute` by all functions, each some 30 us slower than `call`.
         layout: Places of matrices in the scratch.
-        several: As given.
+        otherwise: Function of arrays unlike the last ones: `compute`, unless it is set.
     """
 
     computed: ClassVar[int] = 0
@@ -55,24 +57,24 @@ class Function:
     def __init__(
         self,
         program: Program,
-        arguments: Sequence[Argument],
+        arguments: Sequence[Argument | None],
         outputs: Sequence[tuple[Any, Argument]],
         several: bool,
+        names: tuple[str, ...],
         sealed: bool,
         own: int = 0,
     ) -> None:
-        self.program, self.several = program, several
+        self.program, self.names, self.count = program, names, len(arguments)
+        self._several = several
         self._sealed = len(outputs) - own if sealed else 0
         self.outputs: tuple[Any, ...] = tuple(map(itemgetter(0), outputs))
         self.results: tuple[Argument, ...] = tuple(map(itemgetter(1), outputs))
         values = [*map(value_of, itertools.chain(*self.outputs))]
         self.instructions = program.complete(values)
-        self.arguments: dict[int, Argument] = {}
-        for each in self.instructions:
-            if sealed and each.opcode in _INPUTS:
-                self.arguments[each.attributes[0]] = arguments[each.attributes[0]]
-        if not sealed:
-            self.arguments = dict(enumerate(arguments))
+        read = {each.attributes[0] for each in self.instructions if each.opcode in _INPUTS}
+        self.arguments = {
+            i: row for i, row in enumerate(arguments) if row and (i in read or not sealed)
+        }
         self.layout, self._scratch = _laid_out(program, self.instructions, values)
         self._places, self._literals, self._constants = _placed(program)
         self._address = self._constants.__array_interface__["data"][0]
@@ -80,56 +82,58 @@ class Function:
         # Straight code is read once for all lanes, a loop's body is short: more lanes are faster.
         self._lanes = 8 if loops else machine.lanes()
         self._codes: dict[int, int] = {}
-        self.call: Callable[..., Any] = _like_none  # for arrays like the last ones
+        self.otherwise: Callable[..., Any] = self.compute
+        self.call: Callable[..., Any] = self.compute
 
-    def compute(self, *arrays: Any) -> tuple[np.ndarray, ...]:
+    def compute(self, *arrays: Any) -> Any:
         """Results for arrays of one batch; an array without batch axes is shared by all rows."""
         Function.computed += 1
-        own, given, leading = list(self.arguments.values()), [], []
-        for array, each in zip(arrays, own, strict=True):
-            given.append(a := in_memory(array, each.kind))
-            leading.append(a.shape[: a.ndim - len(each.shape)])
-        batch = leading[0] if len({*leading}) == 1 else np.broadcast_shapes(*leading)
+        given, leading = [*arrays], {}
+        for i, each in self.arguments.items():
+            given[i] = a = in_memory(arrays[i], each.kind)
+            leading[i] = a.shape[: a.ndim - len(each.shape)]
+        batch = np.broadcast_shapes(*leading.values())
         shared = 0
-        for i, axes in enumerate(leading):
+        for i, axes in leading.items():
             if math.prod(axes) == 1:
                 shared |= (axes != batch) << i
             elif axes != batch:
-                given[i] = np.broadcast_to(given[i], batch + own[i].shape).copy()
+                given[i] = np.broadcast_to(given[i], batch + self.arguments[i].shape).copy()
         rows = math.prod(batch)
         width = self._lanes if rows >= FEW else 1
         room = machine.scratch(width * self._scratch)
         head = self._code(width), rows, shared, room, self._address
         if (invoke := invoker()) is None:
             return self._called(head, given, batch)
-        table = [*head, self._sealed, len(own), len(self.results)]
-        for a in given:
-            table += id(a.dtype), a.ndim, *a.shape
+        table = [*head, self._sealed, self._several, len(given), len(self.results)]
+        for i, a in enumerate(given):
+            table += (
+                (id(a.dtype), a.ndim, *a.shape)
+                if i in leading
+                else (id(None) if a is None else 0, 0)
+            )
         for each in self.results:
             shape = batch + each.shape
             table += id(KINDS[each.kind]), len(shape), *shape
-        call = partial(invoke, np.array(table, np.int64))
-        results: Any = call(*given)
-        self.call = call
-        return results
+        self.call = partial(invoke, np.array(table, np.int64), self.otherwise)
+        return self.call(*given)
 
-    def _called(
-        self, head: Sequence[int], given: Sequence[np.ndarray], batch: tuple[int, ...]
-    ) -> tuple[np.ndarray, ...]:
+    def _called(self, head: Sequence[int], given: Sequence[Any], batch: tuple[int, ...]) -> Any:
         """Results by ctypes, for a Python or a NumPy whose arrays `invoker` does not know."""
         results = [np.empty(batch + each.shape, KINDS[each.kind]) for each in self.results]
-        data = np.array([a.ctypes.data for a in (*given, *results)], np.uintp)
+        data = [a.ctypes.data if i in self.arguments else 0 for i, a in enumerate(given)]
+        places = np.array([*data, *(a.ctypes.data for a in results)], np.uintp)
         code, *numbers = head
-        _CODE(code)(*numbers, data.ctypes.data)
+        _CODE(code)(*numbers, places.ctypes.data)
         for array in results[: self._sealed]:
             array.setflags(write=False)
-        return tuple(results)
+        return tuple(results) if self._several else results[0]
 
     def _code(self, width: int) -> int:
         """Machine code for ``width`` rows side by side; programs with other numbers share it."""
         if width not in self._codes:
             code = str((
-                self.instructions, self.outputs, self.arguments, self.results, width,
+                self.instructions, self.outputs, self.arguments, self.count, self.results, width,
                 self._literals, self._places, self.program.sizes, self.program.kinds,
             )).encode()  # fmt: skip
             self._codes[width] = machine.load(code, partial(self.text, width))
@@ -145,10 +149,6 @@ class Function:
 
 _CODE = ctypes.PYFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 3)
 """Type of compiled programs; it keeps the lock of the interpreter, as the scratch is shared."""
-
-
-def _like_none(*arrays: Any) -> None:
-    """The first `Function.call`: no arrays are like the last ones."""
 
 
 def _placed(program: Program) -> tuple[dict[int, int], dict[int, Any], np.ndarray]:

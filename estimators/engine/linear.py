@@ -43,14 +43,14 @@ def cholesky(s: Any) -> Any:
     """Lower triangular L with ``L L' = S``; NaN of an S that is not positive definite."""
     if not is_small(s):
         return loop("cholesky", s.shape, s)
-    root = _array(np.zeros(s.shape), s.shape)
+    root = TracedArray.of(np.zeros(s.shape))
     for j in range(len(s)):
         pivot = s[j, j] - _inner(root[j, :j], root[j, :j])
         root[j, j] = operation("sqrt", where(pivot > 0.0, pivot, np.nan))
         for i in range(j + 1, len(s)):
             rest = s[i, j] - _inner(root[i, :j], root[j, :j])
             root[i, j] = _divided(rest, root[j, j])
-    return root
+    return matrix(root)
 
 
 def semidefinite_cholesky(s: Any) -> Any:
@@ -64,10 +64,10 @@ def solve_lower(t: Any, b: Any) -> Any:
         raise ValueError(f"matrices of shapes {t.shape} and {b.shape} a row have no solution")
     if not is_small(t, b):
         return loop("solve_lower", b.shape, t, b)
-    z = _array(np.zeros(b.shape), b.shape)
+    z = TracedArray.of(np.zeros(b.shape))
     for i, j in np.ndindex(b.shape):
         z[i, j] = _divided(b[i, j] - _inner(t[i, :i], z[:i, j]), t[i, i])
-    return z
+    return matrix(z)
 
 
 def solve_upper(t: Any, b: Any) -> Any:

@@ -63,7 +63,10 @@ def linker() -> tuple[Any, Any]:
     return binding.create_mcjit_compiler(binding.parse_assembly(""), _machine()), binding
 
 
-_PYTHON = "PyTuple_New", "PyTuple_SetItem", "Py_IncRef", "Py_DecRef", "_Py_NoneStruct"
+_PYTHON = (
+    "PyTuple_New", "PyTuple_GetItem", "PyTuple_SetItem", "PyObject_Vectorcall", "Py_IncRef",
+    "Py_DecRef",
+)  # fmt: skip
 _EMPTY = 184
 """Place of ``PyArray_Empty`` in NumPy's table of C functions, on which extensions rely."""
 

@@ -35,7 +35,7 @@ def in_memory(value: Any, kind: str = "") -> np.ndarray:
     return array if array.dtype is KINDS[kind] else array.view(KINDS[kind])
 
 
-_Invoker = Callable[..., tuple[np.ndarray, ...] | None]
+_Invoker = Callable[..., Any]
 _ENABLED = os.environ.get("VESSEL_GYM_FAST_CALLS") != "0"
 
 
@@ -70,33 +70,43 @@ def is_layout_known() -> bool:
 
 
 def is_right(invoke: _Invoker) -> bool:
-    """Does a program that doubles a number give the right array, and None for other arguments?"""
+    """Does a program that doubles a number give the right array, and others for other arguments?"""
     dtype, x = KINDS["f"], np.array([[1.5, 0.0]])
     x = x if x.dtype is dtype else x.view(dtype)
     code = machine.load(b"doubles", lambda name: _DOUBLES.replace("@doubles(", f"@{name}("))
     like = id(dtype), 2, 1, 2
-    for sealed in (0, 1):
-        table = np.array([code, 1, 0, 0, 0, sealed, 1, 1, *like, *like], np.int64)
-        found: Any = invoke(table, x)
-        if not (type(found) is tuple and len(found) == 1 and type(found[0]) is np.ndarray):
+    others = (x[0],), (x.astype(np.int64),), (np.zeros((1, 4))[:, ::2],)
+    unlike = (), (x, x), (x, x, x), *((*each, None, x) for each in others)
+    for several in (0, 1):
+        head = code, 1, 0, 0, 0, several, several, 3, 1
+        table = np.array([*head, *like, id(None), 0, 0, 0, *like], np.int64)
+        found: Any = invoke(table, _number, x, None, x)
+        is_tuple = type(found) is tuple and len(found) == 1
+        y = found[0] if is_tuple else found
+        if is_tuple != bool(several) or type(y) is not np.ndarray:
             return False
-        (y,) = found
-        if not (y.dtype is dtype and y.shape == x.shape and y[0, 0] == 3.0 and y.flags.owndata):
+        right = y.dtype is dtype and y.shape == x.shape and y[0, 0] == 3.0 and y.flags.owndata
+        if not right or y.flags.writeable == bool(several):
             return False
-        others = (), (x, x), (x[0],), (x.astype(np.int64),), (np.zeros((1, 4))[:, ::2],)
-        if y.flags.writeable == bool(sealed) or any(invoke(table, *each) for each in others):
+        if any(invoke(table, _number, *each) != len(each) for each in unlike):
             return False
     return True
 
 
+def _number(*arrays: Any) -> int:
+    """The number of arrays that a call passes on, because they are unlike the expected ones."""
+    return len(arrays)
+
+
 @cache
 def _created() -> _Invoker:
-    """The function ``(table, *arrays)`` that returns results in new arrays.
+    """The function ``(table, otherwise, *arrays)`` that returns results in new arrays.
 
     A table of whole numbers has the address of the code, its arguments, the number of first results
-    that are read-only, the numbers of arguments and results, and for each of these the address of
-    its type, its number of axes and its shape. The function returns None if the number, order in
-    memory, types or shapes of arrays differ.
+    that are read-only, 1 for a tuple of results, the numbers of arguments and results, and for each
+    of these the address of its type, its number of axes and its shape. An argument that must be
+    None has None's address and no axes, one that is not read zeros. If the number, order in memory,
+    types or shapes of arrays differ, the function returns ``otherwise(*arrays)``.
     """
     address = machine.load(b"invoker", lambda name: _TEXT.replace("@call(", f"@{name}("))
     # bytes: the collector of garbage may empty a structure of ctypes before the function reads it
@@ -118,7 +128,7 @@ _FASTCALL = 0x80
 _DOUBLES = """
 define void @doubles(i64 %end, i64 %shared, ptr %scratch, ptr %constants, ptr %arrays) {
   %in = load ptr, ptr %arrays
-  %out_at = getelementptr ptr, ptr %arrays, i64 1
+  %out_at = getelementptr ptr, ptr %arrays, i64 3 ; after the arguments
   %out = load ptr, ptr %out_at
   %x = load double, ptr %in
   %y = fadd double %x, %x
@@ -127,7 +137,7 @@ define void @doubles(i64 %end, i64 %shared, ptr %scratch, ptr %constants, ptr %a
 }
 """
 """The program of `is_right`."""
-_HEADER = "{ptr, i64, i64, ptr, ptr, i64, i64, i64}"
+_HEADER = "{ptr, i64, i64, ptr, ptr, i64, i64, i64, i64}"
 """Numbers of a table before its types and shapes."""
 _TEXT = f"""
 declare ptr @PyTuple_New(i64)
@@ -135,7 +145,8 @@ declare i32 @PyTuple_SetItem(ptr, i64, ptr)
 declare ptr @PyArray_Empty(i32, ptr, ptr, i32)
 declare void @Py_IncRef(ptr)
 declare void @Py_DecRef(ptr)
-@_Py_NoneStruct = external global i8
+declare ptr @PyTuple_GetItem(ptr, i64)
+declare ptr @PyObject_Vectorcall(ptr, ptr, i64, ptr)
 
 define internal ptr @field(ptr %object, i64 %byte) {{
   %place = getelementptr i8, ptr %object, i64 %byte
@@ -195,24 +206,34 @@ entry:
   %type = call ptr @field(ptr %first, i64 {_HEAD - 8})
   %table = call ptr @field(ptr %first, i64 {_HEAD})
   %head = load {_HEADER}, ptr %table
-  %inputs = extractvalue {_HEADER} %head, 6
-  %outputs = extractvalue {_HEADER} %head, 7
+  %inputs = extractvalue {_HEADER} %head, 7
+  %outputs = extractvalue {_HEADER} %head, 8
   %sealed = extractvalue {_HEADER} %head, 5
-  %begin = getelementptr i64, ptr %table, i64 8
-  %expected = add i64 %inputs, 1
+  %begin = getelementptr i64, ptr %table, i64 9
+  %expected = add i64 %inputs, 2
   %all = add i64 %inputs, %outputs
   %data = alloca ptr, i64 %all
+  %arrays = getelementptr ptr, ptr %args, i64 2
   %as_many = icmp eq i64 %count, %expected
   br i1 %as_many, label %argument, label %unlike
 argument:
-  %i = phi i64 [0, %entry], [%i_next, %alike]
-  %at = phi ptr [%begin, %entry], [%at_next, %alike]
+  %i = phi i64 [0, %entry], [%i_next, %alike], [%i_next, %ignored]
+  %at = phi ptr [%begin, %entry], [%at_next, %alike], [%behind, %ignored]
   %ended = icmp eq i64 %i, %inputs
-  br i1 %ended, label %create, label %match
-match:
+  br i1 %ended, label %create, label %given
+given:
   %i_next = add i64 %i, 1
-  %array_at = getelementptr ptr, ptr %args, i64 %i_next
+  %array_at = getelementptr ptr, ptr %arrays, i64 %i
   %array = load ptr, ptr %array_at
+  %kind = load ptr, ptr %at
+  %is_none = icmp eq ptr %kind, %array ; as it has to be
+  %is_unread = icmp eq ptr %kind, null
+  %is_ignored = or i1 %is_none, %is_unread
+  br i1 %is_ignored, label %ignored, label %match
+ignored:
+  %behind = getelementptr i64, ptr %at, i64 2
+  br label %argument
+match:
   %at_next = call ptr @matched(ptr %array, ptr %at, ptr %type)
   %is_other = icmp eq ptr %at_next, null
   br i1 %is_other, label %unlike, label %alike
@@ -262,15 +283,27 @@ run:
   %scratch = extractvalue {_HEADER} %head, 3
   %constants = extractvalue {_HEADER} %head, 4
   call void %code(i64 %rows, i64 %shared, ptr %scratch, ptr %constants, ptr %data)
+  %several = extractvalue {_HEADER} %head, 6
+  %is_several = icmp ne i64 %several, 0
+  br i1 %is_several, label %whole, label %single
+whole:
   ret ptr %results
+single:
+  %only = call ptr @PyTuple_GetItem(ptr %results, i64 0)
+  call void @Py_IncRef(ptr %only)
+  call void @Py_DecRef(ptr %results)
+  ret ptr %only
 lost:
   call void @Py_DecRef(ptr %results)
   ret ptr null ; and MemoryError is set
 failed:
   ret ptr null
 unlike:
-  call void @Py_IncRef(ptr @_Py_NoneStruct)
-  ret ptr @_Py_NoneStruct
+  %otherwise_at = getelementptr ptr, ptr %args, i64 1
+  %otherwise = load ptr, ptr %otherwise_at
+  %rest = sub i64 %count, 2
+  %found = call ptr @PyObject_Vectorcall(ptr %otherwise, ptr %arrays, i64 %rest, ptr null)
+  ret ptr %found
 }}
 """
 """``invoke`` in LLVM IR; fields of arrays stand where NumPy's ``PyArrayObject_fields`` has them."""

@@ -67,10 +67,12 @@ class Entry(Tracer):
 
 
 def matrix(value: Any) -> Any:
-    """Traced arrays as matrices; anything else as it is."""
+    """Traced arrays as matrices, those of constants as arrays, and anything else as it is."""
     if isinstance(value, tuple | list):
         return type(value)(map(matrix, value))
-    return value.view(TracedMatrix) if isinstance(value, TracedArray) else value
+    if not isinstance(value, TracedArray):
+        return value
+    return value.view(TracedMatrix) if value.program else np.array(value.tolist())
 
 
 def by_entries(value: Any) -> Any:

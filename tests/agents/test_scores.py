@@ -18,7 +18,8 @@ from agents.metrics import (
     scores,
 )
 from agents.metrics.costs import DEAD_BAND, turning_points
-from vessel_gym.vehicles.corvette import propulsion, steady_turns, straight_course
+from vessel_gym.tasks.flight import LENGTH
+from vessel_gym.vehicles.corvette import propulsion, straight_course
 from vessel_gym.vehicles.corvette_equations import (
     AROUND,
     STATE,

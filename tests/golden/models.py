@@ -79,7 +79,7 @@ def row(env_id: str, options: dict[str, Any]) -> tuple[str, list[float]]:
     except (KeyError, ValueError) as error:
         return type(error).__name__, []
     space, model = config.estimation.space, config.estimation.filter.model
-    vehicle, n = system.vehicle, len(space.own)
+    vehicle, n = system.vehicle, len(space.vehicle_states)
     x = np.linspace(-0.3, 0.5, 3 * model.n).reshape(3, model.n)
     x[:, :n] += vehicle.cruise[0][:n]
     u = vehicle.cruise[1] + np.linspace(-0.1, 0.1, 3 * len(vehicle.cruise[1])).reshape(3, -1)

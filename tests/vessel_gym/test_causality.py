@@ -114,7 +114,7 @@ def test_a_mean_over_the_coming_step_is_kept_from_sensors_whatever_they_do_with_
     large = Sensor(
         "large",
         ("roll moment",),
-        lambda s, x: np.where(abs(x[..., [i]]) > 10.0, x[..., [i]], 0.0),
+        lambda s, x: np.where(abs(force := np.asarray(x[..., [i]], float)) > 10.0, force, 0.0),
         (1e-9,),
     )
     core = Core(system, ROWS, disturbance="rough", sensors=[*system.vehicle.sensors, large])

@@ -128,7 +128,7 @@ def test_effect_of_fault_is_G_times_it_to_first_order(env_id: str):
     core = make_core(env_id, 5, seed=4, disturbance=told, estimator="ekf-ui-wdf")
     core.reset()
     model, vehicle = core.config.estimation.filter.model, core.config.system.vehicle
-    base = len(core.config.estimation.space.own)
+    base = len(core.config.estimation.space.vehicle_states)
     for step in moved(core, 5):
         x, u = core.now.belief.mean, vehicle.known_input(step["before"], step["after"], None)
         G = model.input_matrix(x, u)

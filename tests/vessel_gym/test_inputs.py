@@ -63,7 +63,7 @@ def test_the_world_moves_by_what_the_model_says_of_d(inputs: tuple[str, ...]):
     model, rng = core.config.estimation.filter.model, np.random.default_rng(3)
     assert isinstance(model, NonlinearModel)
     assert core.config.estimation.inputs == core.config.estimation.space.inputs == inputs
-    new = core.config.world.space.new_names
+    new = core.config.world.space.noise_names
     for _ in range(10):
         core.now.noise = np.where([name in inputs for name in new], core.now.noise, 0.0)
         core.now.exogenous = core.now.exogenous.copy()
@@ -190,7 +190,7 @@ def test_flow_that_sensors_show_cannot_be_unknown_input():
 def test_what_is_recorded_is_what_d_is():
     water = WATERS["rough"]
     core = make_core(AUV, 1, disturbance=water, estimator="ekf")
-    assert core.config.estimation.inputs == core.config.world.space.new_names
+    assert core.config.estimation.inputs == core.config.world.space.noise_names
     other = {"assume": {"disturbance": asked("u increment"), "as": "unknown-input"}}
     core = make_core(AUV, 2, disturbance=water, estimator="ekf-ui-wdf", estimator_options=other)
     core.reset()

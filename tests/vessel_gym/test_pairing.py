@@ -9,7 +9,6 @@ from contract import FEW_MEMBERS, OURS, SPREAD, make_core, random_walk, single_c
 
 from estimators import RandomKeys
 from vessel_gym.core import Core
-from vessel_gym.disturbances import Water
 from vessel_gym.sensors import SUITES, Bias, Sensor
 
 SEED, ROWS, STEPS = 5, 3, 12
@@ -62,7 +61,7 @@ def test_one_sensor_more_moves_the_numbers_of_no_other(env_id: str, place: int):
     bias = Bias(("more bias",), start=(1.0,), pace=(0.1,), slope=(0.1,))
     quality = {"sd": (1.0, 1.0), "dropout": 0.3, "outliers": 0.2, "bias": bias}
     more = Sensor(
-        "one more", ("one", "other"), lambda state, exogenous: 0.0 * state[..., :2], **quality
+        "one more", ("one", "other"), lambda x, _: np.zeros((*x.shape[:-1], 2)), **quality
     )
     others = [*own[:place], more, *own[place:]]
     one, other = (
@@ -114,49 +113,3 @@ def test_measurements_that_are_declared_linear_are_a_matrix_times_state_and_forc
         np.testing.assert_allclose(
             sensor.reads(x[:, :n], x[:, n:]), x @ matrix, rtol=1e-13, atol=1e-12
         )
-
-
-@every_environment
-def test_an_effect_that_is_declared_linear_is_a_matrix_times_its_state_wherever_the_vehicle_is(
-    env_id: str,
-):
-    system, rng = single_class(env_id).system, np.random.default_rng(0)
-    each = [
-        acting
-        for d in system.disturbances.values()
-        for acting in (d, d.believed)
-        if acting is not None
-    ]
-    declared = [disturbance for disturbance in each if getattr(disturbance.effect, "linear", False)]
-    assert declared
-    for disturbance in declared:
-        k = disturbance.process.size
-        z, state = (
-            rng.normal(0.0, 10.0, (9, k)),
-            rng.normal(0.0, 10.0, (9, len(system.vehicle.state_names))),
-        )
-        matrix = disturbance.effect(np.eye(k), np.zeros((k, state.shape[1])))
-        np.testing.assert_allclose(disturbance.effect(z, state), z @ matrix, rtol=1e-13, atol=1e-12)
-
-
-def test_whoever_changes_an_effect_is_asked_for_it_though_another_was_declared_linear():
-    class Doubled(Water):
-        def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
-            return 2.0 * z
-
-    nominal = single_class(AUV).system.disturbances["calm"]
-    doubled = Doubled(nominal.turbulence, nominal.spin, nominal.current)
-    one, other = (
-        make_core(AUV, ROWS, disturbance=d, estimator="truth") for d in (nominal, doubled)
-    )
-    for core in (one, other):
-        core.reset()
-    np.testing.assert_array_equal(
-        other.now.exogenous[:, 6:], 2.0 * other.now.slow[:, : other.config.world.size]
-    )
-    np.testing.assert_array_equal(
-        other.now.slow[:, : other.config.world.size], one.now.slow[:, : one.config.world.size]
-    )
-    for told, beside in zip(flown(one), flown(other), strict=True):
-        np.testing.assert_array_equal(beside["slow"], told["slow"])
-        np.testing.assert_array_equal(beside["exogenous"][:, 6:], 2.0 * told["exogenous"][:, 6:])

@@ -314,7 +314,8 @@ def test_what_is_derived_of_two_measurements_does_not_depend_on_the_cut_between_
         y[:, headings] = wrap(y[:, headings])
     assert (np.abs(turned[0] - turned[1])[:, headings] > np.pi).mean() > 0.3
     (x, d), (x_turned, d_turned) = (
-        held._derived(*pair, interval) for pair in ((now, before), turned)
+        np.split(held._derived(pair[0], held._rates(*pair, interval)), [held.model.n], -1)
+        for pair in ((now, before), turned)
     )
     error = x_turned - written(x, axes.x)
     angles = np.isin(state, HEADINGS)

@@ -9,7 +9,7 @@ import numpy as np
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers
 from vessel_gym.disturbances.disturbance import Disturbance
-from vessel_gym.processes import Process, block_diagonal, linear
+from vessel_gym.processes import Process, block_diagonal
 
 
 @compiled
@@ -74,7 +74,6 @@ class Air(Disturbance):
             [self.increment, self.increment, self.increment, self.roll]
         )
 
-    @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Wind north, east and down [m/s]."""
         mean_north, mean_east, north, east, down, rising = np.moveaxis(z, -1, 0)

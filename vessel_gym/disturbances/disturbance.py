@@ -8,7 +8,7 @@ docs/own-disturbance.md.
 import numpy as np
 
 from estimators.engine import compiled
-from vessel_gym.processes import Process, linear
+from vessel_gym.processes import Process
 
 
 @compiled
@@ -76,12 +76,10 @@ class Disturbance:
         """
         return self.effect(z, state)
 
-    @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Effect ``(..., len(forces))`` of z on a vehicle in a state; default: z.
 
-        An override may be any function of both arguments. If it is linear in z at every state, the
-        decorator `vessel_gym.processes.linear` makes it faster.
+        An override may be any function of both arguments.
 
         Args:
             z: ``(..., k)`` state of the disturbance.

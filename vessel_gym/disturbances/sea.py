@@ -9,7 +9,7 @@ from estimators.discretisation import van_loan
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers
 from vessel_gym.disturbances.disturbance import Disturbance
-from vessel_gym.processes import Process, linear, root_of
+from vessel_gym.processes import Process, root_of
 
 
 @compiled
@@ -56,7 +56,6 @@ class Sea(Disturbance):
             waves, gust, Process.wandering((each, each), self.current_time, self.dt)
         )
 
-    @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Yaw increment d [rad] in the coming step, current north and east [m/s]: ``(..., 3)``."""
         increment = self.dt * (z[..., 1] + z[..., 2])

@@ -8,7 +8,6 @@ from estimators.engine import compiled
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.envs.shared import BESIDE_BIASES
 from vessel_gym.models.state_space import StateSpace
-from vessel_gym.processes import linear
 from vessel_gym.system import System
 from vessel_gym.tasks.turning import TurningTrial
 from vessel_gym.vehicles.corvette_thesis import ThesisCorvette
@@ -22,7 +21,6 @@ class UnknownStep(Disturbance):
     assumed_as = "unknown-input"
     input_sd = (1.0,)
 
-    @linear
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Zeros ``(..., 1)``, because the task adds the step."""
         return np.zeros((*state.shape[:-1], 1))

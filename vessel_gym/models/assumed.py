@@ -8,7 +8,7 @@ import numpy as np
 from estimators.checks import short_repr
 from vessel_gym.checks import one_of
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.models.state_space import StateSpace, input_channels
+from vessel_gym.models.state_space import StateSpace, force_names
 from vessel_gym.models.structure import reader, relevant
 from vessel_gym.sensors import Sensors
 from vessel_gym.vehicles.vehicle import Vehicle
@@ -58,12 +58,12 @@ def assumed_space(
     space = replace(whole, kind=kind, assumed_as=assumed_as)
     _check_sensors(space)
     if assumed_as in ("unknown-input", "white-input"):
-        increments = (vehicle.increments[i] for i in space.given_increments)
+        increments = (vehicle.increments[i] for i in space.disturbed_increments)
         named = disturbance.inputs
         space = replace(space, inputs=tuple(increments if named is None else named))
     kept = np.zeros(0, int) if assumed_as == "process-noise" else relevant(space)
-    unmodelled = (i for i in space.given_increments if i not in space.unknown)
-    last = (i for i in unmodelled if reader(sensors, vehicle.increments[i]))
+    unmodelled = (i for i in space.disturbed_increments if i not in space.unknown)
+    last = (i for i in unmodelled if reader(space, vehicle.increments[i]))
     return replace(space, kept=kept, last=tuple(last))
 
 
@@ -75,10 +75,10 @@ def _check_sensors(space: StateSpace) -> None:
     """
     sensors, disturbance = space.sensors, space.disturbance
     for name in space.vehicle.state_names:
-        if name not in space.own and (sensor := reader(sensors, name)):
+        if name not in space.vehicle_states and (sensor := reader(space, name)):
             raise ValueError(
                 f"{sensor.name} reads {name}, which filters of this model do not estimate (they"
-                f" estimate {', '.join(space.own)}): leave it out, or choose another model"
+                f" estimate {', '.join(space.vehicle_states)}): leave it out, or choose another model"
             )
     for name in sensors.bias_names:
         if name in disturbance.names:
@@ -93,7 +93,7 @@ def check_fit(vehicle: Vehicle, disturbance: Disturbance) -> None:
     Raises:
         ValueError: naming the input channel, the ship or the time step.
     """
-    who, channels = type(disturbance).__name__, input_channels(vehicle)
+    who, channels = type(disturbance).__name__, force_names(vehicle)
     for name in (*disturbance.forces, *disturbance.white_increments):
         if name not in channels:
             raise ValueError(

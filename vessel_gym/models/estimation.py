@@ -10,7 +10,6 @@ import numpy as np
 
 from estimators import Filter, Model, factory
 from estimators.checks import number, short_repr
-from estimators.robust import RobustKalmanFilter
 from vessel_gym import checks
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.models.assumed import assumed_space, checked_assumption
@@ -142,7 +141,7 @@ class Estimation:
         """Steps by which the estimate of the unknown input lags behind the true one in ``info``."""
         # ``info`` has the present values of flows and faults
         levels = self.space.channels[self.space.increments :]
-        as_it_acts = self.space.late or {*levels}.isdisjoint(self.inputs)
+        as_it_acts = self.space.stacked or {*levels}.isdisjoint(self.inputs)
         return 0 if as_it_acts else self.filter.input_delay or 0
 
     @cached_property
@@ -220,16 +219,17 @@ def _built(
     if estimator in _STACKED and not model.delayed_feedthrough:
         from estimators import stacked  # late, as few filters need it
 
-        space, model = replace(space, late=True), stacked(model)
+        space, model = replace(space, stacked=True), stacked(model)
     true = StateSpace.of_world(system.vehicle, disturbance, sensors)
     inputs = space.inputs or (space if assumptions.disturbance is None else true).scored_inputs
-    if estimator not in ENVIRONMENT_ONLY:  # reference filters have no model of measurements
+    if estimator in ENVIRONMENT_ONLY:
+        made = _reference(str(estimator), options, space, model, inputs)
+    else:
         if assumptions.how is None:
             check_ambient_flows(space)
-        _check_white_input(space, estimator)
-    made = _filter(system, estimator, options, space, model, inputs, assumptions.Q)
+        made = _filter(system, estimator, options, space, model, assumptions.Q)
     check_input(made, space, model)
-    if isinstance(made, RobustKalmanFilter):
+    if made.name == "robust-kf":
         _warn_of_biases(made, sensors, system.task.horizon)
     return Estimation(made, space, assumptions.prior, inputs, late, sensors.horizon)
 
@@ -270,22 +270,38 @@ def is_own(estimator: object) -> bool:
 
 def _filter(
     system: System, estimator: Any, options: dict[str, Any], space: StateSpace, model: Model,
-    inputs: tuple[str, ...], factor: float,
+    factor: float,
 ) -> Filter:  # fmt: skip
-    """A filter of the package or of the user; an error about linear models names the option."""
+    """A filter of the package, tuned, or of the user; ``factor`` is that on covariances.
+
+    Raises:
+        ValueError: for a filter that cannot work with the model, naming what to assume or choose.
+    """
+    name = estimator if isinstance(estimator, str) else "an estimator of one's own"
+    if space.assumed_as == "white-input":
+        if estimator != "kf":
+            raise ValueError(
+                f'only kf can assume a white input of known variance, not {name}: say "as":'
+                ' "process-noise"'
+            )
+        options = {"input_cov": factor * space.input_cov} | options
     try:
         if callable(estimator):
             made = own_filter(estimator, options, model)
             check_own(made, space, model)
             return made
-        if estimator in ENVIRONMENT_ONLY:
-            return _reference(estimator, options, space, model, inputs)
-        return _tuned(system, estimator, options, space, model, factor)
+        return factory.make(estimator, model, **system.tuning(estimator, space) | options)
     except ValueError as error:
-        linear = system.vehicle.linear_kinds
-        if not linear or "needs a LinearModel" not in str(error):
-            raise
-        raise ValueError(f'{error}, or give the option "model": "{linear[0]}"') from None
+        text, linear = str(error), system.vehicle.linear_kinds
+        if linear and "needs a LinearModel" in text:
+            raise ValueError(f'{text}, or give the option "model": "{linear[0]}"') from None
+        if "needs an unknown input" in text:
+            raise ValueError(
+                f"{name} needs an unknown input, but assumes {type(space.disturbance).__name__} as"
+                f' "{space.assumed_as}": assume one with increments, with'
+                ' {"as": "unknown-input"}, or choose another estimator'
+            ) from None
+        raise
 
 
 def own_filter(estimator: Any, options: dict[str, Any], model: Model) -> Filter:
@@ -309,42 +325,7 @@ def _reference(
     return DeadReckoning(model) if name == "dead-reckoning" else ZeroOrderHold(space, model, inputs)
 
 
-def _tuned(
-    system: System, name: str, options: dict[str, Any], space: StateSpace, model: Model,
-    factor: float,
-) -> Filter:  # fmt: skip
-    """A filter of the package, with the system's tuning; ``factor`` is that on covariances."""
-    tuned = {**system.tuning(name, space), **options}
-    if space.assumed_as == "white-input":
-        tuned = {"input_cov": factor * space.input_cov, **tuned}
-    try:
-        return factory.make(name, model, **tuned)
-    except ValueError as error:
-        if "needs an unknown input" not in str(error):
-            raise
-        acting = type(space.disturbance).__name__
-        raise ValueError(
-            f'{name} needs an unknown input, but assumes {acting} as "{space.assumed_as}":'
-            ' assume one with increments, with {"as": "unknown-input"}, or choose another'
-            " estimator"
-        ) from None
-
-
-def _check_white_input(space: StateSpace, estimator: object) -> None:
-    """Refuse a white input of known variance for every filter but the Kalman filter.
-
-    Raises:
-        ValueError: naming the estimator.
-    """
-    if space.assumed_as == "white-input" and estimator != "kf":
-        name = estimator if isinstance(estimator, str) else "an estimator of one's own"
-        raise ValueError(
-            f'only kf can assume a white input of known variance, not {name}: say "as":'
-            ' "process-noise"'
-        )
-
-
-def _warn_of_biases(filter: RobustKalmanFilter, sensors: Sensors, horizon: int) -> None:
+def _warn_of_biases(filter: Any, sensors: Sensors, horizon: int) -> None:
     """Warn if a ball enlarges variances much faster than the slowest bias returns to zero.
 
     A ball of radius c multiplies the largest eigenvalue of a covariance by about ``1 + sqrt(2 c)``

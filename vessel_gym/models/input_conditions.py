@@ -32,7 +32,7 @@ def check_causal(world: StateSpace) -> None:
         ValueError: naming the sensor and the mean.
     """
     for name in world.disturbance.averaged:
-        if sensor := reader(world.sensors, name):
+        if sensor := reader(world, name):
             raise ValueError(
                 f"{sensor.name} reads {name}, a mean over the coming step: let it read states,"
                 " increments, currents or forces"
@@ -48,7 +48,7 @@ def check_ambient_flows(space: StateSpace) -> None:
     if space.assumed_as != "process-noise":
         return
     for name in space.vehicle.ambient_flows:
-        if name in space.disturbance.forces and (sensor := reader(space.sensors, name)):
+        if name in space.disturbance.forces and (sensor := reader(space, name)):
             raise ValueError(
                 f"{sensor.name} reads {name}, of which a filter knows nothing that assumes"
                 f' {type(space.disturbance).__name__} as "{space.assumed_as}": assume it with'
@@ -67,41 +67,44 @@ def check_input(filter: Filter, space: StateSpace, model: LinearModel | Nonlinea
     Raises:
         ValueError: naming the condition that fails, and by how much.
     """
-    sensors = space.sensors
     if not space.inputs:
         return
     _check_timing(filter, model)
-    if not isinstance(filter, UnknownInputFilter):
-        return
+    if isinstance(filter, UnknownInputFilter) and (why := _undetermined(space, model)):
+        acting = type(space.disturbance).__name__
+        raise ValueError(
+            f'{filter.name} cannot assume {acting} as "{space.assumed_as}", with the unknown input'
+            f" {', '.join(space.inputs)}: {why}; assume it with "
+            '{"as": "states"}, or add a sensor'
+        )
+
+
+def _undetermined(space: StateSpace, model: LinearModel | NonlinearModel) -> str:
+    """Reason why measurements do not determine the unknown input; empty if they do."""
     from estimators import input_conditions  # late, as only filters of an unknown input need it
 
-    own, u = nominal_flight(space.vehicle, space.own)
+    periods = np.array([sensor.period(space.sensors.dt) for sensor in space.sensors.each])
+    often = np.flatnonzero(periods[space.sensors.owner] == 1)
+    if not len(often):
+        return "no sensor reads in every step"
+    own, u = nominal_flight(space.vehicle, space.vehicle_states)
     x = np.zeros((len(own), model.n))
-    x[:, : len(space.own)] = own
-    periods = np.array([sensor.period(sensors.dt) for sensor in sensors.each])
-    often = np.flatnonzero(periods[sensors.owner] == 1)
+    x[:, : own.shape[-1]] = own
     Q, R = (resolve(matrix, u[0]) for matrix in (model.Q, model.R))
     A, C = model.linearise_transition(x, u)[1], model.linearise_measurement(x, u)[1]
     G, H = model.input_matrix(x, u), resolve(model.H, u)
     given = (A, C, A @ G, C @ G + H) if model.delayed_feedthrough else (A, C, G, H)
-    along = [np.broadcast_to(each, (len(x), *each.shape[-2:])) for each in given]
+    along = (np.broadcast_to(each, (len(x), *each.shape[-2:])) for each in given)
+    noise = Q, R[np.ix_(often, often)]
     for A, C, G, H in zip(*along, strict=True):
-        why = "no sensor reads in every step"
-        if len(often):
-            seen = C[often], G, H[often], Q, R[np.ix_(often, often)]
-            found = input_conditions(A, *seen, space.input_cov)
-            why = _undetermined(found, space.inputs)
-        if why:
-            acting = type(space.disturbance).__name__
-            raise ValueError(
-                f'{filter.name} cannot assume {acting} as "{space.assumed_as}", with the'
-                f" unknown input {', '.join(space.inputs)}: {why}; assume it with"
-                ' {"as": "states"}, or add a sensor'
-            )
+        found = input_conditions(A, C[often], G, H[often], *noise, space.input_cov)
+        if why := _failing(found, space.inputs):
+            return why
+    return ""
 
 
-def _undetermined(found: "InputConditions", inputs: tuple[str, ...]) -> str:
-    """Reason why measurements do not determine an unknown input; empty if they do."""
+def _failing(found: "InputConditions", inputs: tuple[str, ...]) -> str:
+    """Condition that fails at a point of the trajectory; empty if none does."""
     q = len(inputs)
     if found.rank < q:
         return f"the measurements of every step determine {found.rank} of its {q} directions"
@@ -146,9 +149,9 @@ def check_own(filter: Filter, space: StateSpace, model: LinearModel | NonlinearM
         return
     from estimators.check import check_steps  # late, as the package's own filters need none
 
-    own, u = nominal_flight(space.vehicle, space.own)
+    own, u = nominal_flight(space.vehicle, space.vehicle_states)
     mean = np.zeros(model.n)
-    mean[: len(space.own)] = own[-1]
+    mean[: own.shape[-1]] = own[-1]
     check_steps(filter, Gaussian(mean, _NEAR * np.eye(len(mean))), u[-1])
 
 

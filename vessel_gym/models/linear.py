@@ -105,8 +105,8 @@ def _linear(space: StateSpace, A: Matrix, B: Matrix, F: Matrix) -> LinearModel:
     """
     if space.faulty:
         raise ValueError("a linear model does not say what a fault does to it: choose another")
-    size, n, k = len(space.incremented), len(space.own), len(space.kept)
-    effect = np.zeros((space.outside, size))  # exogenous input per unit of each state
+    size, n, k = len(space.incremented), len(space.vehicle_states), len(space.kept)
+    effect = np.zeros((space.increments_and_flows, size))  # exogenous input per unit of each state
     effect[:, n : n + k] = space.linear_effect[:, space.kept]
     effect[space.unknown] = 0.0
     constant = space.incremented @ effect[: space.increments]
@@ -123,7 +123,7 @@ def _linear(space: StateSpace, A: Matrix, B: Matrix, F: Matrix) -> LinearModel:
         G, chosen = space.G, space.selected[space.flows]
         arguments["G"] = _scheduled(lambda u: _above(resolve(F, u) @ chosen, size) + G, F)
     known = _scheduled(lambda u: _above(resolve(B, u), size), B)
-    return LinearModel(_scheduled(transition, A, F), _measured(space, effect), B=known, **arguments)
+    return LinearModel(_scheduled(transition, A, F), _measured(space, size), B=known, **arguments)
 
 
 def _scheduled(form: Callable[..., np.ndarray], *used: Matrix) -> Matrix:
@@ -139,20 +139,16 @@ def _above(matrix: np.ndarray, rows: int) -> np.ndarray:
     return np.concatenate([matrix, np.zeros((*batch, rows - n, columns))], -2)
 
 
-def _measured(space: StateSpace, effect: np.ndarray) -> np.ndarray:
-    """C, given the exogenous input ``effect (f, n)`` per unit of each state.
+def _measured(space: StateSpace, size: int) -> np.ndarray:
+    """C ``(p, size)``.
 
     Raises:
         ValueError: for a sensor that is not linear.
     """
-    flows, size = effect[space.increments :], effect.shape[-1]
-
-    def read(x: np.ndarray) -> np.ndarray:
-        return space.expected(x, np.matvec(flows, x)) - nothing
-
-    nothing = space.expected(np.zeros(size), np.zeros(len(flows)))
-    C, x = read(np.eye(size)).T, np.linspace(-1.0, 2.0, size)
-    wrong = np.abs(read(x) - C @ x) > 1e-9 * (1.0 + np.abs(C) @ np.abs(x))
+    nothing = space.measurement(np.zeros(size))
+    C, x = (space.measurement(np.eye(size)) - nothing).T, np.linspace(-1.0, 2.0, size)
+    error = np.abs(space.measurement(x) - nothing - C @ x)
+    wrong = error > 1e-9 * (1.0 + np.abs(C) @ np.abs(x))
     _check_linear(space, wrong, "in what the filter estimates")
     return C
 

@@ -19,21 +19,15 @@ from vessel_gym.sensors import Sensors
 from vessel_gym.vehicles.vehicle import Vehicle
 
 
-def input_channels(vehicle: Vehicle) -> tuple[str, ...]:
-    """Names of input channels: increments, ambient flows, faults and losses of actuators."""
+def force_names(vehicle: Vehicle) -> tuple[str, ...]:
+    """Names that a disturbance's effect may have: increments, flows, faults, losses of actuators."""
     faults: tuple[str, ...] = getattr(vehicle, "faults", ())  # optional
-    losses = map(_loss_of, faults)
-    return *vehicle.increments, *vehicle.ambient_flows, *faults, *losses
+    return *vehicle.increments, *vehicle.ambient_flows, *faults, *map(_loss_of, faults)
 
 
 def _loss_of(fault: str) -> str:
     """Name of the lost share of an actuator's effect, from the name of its fault."""
     return f"{fault.removesuffix('fault')}loss"
-
-
-def change_of(name: str) -> str:
-    """Name of the change of a state's component in a step."""
-    return f"change of {name}"
 
 
 def cruising(vehicle: Vehicle) -> np.ndarray:
@@ -66,7 +60,7 @@ class StateSpace:
         assumed_as: One of `vessel_gym.models.assumed.ASSUMED`.
         inputs: Names of the components of the unknown input d.
         last: Indices of the increments in x, which sensors show.
-        late: Is d appended to the filter's state? Measurements show it as it acts.
+        stacked: Is d appended to the filter's state? Measurements show it as it acts.
     """
 
     vehicle: Any
@@ -77,7 +71,7 @@ class StateSpace:
     assumed_as: str = "states"
     inputs: tuple[str, ...] = ()
     last: tuple[int, ...] = ()
-    late: bool = False
+    stacked: bool = False
 
     @classmethod
     def of_world(cls, vehicle: Vehicle, disturbance: Disturbance, sensors: Sensors) -> Self:
@@ -88,7 +82,7 @@ class StateSpace:
     # --- names and places -------------------------------------------------------------------------
 
     @cached_property
-    def own(self) -> tuple[str, ...]:
+    def vehicle_states(self) -> tuple[str, ...]:
         """Components of the vehicle's state in x."""
         names: tuple[str, ...] = self.vehicle.state_names
         return names if self.kind is None else self.vehicle.estimated(self.kind)
@@ -102,8 +96,8 @@ class StateSpace:
     def names(self) -> tuple[str, ...]:
         """Components of the filter's state."""
         kept = (self.disturbance.names[i] for i in self.kept)
-        now = (f"{name} now" for name in self.inputs) if self.late else ()
-        return *self.own, *kept, *self.sensors.bias_names, *self.last_names, *now
+        now = (f"{name} now" for name in self.inputs) if self.stacked else ()
+        return *self.vehicle_states, *kept, *self.sensors.bias_names, *self.last_names, *now
 
     @cached_property
     def increments(self) -> int:
@@ -111,25 +105,26 @@ class StateSpace:
         return len(self.vehicle.increments)
 
     @cached_property
-    def outside(self) -> int:
+    def increments_and_flows(self) -> int:
         """Number of increments and flows, after which come faults."""
         return self.increments + len(self.vehicle.ambient_flows)
 
     @cached_property
     def flows(self) -> slice:
         """Places of flows in an exogenous input."""
-        return slice(self.increments, self.outside)
-
-    @cached_property
-    def faulty(self) -> bool:
-        """Does the disturbance give faults of actuators?"""
-        return not {*self.disturbance.forces} <= {*input_channels(self.vehicle)[: self.outside]}
+        return slice(self.increments, self.increments_and_flows)
 
     @cached_property
     def channels(self) -> tuple[str, ...]:
         """Names of the components of an exogenous input."""
-        every = input_channels(self.vehicle)
-        return every[: (len(every) + self.outside) // 2 if self.faulty else self.outside]
+        names = *self.vehicle.increments, *self.vehicle.ambient_flows
+        faulty = not {*names}.issuperset(self.disturbance.forces)
+        return (*names, *self.vehicle.faults) if faulty else names
+
+    @property
+    def faulty(self) -> bool:
+        """Does the disturbance give faults of actuators?"""
+        return len(self.channels) > self.increments_and_flows
 
     @cached_property
     def unknown(self) -> list[int]:
@@ -137,16 +132,16 @@ class StateSpace:
         return [*map(self.channels.index, self.inputs)]
 
     @cached_property
-    def given_increments(self) -> list[int]:
+    def disturbed_increments(self) -> list[int]:
         """Indices of the increments that the disturbance gives."""
         given = (*self.disturbance.forces, *self.disturbance.white_increments)
         return [i for i, name in enumerate(self.vehicle.increments) if name in given]
 
     @property
-    def new_names(self) -> tuple[str, ...]:
+    def noise_names(self) -> tuple[str, ...]:
         """Names of what is new in a step: white increments, and changes of states and biases."""
         states = *self.disturbance.names, *self.sensors.bias_names
-        return *self.disturbance.white_increments, *map(change_of, states)
+        return *self.disturbance.white_increments, *(f"change of {name}" for name in states)
 
     @property
     def scored_inputs(self) -> tuple[str, ...]:
@@ -156,8 +151,8 @@ class StateSpace:
         increments they are what is new in a step.
         """
         if {*self.disturbance.forces}.isdisjoint(self.vehicle.increments):
-            return self.new_names
-        return tuple(self.vehicle.increments[i] for i in self.given_increments)
+            return self.noise_names
+        return tuple(self.vehicle.increments[i] for i in self.disturbed_increments)
 
     # --- exogenous input --------------------------------------------------------------------------
 
@@ -175,12 +170,12 @@ class StateSpace:
         given = dict(zip(self.disturbance.forces, np.moveaxis(effect, -1, 0), strict=True))
         if white is not None:
             given |= zip(self.disturbance.white_increments, np.moveaxis(white, -1, 0), strict=True)
-        for j, fault in enumerate(self.channels[self.outside :]):
+        for j, fault in enumerate(self.channels[self.increments_and_flows :]):
             if (lost := given.get(_loss_of(fault))) is not None:
                 given[fault] = given.get(fault, zero) - lost * actuators[..., j]
         return np.stack([given.get(name, zero) for name in self.channels], -1)
 
-    def acting(self, x: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
+    def expected_exogenous(self, x: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
         """Exogenous input ``(..., f)`` that follows from x, with 0 in the components of d.
 
         Without a known input u ``(..., m)``, actuators are 0.
@@ -196,7 +191,7 @@ class StateSpace:
 
     def flow(self, mean: np.ndarray, input_mean: np.ndarray | None = None) -> np.ndarray:
         """Ambient flow ``(..., k)`` from means of state and d ``(..., q)``; 0 if unknown."""
-        acting = self.acting(mean)
+        acting = self.expected_exogenous(mean)
         if input_mean is not None:
             acting = product(self.selected, input_mean, acting)
         return acting[..., self.flows]
@@ -205,32 +200,32 @@ class StateSpace:
 
     def split(self, x: np.ndarray) -> tuple[np.ndarray, ...]:
         """Components of x of the vehicle, the disturbance, the biases, and the last increments."""
-        sizes = len(self.own), len(self.kept), self.sensors.bias.size, len(self.last)
+        sizes = len(self.vehicle_states), len(self.kept), self.sensors.bias.size, len(self.last)
         return tuple(x[..., i:j] for i, j in pairwise(np.cumsum((0, *sizes))))
 
     def _whole_state(self, own: np.ndarray) -> np.ndarray:
         """State ``(..., n)`` of the vehicle; 0 in components that are not in x."""
         names = self.vehicle.state_names
-        return _placed(own, [*map(names.index, self.own)], len(names))
+        return _placed(own, [*map(names.index, self.vehicle_states)], len(names))
 
     def _whole_z(self, kept: np.ndarray) -> np.ndarray:
         """State ``(..., k)`` of the disturbance; 0 in components that are not in x."""
         return _placed(kept, self.kept, self.disturbance.process.size)
 
-    def drift(self, own: np.ndarray, u: Any, exogenous: np.ndarray) -> np.ndarray:
+    def vehicle_step(self, own: np.ndarray, u: Any, exogenous: np.ndarray) -> np.ndarray:
         """Estimated components ``(..., n)`` of the vehicle a step later, without increments."""
         if self.faulty:
-            u = self.vehicle.faulty(u, exogenous[..., self.outside :])
+            u = self.vehicle.faulty(u, exogenous[..., self.increments_and_flows :])
         return self.vehicle.drift(own, u, exogenous[..., self.flows])
 
     def transition(self, x: np.ndarray, u: Any) -> np.ndarray:
         """Next state ``f(x, u) (..., n)``."""
         if u.shape[:-1] != x.shape[:-1]:
             x = np.broadcast_to(x, np.broadcast_shapes(x.shape[:-1], u.shape[:-1]) + x.shape[-1:])
-        (own, kept, biases, _), k, acting = self.split(x), len(self.kept), self.acting(x, u)
-        increments = acting[..., : self.increments]
-        after = self.drift(own, u, acting)
-        after = product(self.incremented[: len(self.own)], increments, after)
+        (own, kept, biases, _), acting = self.split(x), self.expected_exogenous(x, u)
+        increments, k = acting[..., : self.increments], len(self.kept)
+        after = self.vehicle_step(own, u, acting)
+        after = product(self.incremented[: len(self.vehicle_states)], increments, after)
         slow = self.slow.advance(np.concatenate([kept, biases], -1))
         z = self._whole_z(slow[..., :k])
         z = self.disturbance.met(z, self._whole_state(own), self._whole_state(after))
@@ -239,11 +234,7 @@ class StateSpace:
 
     def measurement(self, x: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
         """Expected measurement ``h(x, u) (..., p)``, which does not depend on u."""
-        return self.expected(x, self.acting(x)[..., self.flows])
-
-    def expected(self, x: np.ndarray, flows: np.ndarray) -> np.ndarray:
-        """Expected measurement ``(..., p)`` under flows ``(..., k)``."""
-        own, _, biases, last = self.split(x)
+        (own, _, biases, last), flows = self.split(x), self.expected_exogenous(x)[..., self.flows]
         acting = np.concatenate([_placed(last, self.last, self.increments), flows], -1)
         return self.sensors.exact(self._whole_state(own), acting, biases)
 
@@ -261,11 +252,11 @@ class StateSpace:
     @cached_property
     def incremented(self) -> np.ndarray:
         """Effect ``(n, increments)`` of increments on the next state."""
-        last = len(self.own) + self.slow.size
+        last = len(self.vehicle_states) + self.slow.size
         effect = np.zeros((last + len(self.last), self.increments))
         for j, name in enumerate(self.vehicle.incremented):
-            if name in self.own:
-                effect[self.own.index(name), j] = 1.0
+            if name in self.vehicle_states:
+                effect[self.vehicle_states.index(name), j] = 1.0
         effect[np.arange(last, len(effect)), self.last] = 1.0
         return effect
 
@@ -282,17 +273,19 @@ class StateSpace:
     @cached_property
     def H(self) -> np.ndarray:
         """Effect ``(p, q)`` of d on measurements, for the cruising vehicle."""
-        units = self.selected[: self.outside].T
+        units = self.selected[: self.increments_and_flows].T
         state = np.broadcast_to(cruising(self.vehicle), (len(units), len(self.vehicle.state_names)))
         return (self.sensors.exact(state, units) - self.sensors.exact(state, 0.0 * units)).T
 
     def input_matrix(self, x: np.ndarray, u: Any) -> np.ndarray:
         """``G(x, u) (..., n, q)``, with central differences about zero flows and faults."""
-        n, acting, q = len(self.own), self.acting(x, u), len(self.inputs)
+        n, acting, q = len(self.vehicle_states), self.expected_exogenous(x, u), len(self.inputs)
 
         def drift(d: np.ndarray, u: np.ndarray | None) -> np.ndarray:
             exogenous = acting[..., None, :] + np.matvec(self.selected, d)
-            return self.drift(np.broadcast_to(x[..., None, :n], (*d.shape[:-1], n)), u, exogenous)
+            return self.vehicle_step(
+                np.broadcast_to(x[..., None, :n], (*d.shape[:-1], n)), u, exogenous
+            )
 
         none, angles = np.zeros((*x.shape[:-1], q)), self.angles
         slopes = central_differences("drift", drift, none, u, n, angles, steps(none, None))[1]
@@ -302,7 +295,7 @@ class StateSpace:
     @property
     def angles(self) -> tuple[int, ...]:
         """Indices of the states that are angles."""
-        return tuple(i for i, name in enumerate(self.own) if name in self.vehicle.angles)
+        return tuple(i for i, name in enumerate(self.vehicle_states) if name in self.vehicle.angles)
 
     # --- covariances ------------------------------------------------------------------------------
 
@@ -345,7 +338,10 @@ class StateSpace:
     @cached_property
     def Q(self) -> np.ndarray:
         """Covariance ``(n, n)`` of process noise."""
-        n, slow = len(self.own), slice(len(self.own), len(self.own) + self.slow.size)
+        n, slow = (
+            len(self.vehicle_states),
+            slice(len(self.vehicle_states), len(self.vehicle_states) + self.slow.size),
+        )
         white = self.white.copy()
         white[self.unknown] = 0.0
         cov = self.cov if self.assumed_as == "process-noise" else white @ white.T
@@ -358,7 +354,7 @@ class StateSpace:
     def R(self) -> Any:
         """Covariance ``(p, p)`` of measurement noise, which may depend on the state."""
         cruise = np.zeros(len(self.incremented))
-        cruise[: len(self.own)] = self.vehicle.cruise[0][: len(self.own)]
+        cruise[: len(self.vehicle_states)] = self.vehicle.cruise[0][: len(self.vehicle_states)]
         return self.sensors.noise(self.measurement, cruise, None)
 
     @cached_property
@@ -367,7 +363,7 @@ class StateSpace:
         disturbance = self.disturbance
         sizes = disturbance.scale or np.sqrt(np.diag(disturbance.process.start_cov))
         last = np.sqrt(np.diag(self.cov))[list(self.last)]
-        inputs = np.sqrt(np.diag(self.input_cov)) if self.late else np.zeros(0)
+        inputs = np.sqrt(np.diag(self.input_cov)) if self.stacked else np.zeros(0)
         parts = np.asarray(sizes, float)[self.kept], self.sensors.bias_scale, last, inputs
         return np.concatenate(parts)
 

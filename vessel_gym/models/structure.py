@@ -1,51 +1,69 @@
 """Structure of a state space, read from traces of its functions: what depends on what."""
 
 from collections.abc import Callable
-from functools import lru_cache
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from estimators.engine import Argument, trace
-from vessel_gym.models.state_space import StateSpace
-from vessel_gym.sensors import Sensor, Sensors
+from vessel_gym.models.state_space import StateSpace, cruising
+from vessel_gym.sensors import Sensor
+from vessel_gym.sharing import shared
+from vessel_gym.vehicles.vehicle import Vehicle
 
 
-def used_entries(function: Callable[..., Any], *sizes: int) -> list[np.ndarray]:
+def used_entries(function: Callable[..., Any], *points: np.ndarray) -> list[np.ndarray]:
     """Masks of the entries of a function's arguments that its value depends on.
 
-    A function that cannot be traced may depend on all.
+    The trace of the function says which. The value of a function that cannot be traced is compared
+    with those one unit away in each entry.
 
     Args:
         function: Function of vectors.
-        sizes: Size of each vector.
+        points: Vectors of the right sizes; ordinary ones, for functions that cannot be traced.
     """
-    ends = np.cumsum((0, *sizes))
+    point, ends = np.concatenate(points), np.cumsum([0, *map(len, points)])
 
     def of_entries(*entries: Any) -> Any:
         parts = (entries[i:j] for i, j in pairwise(ends))
         return function(*(np.stack(part) if part else np.zeros(0) for part in parts))
 
-    mask = np.zeros(ends[-1], bool)
+    mask = np.zeros(len(point), bool)
     try:
-        mask[[*trace(of_entries, [Argument(())] * len(mask), sealed=True).arguments]] = True
-    except TypeError:
-        mask[:] = True
+        mask[[*trace(of_entries, [Argument(())] * len(point), sealed=True).arguments]] = True
+    except Exception:  # NumPy raises errors of many kinds for tracers
+        moved = point + np.eye(len(point) + 1, len(point), -1)
+        value = function(*np.split(moved, ends[1:-1], -1))
+        mask = (value[1:] != value[0]).any(-1)
     return np.split(mask, ends[1:-1])
 
 
-_used_by_sensor = lru_cache(maxsize=256)(used_entries)
+@shared
+def _used_by(reads: Callable[..., Any], vehicle: Vehicle) -> list[np.ndarray]:
+    """Masks of the states, and of the increments and flows, that a sensor's function depends on."""
+    exogenous = np.zeros(len(vehicle.increments + vehicle.ambient_flows))
+    return used_entries(reads, cruising(vehicle), exogenous)
 
 
-def reader(sensors: Sensors, name: str) -> Sensor | None:
-    """First sensor whose measurement depends on a state, increment or flow; None without one."""
-    names = sensors.state_names, sensors.exogenous_names
-    place = sum(names, ()).index(name)
-    for sensor in sensors.each:
-        if np.concatenate(_used_by_sensor(sensor.reads, *map(len, names)))[place]:
+def reader(space: StateSpace, name: str) -> Sensor | None:
+    """First sensor that depends on a state, increment or flow of the vehicle; None without one."""
+    vehicle = space.vehicle
+    names = *vehicle.state_names, *vehicle.increments, *vehicle.ambient_flows
+    for sensor in space.sensors.each:
+        if np.concatenate(_used_by(sensor.reads, vehicle))[names.index(name)]:
             return sensor
     return None
+
+
+@shared
+def _moving_flows(vehicle: Vehicle, n: int) -> np.ndarray:
+    """Mask of the flows that move the first ``n`` estimated components."""
+
+    def moved(x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
+        return vehicle.drift(x, u, flow)[..., :n]
+
+    return used_entries(moved, *vehicle.cruise, np.zeros(len(vehicle.ambient_flows)))[2]
 
 
 def relevant(space: StateSpace) -> np.ndarray:
@@ -54,23 +72,21 @@ def relevant(space: StateSpace) -> np.ndarray:
     A state matters if it affects, at once or later, estimated or measured quantities through an
     exogenous input that is not part of d.
     """
-    vehicle, disturbance, n = space.vehicle, space.disturbance, len(space.own)
-    x, u = map(len, vehicle.cruise)
-    size, states, k = len(space.channels), len(vehicle.state_names), disturbance.process.size
-
-    def moved(x: np.ndarray, u: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
-        return space.drift(x, u, exogenous)[..., :n]
-
-    counts = used_entries(moved, x, u, size)[2]
-    for i, name in enumerate(space.channels[: space.outside]):
-        counts[i] |= i < space.increments or reader(space.sensors, name) is not None
+    vehicle, disturbance = space.vehicle, space.disturbance
+    counts = np.ones(len(space.channels), bool)
+    moving = _moving_flows(vehicle, len(space.vehicle_states))
+    counts[space.flows] = [
+        moves or reader(space, name) is not None
+        for moves, name in zip(moving, vehicle.ambient_flows, strict=True)
+    ]
     counts[space.unknown] = False
 
     def acting(z: np.ndarray, state: np.ndarray) -> np.ndarray:
         effect = disturbance.effect(z, state)
         return space.exogenous(effect, np.ones(len(vehicle.action_names)))[..., counts]
 
-    matters, transition = used_entries(acting, k, states)[0], disturbance.process.transition
+    transition = disturbance.process.transition
+    matters = used_entries(acting, np.ones(len(transition)), cruising(vehicle))[0]
     for _ in transition:
         matters |= (transition[matters] != 0.0).any(0)
     return np.flatnonzero(matters)

@@ -196,7 +196,7 @@ class Scene:
     ) -> None:
         self.core, self.surroundings, self.history = core, surroundings, history
         config = core.config
-        names = config.estimation.space.own
+        names = config.estimation.space.vehicle_states
         self.estimated = sorted(
             names, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST)
         )

@@ -60,7 +60,7 @@ def arguments(rows: int) -> list[np.ndarray]:
 def compute(formula: Any, *arguments: np.ndarray) -> np.ndarray:
     """A formula of matrices, compiled and computed."""
     rows = [Argument(each.shape[1:], each.dtype.kind) for each in arguments]
-    return trace(formula, rows, matrices=True).compute(*arguments)[0]
+    return trace(formula, rows, matrices=True).compute(*arguments)
 
 
 NAMES = list(formulas(*arguments(1)))
@@ -75,10 +75,10 @@ def test_a_formula_has_the_same_bits_alone_and_in_any_batch(name: str):
     function = trace(formula(name), SHAPES, matrices=True)
     for rows in ROWS:
         parts = arguments(rows)
-        (found,) = function.compute(*parts)
+        found = function.compute(*parts)
         assert_allclose(found, formulas(*parts)[name], rtol=0.0, atol=1e-12)
         for some in (slice(rows - 1, rows), slice(0, 5), slice(rows // 2, rows)):
-            (part,) = function.compute(*(each[some] for each in parts))
+            part = function.compute(*(each[some] for each in parts))
             assert_array_equal(part, found[some])
 
 
@@ -119,7 +119,7 @@ def test_large_matrices_are_loops_and_empty_ones_are_zero():
     function = trace(formula, [Argument((30, 30))], matrices=True)
     assert len(function.instructions) < 10
     S, H = random_covariance(np.random.default_rng(0), 30, (6,)), np.zeros((5, 3, 0))
-    assert_allclose(function.compute(S)[0], formula(S), rtol=1e-11, atol=1e-11)
+    assert_allclose(function.compute(S), formula(S), rtol=1e-11, atol=1e-11)
     assert_array_equal(compute(lambda H: H @ H.mT + 1.0, H), np.ones((5, 3, 3)))
 
 
