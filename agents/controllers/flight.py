@@ -106,7 +106,7 @@ class FlightAutopilot(Controller):
         field = APPROACH * np.arctan(self._slope * o["cross-track"])  # to the left of the path
         astray = field - np.arctan2(o["course sine"], o["course cosine"])
         # The faster over ground, the less a bank turns the course.
-        faster = np.maximum(o["ground speed"] / body.cruise_speed, 0.5)
+        faster = np.maximum(1.0 + o["ground speed error"] / body.cruise_speed, 0.5)
         bank = needed - faster * self._lateral[1] * astray - self._lateral[2] * (o["bank"] - needed)
         bank = np.clip(bank, -body.bank_limit, body.bank_limit)
 
@@ -116,7 +116,7 @@ class FlightAutopilot(Controller):
         actuators = body.commands(observation[..., first : first + 3])
         motion = np.stack([
             np.clip(o["altitude error"], -10.0, 10.0),
-            np.clip(o["airspeed"] - body.cruise_speed, -4.0, 4.0),
+            np.clip(o["airspeed error"], -4.0, 4.0),
             o["climb"] / body.cruise_speed,
         ], -1)  # fmt: skip
         deviation = np.concatenate([motion, actuators[..., :2] - trims], -1)

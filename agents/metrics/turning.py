@@ -44,8 +44,7 @@ def _ahead(rollout: Rollout) -> np.ndarray:
 
 def _on_track(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
     """Progress along the track and distance off it [m], ``(T + 1, N)``."""
-    place = np.stack([_true(rollout, "x"), _true(rollout, "y")], -1)
-    return rollout.config.system.task.on_track(rollout.scenario, place)
+    return rollout.config.system.task.on_track(rollout.scenario, rollout.history["truth"])
 
 
 def _off_track(rollout: Rollout) -> np.ndarray:

@@ -9,6 +9,7 @@ from scipy.optimize import minimize_scalar
 from scipy.spatial import cKDTree
 
 from vessel_gym.guidance.dive_path import arc_to, follow, path_point
+from vessel_gym.guidance.path_following import LEAD
 
 ANGLES = st.floats(-5.5, 5.5)  # rad: up to seven eighths of a circle
 LENGTHS = st.floats(5.0, 200.0)  # m
@@ -143,7 +144,7 @@ def test_a_position_off_the_path_is_found_again(
 ):
     angle, length, _ = arc
     radius = length / max(abs(angle), 1e-9)
-    s, cross = share * length, off * min(radius, 20.0)
+    s, cross = np.clip(share * length, -LEAD, length + LEAD), off * min(radius, 20.0)
     if not 0.0 <= share <= 1.0:  # abreast of the straight pieces the arc may come nearer
         s, cross = (s if abs(angle) < 0.5 else np.clip(s, 0.0, length)), 0.2 * cross
     seen = follow(beside(s, cross, below, arc), arc, 0.0)
@@ -177,16 +178,14 @@ def test_the_closest_point_in_plan_is_that_of_a_search(
         assert found <= nearest + 1e-6 * (1.0 + length)
         assert abs(seen[1]) == pytest.approx(found, abs=1e-6 * (1.0 + length))
     else:  # on a straight piece it is the closest of that piece
-        piece = (-500.0, 0.0) if seen[0] < 0.0 else (length, length + 500.0)
+        piece = (-LEAD, 0.0) if seen[0] < 0.0 else (length, length + LEAD)
         search = minimize_scalar(distance, bounds=piece, method="bounded", options={"xatol": 1e-9})
         assert found <= search.fun + 1e-6 * (1.0 + length)
 
 
 @pytest.mark.slow
 @DIVES
-def test_a_position_is_before_the_start_or_beyond_the_end_only_where_it_is_behind_or_ahead_of_it(
-    arc: np.ndarray,
-):
+def test_ends_are_passed_only_behind_the_start_or_past_the_end(arc: np.ndarray):
     """Even across the circle from the arc, where progress jumps from one end to the other."""
     length = arc[1]
     north, east = np.meshgrid(np.linspace(-90.0, 90.0, 91), np.linspace(-90.0, 90.0, 91))
@@ -194,8 +193,9 @@ def test_a_position_is_before_the_start_or_beyond_the_end_only_where_it_is_behin
     progress, cross = follow(position, arc, 0.0)[:, :2].T
     end = path_point(length, arc)
     onward = (position - end[:3]) @ [np.cos(end[3]), np.sin(end[3]), 0.0]
-    np.testing.assert_allclose(progress[progress < 0.0], position[progress < 0.0, 0])
-    np.testing.assert_allclose(progress[progress > length] - length, onward[progress > length])
+    before, after = progress < 0.0, progress > length
+    np.testing.assert_allclose(progress[before], np.maximum(position[before, 0], -LEAD))
+    np.testing.assert_allclose(progress[after] - length, np.minimum(onward[after], LEAD))
     points = path_point(np.linspace(0.0, length, 2001), arc)[:, :2]
     nearest = cKDTree(points).query(position[:, :2])[0]
     there = path_point(progress, arc)[:, :2]

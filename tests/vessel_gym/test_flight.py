@@ -12,7 +12,7 @@ from vessel_gym.guidance.path_following import ANYWHERE, LEAD, locate
 from vessel_gym.guidance.planner import plan
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.system import Estimate
-from vessel_gym.tasks.flight import ALTITUDE, END_REASONS, OBSTACLES, SEGMENTS, Flight
+from vessel_gym.tasks.flight import ALTITUDE, OBSTACLES, SEGMENTS, Flight
 from vessel_gym.vehicles.puna import STATE, airspeed
 
 TASK = PunaUAVEnv.system.task
@@ -158,7 +158,10 @@ def test_drawn_paths_can_be_flown_and_clear_their_obstacles():
         assert path.length <= 0.8 * TASK.horizon * TASK.dt * TASK.body.cruise_speed
         assert TASK.altitudes[0] <= scenario[..., ALTITUDE] <= TASK.altitudes[1]
         np.testing.assert_array_equal(path.segments[0, :2], 0.0)
-        joints = [Path(path.segments[: k + 1]).pose(end) for k, end in enumerate(path.ends)]
+        joints = [
+            Path(path.segments[: k + 1]).pose(end)
+            for k, end in enumerate(path.segments[:, 4].cumsum())
+        ]
         np.testing.assert_allclose(joints[:-1], path.segments[1:, :3], atol=1e-6)
         np.testing.assert_allclose(TASK.goal(scenario[None])[0], joints[-1], atol=1e-6)
         assert len(obstacles) == 3
@@ -298,8 +301,8 @@ def test_on_the_path_every_observed_error_is_zero():
         for name in ("cross-track", "altitude error", "course sine", "climb", "wind down", "bank"):
             assert seen[name][0] == pytest.approx(0.0, abs=1e-6), name
         assert seen["course cosine"][0] == pytest.approx(1.0)
-        assert seen["ground speed"][0] == pytest.approx(20.0)
-        assert seen["airspeed"][0] == pytest.approx(20.0)
+        assert seen["ground speed error"][0] == pytest.approx(0.0, abs=1e-12)
+        assert seen["airspeed error"][0] == pytest.approx(0.0, abs=1e-12)
         assert seen["remaining"][0] == pytest.approx(scenario[5 * SEGMENTS] - s)
         assert np.tan(seen["bank of the path"][0]) == pytest.approx(
             20.0**2 * seen["curvature"][0] / 9.81
@@ -350,7 +353,7 @@ def flown(
         assert 0.0 <= reward[0] <= 1.0
         total += reward[0]
         if end[0]:
-            return total, END_REASONS[end[0]]
+            return total, TASK.end_reasons[end[0]]
     return total, ""
 
 
@@ -432,7 +435,7 @@ def test_stall_is_by_airspeed_not_ground_speed():
     along, against = STILL.copy(), STILL.copy()
     along[0, 4:6], against[0, 4:6] = 0.6 * truth[0, 3:5], -0.6 * truth[0, 3:5]
     reference, score_state = TASK.reference(scenario, np.zeros(1), truth), np.eye(1, 7) * 290.0
-    ends = [END_REASONS[TASK.score(truth, wind, scenario, reference, np.zeros(1, bool), np.zeros((1, 3)),
+    ends = [TASK.end_reasons[TASK.score(truth, wind, scenario, reference, np.zeros(1, bool), np.zeros((1, 3)),
     np.zeros((1, 3)), score_state)[1][0]]
             for wind in (STILL, along, against)]  # fmt: skip
     assert ends == ["", "stalled", ""]
@@ -441,7 +444,7 @@ def test_stall_is_by_airspeed_not_ground_speed():
 def ending(scenario: np.ndarray, truth: np.ndarray, believed: np.ndarray) -> str:
     reference = TASK.reference(scenario, np.zeros(1), believed)
     score_state = np.eye(1, 7) * 290.0 if truth[0, 0] < 700.0 else np.eye(1, 7) * 740.0
-    return END_REASONS[
+    return TASK.end_reasons[
         TASK.score(
             truth,
             STILL,

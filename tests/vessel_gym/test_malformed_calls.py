@@ -63,10 +63,10 @@ CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] = [
     (SensorFault, {"sensor": "fix", "kind": "off"}, {"sensor": None, "begin": "x"}),
     (Ship, {"ship": SHIP}, {"ship": None, "dt": NOT_POSITIVE}),
     (ROV, {}, {"body": None, "dt": NOT_POSITIVE, "substeps": NO_WHOLE}),
-    (CircleTrack, {"ship": SHIP}, {"ship": None, "pace": NOT_POSITIVE, "horizon": NO_WHOLE, "radius": None}),
-    (SpatialDive, DIVE, {"auv": None, "goal": NO_VECTOR, "ahead": NOT_POSITIVE, "horizon": NO_WHOLE, "steepest": 35.0}),
+    (CircleTrack, {"ship": SHIP}, {"ship": None, "pace": NOT_POSITIVE, "horizon": NO_WHOLE}),
+    (SpatialDive, DIVE, {"auv": None, "goal": NO_VECTOR, "ahead": NOT_POSITIVE, "horizon": NO_WHOLE}),
     (Flight, {"body": PUNA},
-     {"body": None, "radius": NOT_POSITIVE, "margin": NEGATIVE, "altitudes": None, "horizon": NO_WHOLE}),
+     {"body": None, "radius": NOT_POSITIVE, "distance": None, "horizon": NO_WHOLE}),
     (System, SYSTEM, dict.fromkeys(("name", "vehicle", "task", "disturbances", "filter_model", "estimator", "tuning"))
      | {"sensors": "nominal"}),
     (register_environment, {"system": replace(SigmaCorvetteEnv.system, name="Malformed-v0")},

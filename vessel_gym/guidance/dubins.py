@@ -11,7 +11,6 @@ first tried without its first arc, and without its last arc.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -23,6 +22,8 @@ WORDS = ("LSL", "LSR", "RSL", "RSR", "LRL", "RLR")
 CURVATURES = np.array([["RSL".index(letter) - 1.0 for letter in word] for word in WORDS])
 """Curvatures ``(6, 3)`` of the words' pieces in units of 1 / R."""
 
+COLUMNS = 5
+"""Numbers in the row of a segment: x, y, heading, curvature and length."""
 _FULL = 2.0 * np.pi
 
 
@@ -158,6 +159,26 @@ def chained(start: np.ndarray, curvatures: np.ndarray, lengths: np.ndarray) -> n
     return np.stack([*places, begins, curvatures, lengths], -1)
 
 
+@compiled(axes=(0, 1))
+def pose_along(
+    along: np.ndarray, segments: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """x, y [m] and heading [rad] ``(...)`` at ``along (...)`` [m] on paths ``(..., 5 k)``.
+
+    The heading is continuous. Before its start and beyond its end a path is straight.
+    """
+    x, y, heading, curvature, length = (segments[..., i::COLUMNS] for i in range(COLUMNS))
+    covered = np.clip(along[..., None] - (length.cumsum(-1) - length), 0.0, length)
+    by_x, by_y, _ = follow_on(covered, 0.0, 0.0, heading, curvature)
+    outside = along - np.clip(along, 0.0, length.sum(-1))
+    theta = heading[..., 0] + (curvature * covered).sum(-1)
+    return (
+        x[..., 0] + by_x.sum(-1) + outside * np.cos(theta),
+        y[..., 0] + by_y.sum(-1) + outside * np.sin(theta),
+        theta,
+    )
+
+
 def nearest(
     x: np.ndarray, y: np.ndarray, arc: tuple[np.ndarray, ...], low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, ...]:
@@ -208,15 +229,10 @@ class Path:
 
     segments: np.ndarray  # (k, 5): initial x, y [m], heading [rad], curvature [1/m], length [m]
 
-    @cached_property
-    def ends(self) -> np.ndarray:
-        """Arc length ``(k,)`` [m] at which each segment ends."""
-        return np.cumsum(self.segments[:, 4])
-
     @property
     def length(self) -> float:
         """Length of the path [m]."""
-        return float(self.ends[-1])
+        return float(self.segments[:, 4].sum())
 
     @property
     def word(self) -> str:
@@ -229,9 +245,7 @@ class Path:
         The heading is not wrapped: it follows the turns from the start continuously.
         """
         s = np.clip(as_array("s", s), 0.0, self.length)
-        k = np.minimum(np.searchsorted(self.ends, s), len(self.ends) - 1)
-        x, y, heading, curvature, length = np.moveaxis(self.segments[k], -1, 0)
-        return np.stack(follow_on(s - self.ends[k] + length, x, y, heading, curvature), -1)
+        return np.stack(pose_along.function(s, self.segments.ravel()), -1)
 
     def sample(self, spacing: float) -> np.ndarray:
         """Poses ``(n, 3)`` from end to end, evenly spaced by at most ``spacing`` [m].

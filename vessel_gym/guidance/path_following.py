@@ -11,14 +11,12 @@ error costs `PER_RAD` metres a radian, and at most twice that. So no memory is n
 import numpy as np
 
 from estimators.engine import compiled
-from vessel_gym.guidance.dubins import follow_on, nearest
+from vessel_gym.guidance.dubins import COLUMNS, nearest, pose_along
 
 LEAD = 50.0
 """Length [m] of the straights before the start and beyond the end."""
 PER_RAD = 20.0
 """Distance [m] that counts as much as a heading error of one radian, for small errors."""
-COLUMNS = 5
-"""Numbers in the row of a segment."""
 _FAR = 1e6  # m, larger coordinates are clipped, so that nothing overflows
 
 
@@ -38,36 +36,19 @@ def _pieces(segments: np.ndarray) -> tuple[np.ndarray, ...]:
     """
     x, y, heading, curvature, length = (segments[..., i::COLUMNS] for i in range(COLUMNS))
     zero, mask = np.zeros_like(length[..., :1]), length > 0.0
-    by_x, by_y, _ = follow_on(length, 0.0, 0.0, heading, curvature)
-
-    def with_ends(origins: np.ndarray, changes: np.ndarray) -> np.ndarray:
-        first = origins[..., :1]
-        return np.concatenate([first, origins, first + changes.sum(-1)[..., None]], -1)
-
+    ends = pose_along(length.sum(-1), segments)
+    origins = (
+        np.concatenate([first[..., :1], first, end[..., None]], -1)
+        for first, end in zip((x, y, heading), ends, strict=True)
+    )
     return (
-        with_ends(x, by_x),
-        with_ends(y, by_y),
-        with_ends(heading, curvature * length),
+        *origins,
         np.concatenate([zero, curvature, zero], -1),
         np.concatenate([zero, zero, length.cumsum(-1)], -1),
         np.concatenate([zero - LEAD, np.zeros_like(length), zero], -1),
         np.concatenate([zero, length, zero + LEAD], -1),
         np.concatenate([zero == 0.0, mask, zero == 0.0], -1),
     )
-
-
-@compiled(axes=(0, 1))
-def pose_along(
-    along: np.ndarray, segments: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """x, y [m] and heading [rad] ``(...)`` at ``along (...)`` [m] on paths ``(..., 5 k)``."""
-    x, y, angle, curvature, begin, _, _, exists = _pieces(segments)
-    pose = [x[..., 0], y[..., 0], angle[..., 0], curvature[..., 0], begin[..., 0]]
-    for k in range(1, exists.shape[-1]):
-        here = exists[..., k] & (along >= begin[..., k])
-        piece = x[..., k], y[..., k], angle[..., k], curvature[..., k], begin[..., k]
-        pose = [np.where(here, new, old) for new, old in zip(piece, pose, strict=True)]
-    return follow_on(along - pose[4], *pose[:4])
 
 
 def _mean_curvature(
@@ -86,7 +67,7 @@ def locate(
     """Positions relative to paths ``(..., 6)``.
 
     Args:
-        pose: ``(..., 3)`` x, y [m] and course [rad].
+        pose: ``(..., n)`` x, y [m] and course [rad]; further components have no effect.
         window: ``(..., 3)`` least and greatest progress [m], and distance [m] equivalent to a
             heading error of one radian.
         segments: ``(..., 5 k)`` paths.
@@ -126,3 +107,5 @@ def locate(
 
 ANYWHERE = np.array([-np.inf, np.inf, PER_RAD])
 """Window for a vehicle of unknown progress."""
+NEAREST = np.array([-np.inf, np.inf, 0.0])
+"""Window for the nearest point, whatever the course."""

@@ -3,8 +3,7 @@
 import numpy as np
 
 from estimators.engine import compiled
-from vessel_gym.guidance.dubins import chained, distances, shortest_pieces
-from vessel_gym.guidance.path_following import pose_along
+from vessel_gym.guidance.dubins import chained, distances, pose_along, shortest_pieces
 
 _ASIDE = 40.0  # m, largest distance between the path and the margin of an obstacle beside it
 _HAIR = 1e-6  # m between the path and the margin that it touches

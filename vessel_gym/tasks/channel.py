@@ -1,14 +1,14 @@
 """Keep a ship between the edges of a channel: along a straight leg, or a route of waypoints."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from estimators import Gaussian
 from estimators.engine import compiled, sincos
-from vessel_gym.checks import check_numbers, one_of
-from vessel_gym.guidance.path_following import COLUMNS, locate, padded, pose_along
+from vessel_gym.checks import one_of
+from vessel_gym.guidance.dubins import COLUMNS, pose_along
+from vessel_gym.guidance.path_following import NEAREST, locate, padded
 from vessel_gym.guidance.routes import SEGMENTS, WAYPOINTS, route
 from vessel_gym.tasks.task import closeness
 from vessel_gym.tasks.track import HEADING, Track, in_frame
@@ -23,11 +23,9 @@ ALONG = 3
 """Column of a reference with the distance along the channel [m]."""
 _POINTS = LENGTH + 1
 _PATH = _POINTS + 2 * (WAYPOINTS - 1)
-_ANYWHERE = np.array([-np.inf, np.inf, 0.0])
 
 
 @compiled
-@dataclass(frozen=True)
 class Channel(Track):
     """A channel with lateral margins, along a straight leg or along legs joined by arcs.
 
@@ -49,18 +47,13 @@ class Channel(Track):
     of bank clearance on either side. The last three have not been compared with the report itself.
     """
 
-    leg: float = 40.0  # length of the straight channel, ship lengths
-    margin_beams: float = 2.0  # beams by which the ship's middle may be off the axis
-    turn: float = 4.0  # ship lengths, radius of the arcs between waypoints
-    angle: float = 0.25 * np.pi  # rad, of a straight channel from north, along which waves run
-    spread: float = float(np.deg2rad(10.0))  # rad, largest deviation from that angle
-    offset: float = 0.5  # largest initial offset, share of the margin
-    error: float = 0.05  # rad, largest initial error of the heading
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_numbers(self, positive="leg margin_beams turn", share="offset")
-        check_numbers(self, direction="angle", not_negative="spread error")
+    leg = 40.0  # length of the straight channel, ship lengths
+    margin_beams = 2.0  # beams by which the ship's middle may be off the axis
+    turn = 4.0  # ship lengths, radius of the arcs between waypoints
+    angle = 0.25 * np.pi  # rad, of a straight channel from north, along which waves run
+    spread = float(np.deg2rad(10.0))  # rad, largest deviation from that angle
+    offset = 0.5  # largest initial offset, share of the margin
+    error = 0.05  # rad, largest initial error of the heading
 
     uniforms = 4
     end_reasons = ("", "arrived", "aground")
@@ -122,16 +115,15 @@ class Channel(Track):
     # --- where the ship is ------------------------------------------------------------------------
 
     @compiled(axes=(1, 1))
-    def _nearest(self, scenario: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """Position ``(..., 6)`` relative to the axis of places ``(..., 2)``, see `locate`."""
-        pose = np.concatenate([place, np.zeros_like(place[..., :1])], -1)
+    def _nearest(self, scenario: np.ndarray, state: np.ndarray) -> np.ndarray:
+        """Position ``(..., 6)`` relative to the axis of states ``(..., n)``, see `locate`."""
         ahead = np.array([0.5, 1.5]) * self.preview * self.ship.speed  # to average curvatures
-        return locate(pose, _ANYWHERE, scenario[..., _PATH:], ahead)
+        return locate(state, NEAREST, scenario[..., _PATH:], ahead)
 
     @compiled(axes=(1, 0, 1))
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Reference ``(..., 8)`` for a ship in a state ``(..., n)``."""
-        place = self._nearest(scenario, state[..., :2])
+        place = self._nearest(scenario, state)
         along, off, direction, soon, later = (place[..., i] for i in range(5))
         rate = self.turning(soon)
         heading, surge = self.steady_course(rate, direction)
@@ -163,9 +155,9 @@ class Channel(Track):
         along = np.linspace(0.0, scenario[LENGTH], 200)
         return np.stack(pose_along(along, np.tile(scenario[_PATH:], (len(along), 1))), -1)
 
-    def on_track(self, scenario: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances along and to starboard of the axes [m], of positions ``(T, B, 2)``."""
-        found = np.array([self._nearest(scenario, now)[..., :2] for now in place])
+    def on_track(self, scenario: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distances along and to starboard of the axes [m], of states ``(T, B, n)``."""
+        found = np.array([self._nearest(scenario, now)[..., :2] for now in state])
         return found[..., 0], found[..., 1]
 
     def observe_mission(
@@ -200,7 +192,7 @@ class Channel(Track):
         and neither loitering nor ending early pays.
         """
         farthest = score_state[..., 0]
-        place = self._nearest(scenario, state[..., :2])
+        place = self._nearest(scenario, state)
         along, off, direction = (place[..., i] for i in range(3))
         aside = self.course_error(state, exogenous, direction)
         length, aground = scenario[..., LENGTH], np.abs(off) > self.margin

@@ -1,13 +1,12 @@
 """Hold a turning circle over ground: a straight, a clothoid and rounds."""
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from estimators.checks import as_number, short_repr
 from estimators.engine import compiled, sincos
-from vessel_gym.checks import check_numbers, check_pair, one_of
+from vessel_gym.checks import one_of
 from vessel_gym.tasks.task import closeness, wrapped
 from vessel_gym.tasks.track import HEADING, Track
 
@@ -30,7 +29,6 @@ def _clothoid(
 
 
 @compiled
-@dataclass(frozen=True)
 class CircleTrack(Track):
     """The commanded track leads into a circle over ground: a straight, a clothoid, rounds.
 
@@ -42,13 +40,8 @@ class CircleTrack(Track):
     [m/s], estimated heading [rad])``.
     """
 
-    radius: tuple[float, float] = (3.0, 6.0)  # radius of the circle in ship lengths, either side
-    tightest: float = 2.5  # ship lengths, least radius of an option: nearly full rudder
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_numbers(self, positive="tightest")
-        check_pair(f"radius of {type(self).__name__}", self.radius)
+    radius = 3.0, 6.0  # radius of the circle in ship lengths, either side
+    tightest = 2.5  # ship lengths, least radius of an option: nearly full rudder
 
     uniforms = 3
     """Number of uniform random numbers that `scenario` needs."""
@@ -104,7 +97,7 @@ class CircleTrack(Track):
         slower = scenario[..., SPEED] - self.ship.speed
         lead, ramp = self._lengths(scenario)
         along, off, direction, bent = self._nearest(
-            scenario, state[..., :2], self._nominal_distance(scenario, step)
+            scenario, state, self._nominal_distance(scenario, step)
         )
         share = bent / curvature
         speed = self.ship.speed + share * slower
@@ -134,13 +127,13 @@ class CircleTrack(Track):
 
     @compiled(axes=(1, 1, 0))
     def _nearest(
-        self, scenario: np.ndarray, place: np.ndarray, guess: np.ndarray
+        self, scenario: np.ndarray, state: np.ndarray, guess: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        """Point of the track nearest to a place ``(..., 2)``.
+        """Point of the track nearest to a ship in a state ``(..., n)``.
 
         Args:
             scenario: ``(..., 4)``.
-            place: North and east of the track's beginning [m].
+            state: ``(..., n)``, from the position north and east of the track's beginning [m].
             guess: Approximate distance along the track [m], which selects among rounds and the
                 approach.
 
@@ -151,7 +144,7 @@ class CircleTrack(Track):
         heading, curvature = scenario[..., HEADING], scenario[..., CURVATURE]
         lead, ramp = self._lengths(scenario)
         sin, cos = sincos(heading)
-        north, east = (np.clip(place[..., i], -_ABSURD, _ABSURD) for i in range(2))
+        north, east = (np.clip(state[..., i], -_ABSURD, _ABSURD) for i in range(2))
         ahead, aside = north * cos + east * sin, east * cos - north * sin
         # The circle: among the rounds, take the nearest point that is closest to the guess.
         forward, sideways, turned = _clothoid(ramp, ramp, curvature)
@@ -200,10 +193,10 @@ class CircleTrack(Track):
         place = np.stack([forward * cos - sideways * sin, forward * sin + sideways * cos], -1)
         return place, scenario[..., HEADING] + direction
 
-    def on_track(self, scenario: np.ndarray, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances along and to starboard of the tracks [m], of positions ``(T, B, 2)``."""
+    def on_track(self, scenario: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distances along and to starboard of the tracks [m], of states ``(T, B, n)``."""
         found, along = [], np.zeros(len(scenario))
-        for now in place:
+        for now in state:
             along, off, _, _ = self._nearest(scenario, now, along)
             found.append((along, off))
         each, off_track = np.swapaxes(found, 0, 1)
@@ -250,7 +243,7 @@ class CircleTrack(Track):
         """
         before, farthest = score_state[..., 0], score_state[..., 1]
         u, v, r = (state[..., i] for i in range(3, 6))
-        along, off, direction, bent = self._nearest(scenario, state[..., :2], before)
+        along, off, direction, bent = self._nearest(scenario, state, before)
         aside = self.course_error(state, exogenous, direction)
         turning = (r - bent * np.sqrt(u * u + v * v)) / scenario[..., RATE]
         speed = self.ship.speed + bent / scenario[..., CURVATURE] * (

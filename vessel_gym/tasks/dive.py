@@ -14,17 +14,8 @@ from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import Task, closeness, smoothness, three_numbers, wrapped
 from vessel_gym.vehicles.auv import AUVParameters
 
-END_REASONS = (
-    "",
-    "arrived",
-    "missed the goal",
-    "off the path",
-    "surfaced",
-    "too deep",
-    "pitched over",
-)
 Vector = tuple[np.ndarray, np.ndarray, np.ndarray]
-_ARRIVED, _MISSED, _OFF, _SURFACED, _DEEP, _PITCHED = range(1, len(END_REASONS))
+_ARRIVED, _MISSED, _OFF, _SURFACED, _DEEP, _PITCHED = range(1, 7)
 
 
 def to_body_axes(vector: Vector, roll: np.ndarray, pitch: np.ndarray, yaw: np.ndarray) -> Vector:
@@ -58,12 +49,13 @@ class Dive(Task):
     goal_spread: tuple[float, float, float]  # m, half widths of the intervals of random goals
     ahead: float  # m, look-ahead distance
     horizon: int  # steps
-    dt: float = 0.1  # s
-    launch_depth: float = 2.0  # m of water above the start
-    margin: float = 3.0  # m below the goal at which the vehicle is too deep
-    tightest: float = 4.0  # vehicle lengths, least radius of an option
-    widest: float = 1.5 * np.pi  # rad, widest turn of an option
-    steepest: float = np.deg2rad(35.0)  # rad, steepest path of an option
+
+    dt = 0.1  # s
+    launch_depth = 2.0  # m of water above the start
+    margin = 3.0  # m below the goal at which the vehicle is too deep
+    tightest = 4.0  # vehicle lengths, least radius of an option
+    widest = 1.5 * np.pi  # rad, widest turn of an option
+    steepest = np.deg2rad(35.0)  # rad, steepest path of an option
 
     def __post_init__(self) -> None:
         title = type(self).__name__
@@ -71,14 +63,13 @@ class Dive(Task):
         for name in ("goal", "goal_spread"):
             finite_array(f"{name} of {title}", getattr(self, name), 3)
         integer(f"horizon of {title}", self.horizon, 1)
-        check_numbers(
-            self, positive="ahead dt margin tightest widest steepest", not_negative="launch_depth"
-        )
-        check_numbers(self, direction="widest", deflection="steepest")
+        check_numbers(self, positive="ahead")
 
     uniforms = 3
     """Number of uniform random numbers that `scenario` needs."""
-    end_reasons = END_REASONS
+    end_reasons = (
+        "", "arrived", "missed the goal", "off the path", "surfaced", "too deep", "pitched over",
+    )  # fmt: skip
     success = "arrived"
     perfect = 1.0
     """A perfect episode has the score 1."""
@@ -139,8 +130,6 @@ class Dive(Task):
     # --- what the agent sees ----------------------------------------------------------------------
 
     flow_scale = 0.25
-    observed: ClassVar[dict[str, float]]
-    """Components of an observation of mode ``"mean"`` with their scales [SI]; actuators follow."""
 
     def errors(
         self, state: np.ndarray, flow: np.ndarray, scenario: np.ndarray, reference: np.ndarray
@@ -156,13 +145,6 @@ class Dive(Task):
         seen = np.stack(self.errors(estimate.state, estimate.flow, scenario, reference), -1)
         seen = seen / np.array([*self.observed.values()])
         return np.concatenate([seen, self.scaled(actuators)], -1)
-
-    def named(self, observations: np.ndarray) -> dict[str, np.ndarray]:
-        """Components of observations ``(..., k)`` of mode ``"mean"`` by name, ``(...)`` in SI."""
-        return {
-            name: scale * observations[..., i]
-            for i, (name, scale) in enumerate(self.observed.items())
-        }
 
     actuators: ClassVar[int]
     """Number of actuators: fins, then thrust."""
@@ -335,9 +317,8 @@ class VerticalDive(Dive):
     @compiled(axes=(1, 0))
     def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Path angle [rad] ``(..., 1)``, upwards, at the place of a vehicle at cruise speed."""
-        length, depth = scenario[..., 1], scenario[..., 2]
-        share = np.minimum(step * (self.dt * self.auv.cruise_speed) / length, 1.0)
-        return np.stack([-np.arctan(6.0 * depth * share * (1.0 - share) / length)], -1)
+        point = path_point(step * (self.dt * self.auv.cruise_speed), scenario)
+        return -np.arctan(point[..., 4:])
 
     def errors(
         self, state: np.ndarray, flow: np.ndarray, scenario: np.ndarray, reference: np.ndarray

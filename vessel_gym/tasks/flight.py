@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -10,20 +10,15 @@ from estimators import Gaussian
 from estimators.checks import integer, number, short_repr
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, check_pair, instance, one_of
-from vessel_gym.guidance.dubins import Path
-from vessel_gym.guidance.path_following import ANYWHERE, COLUMNS, LEAD, locate, padded, pose_along
+from vessel_gym.guidance.dubins import COLUMNS, Path, pose_along
+from vessel_gym.guidance.path_following import ANYWHERE, LEAD, locate, padded
 from vessel_gym.guidance.planner import checked_obstacles, plan
 from vessel_gym.guidance.scenes import scene
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import FARTHEST, Task, closeness, smoothness, three_numbers
 from vessel_gym.vehicles.puna import PunaParameters, airspeed
 
-END_REASONS = (
-    "", "arrived", "missed the goal", "hit an obstacle", "stalled", "crashed", "off the path",
-    "off the altitude",
-)  # fmt: skip
-_ARRIVED, _MISSED, _HIT, _STALLED, _CRASHED, _OFF, _HEIGHT = range(1, len(END_REASONS))
-
+_ARRIVED, _MISSED, _HIT, _STALLED, _CRASHED, _OFF, _HEIGHT = range(1, 8)
 SEGMENTS = 16
 """Largest number of arcs and straights in a path."""
 OBSTACLES = 5
@@ -54,25 +49,29 @@ class Flight(Task):
 
     body: PunaParameters
     radius: float = 130.0  # m, of turns of the path: 26 deg of bank of 35 in a tail wind of 5 m/s
-    margin: float = 20.0  # m, distance of the path from obstacles
     distance: tuple[float, float] = (600.0, 900.0)  # m from start to goal
-    altitudes: tuple[float, float] = (80.0, 120.0)  # m, commanded
     obstacle_radius: tuple[float, float] = (30.0, 60.0)  # m
     ahead: tuple[float, float] = (20.0, 60.0)  # m, look-ahead; in the first, the bank can follow
     horizon: int = 900  # steps
-    dt: float = 0.1  # s
+
+    margin = 20.0  # m, distance of the path from obstacles
+    altitudes = 80.0, 120.0  # m, commanded
+    dt = 0.1  # s
 
     def __post_init__(self) -> None:
         instance("body of Flight", self.body, PunaParameters)
         integer("horizon of Flight", self.horizon, 1)
-        check_numbers(self, positive="radius dt", not_negative="margin")
-        for name in ("distance", "altitudes", "obstacle_radius", "ahead"):
+        check_numbers(self, positive="radius")
+        for name in ("distance", "obstacle_radius", "ahead"):
             check_pair(f"{name} of Flight", getattr(self, name))
 
     prior_sd = (1.0, 1.0, 1.0, 0.5, 0.5, 0.3, 0.02)
     uniforms = 14
     """Number of uniform random numbers that `scenario` needs."""
-    end_reasons = END_REASONS
+    end_reasons = (
+        "", "arrived", "missed the goal", "hit an obstacle", "stalled", "crashed", "off the path",
+        "off the altitude",
+    )  # fmt: skip
     success = "arrived"
     perfect = 1.0
     """A perfect episode has the score 1."""
@@ -214,36 +213,12 @@ class Flight(Task):
 
     # --- what the agent sees ----------------------------------------------------------------------
 
-    observed: ClassVar[dict[str, tuple[float, float]]] = {
-        "cross-track": (0.0, 10.0), "altitude error": (0.0, 5.0), "course sine": (0.0, 0.5),
-        "course cosine": (0.0, 1.0), "curvature": (0.0, 0.01), "curvature later": (0.0, 0.01),
-        "bank of the path": (0.0, 0.5), "ground speed": (20.0, 5.0), "airspeed": (20.0, 2.0),
-        "climb": (0.0, 1.0), "wind down": (0.0, 1.0), "bank": (0.0, 0.5),
-        "obstacles ahead": (0.0, 1.0), "obstacles to starboard": (0.0, 1.0),
-        "remaining": (0.0, 500.0),
+    observed = {
+        "cross-track": 10.0, "altitude error": 5.0, "course sine": 0.5, "course cosine": 1.0,
+        "curvature": 0.01, "curvature later": 0.01, "bank of the path": 0.5,
+        "ground speed error": 5.0, "airspeed error": 2.0, "climb": 1.0, "wind down": 1.0,
+        "bank": 0.5, "obstacles ahead": 1.0, "obstacles to starboard": 1.0, "remaining": 500.0,
     }  # fmt: skip
-    """Components of an observation of mode ``"mean"`` with offsets and scales [SI].
-
-    Actuators follow.
-    """
-
-    @cached_property
-    def _gains(self) -> np.ndarray:
-        """Offsets and inverse scales ``(2, 15)`` of an observation."""
-        offsets, scales = np.array(list(self.observed.values())).T
-        return np.array([offsets, 1.0 / scales])
-
-    def named(self, observations: np.ndarray) -> dict[str, np.ndarray]:
-        """Components of observations ``(..., k)`` of mode ``"mean"`` by name, ``(...)`` in SI."""
-        listed = enumerate(self.observed.items())
-        return {
-            name: offset + scale * observations[..., i] for i, (name, (offset, scale)) in listed
-        }
-
-    def scaled(self, actuators: np.ndarray) -> np.ndarray:
-        """Thrust, angle of attack and bank command in the scale of the action: 0 for cruise."""
-        return self.body.actions(actuators)
-
     state_offset = (0.0, 0.0, 100.0, 0.0, 0.0, 0.0, 0.0)
     state_scale = (100.0, 100.0, 20.0, 20.0, 20.0, 1.0, 0.5)
     flow_scale = 5.0
@@ -268,21 +243,22 @@ class Flight(Task):
         # Lift turns the velocity through the air; over ground its share across the course counts.
         across = np.maximum(np.cos(course - np.arctan2(through_east, through_north)), 0.5)
         turning = ground * np.minimum(ground, 1e3) * curvature
+        through_air, cruise = airspeed(estimate.state, estimate.flow), self.body.cruise_speed
         path_bank = np.arctan(turning / self.body.gravity / across)
         seen = [
             cross, above, np.sin(heading - course), np.cos(heading - course), curvature, later,
-            path_bank, ground, airspeed(estimate.state, estimate.flow), climb, wind_down, bank,
+            path_bank, ground - cruise, through_air - cruise, climb, wind_down, bank,
             *_obstacles_near(estimate.state, scenario), scenario[..., LENGTH] - progress,
         ]  # fmt: skip
-        offset, gain = self._gains
-        return np.concatenate([(np.stack(seen, -1) - offset) * gain, self.scaled(actuators)], -1)
+        scaled = np.stack(seen, -1) / np.array([*self.observed.values()])
+        return np.concatenate([scaled, self.body.actions(actuators)], -1)
 
     def observe_mission(
         self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
         """Path, altitude, obstacles and actuators ``(..., 99)``."""
         mission = np.concatenate([scenario[..., :LENGTH], scenario[..., ALTITUDE:]], -1)
-        return np.concatenate([mission * self._mission_gains, self.scaled(actuators)], -1)
+        return np.concatenate([mission * self._mission_gains, self.body.actions(actuators)], -1)
 
     # --- how it is scored -------------------------------------------------------------------------
 
@@ -349,8 +325,7 @@ class Flight(Task):
         """Positions of states ``(..., n)`` on the path, near the farthest progress [m]."""
         zero = np.zeros_like(farthest)
         window = np.stack([farthest - self.WINDOW, farthest + self.WINDOW, zero], -1)
-        pose = np.concatenate([state[..., :2], zero[..., None]], -1)
-        return locate(pose, window, scenario[..., :LENGTH], np.array(self.ahead))
+        return locate(state, window, scenario[..., :LENGTH], np.array(self.ahead))
 
     def over(self, scenario: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Has the position covered the path ``(...)``?"""

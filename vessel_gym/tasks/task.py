@@ -74,6 +74,8 @@ class Task:
     """Observations are scaled to be of order 1 and clipped to +-10."""
     prior_sd: ClassVar[tuple[float, ...]]
     """Standard deviations of the vehicle's estimated components at the start."""
+    observed: ClassVar[dict[str, float]] = {}
+    """Names and scales [SI] of the first components of an observation of mode ``"mean"``."""
     state_offset: ClassVar[tuple[float, ...]] = (0.0,)
     """Values of the vehicle's estimated components that observations show as 0."""
     state_scale: ClassVar[tuple[float, ...]] = (1.0,)
@@ -141,6 +143,11 @@ class Task:
             actuators: ``(B, a)``.
         """
         return np.concatenate([self.observe_state(estimate, scenario), reference, actuators], -1)
+
+    def named(self, observations: np.ndarray) -> dict[str, np.ndarray]:
+        """Components ``(...)`` in SI of observations ``(..., k)`` of mode ``"mean"``, by name."""
+        scales = enumerate(self.observed.items())
+        return {name: scale * observations[..., i] for i, (name, scale) in scales}
 
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
         """The estimate ``(B, k)`` in observations without guidance; `observe_mission` follows it.

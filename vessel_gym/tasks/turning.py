@@ -105,7 +105,7 @@ class TurningTrial(Steering):
 
     pace: float = 1.6  # for steps of 0.8 s
     horizon: int = SAMPLES - 1
-    helm: float = float(np.deg2rad(28.0))  # rad, our choice: more hardly helps; 35 deg is printed
+    helm = float(np.deg2rad(28.0))  # rad, our choice: more hardly helps; 35 deg is printed
 
     prior_sd = (1e-3**0.5,) * 3  # of sway, yaw rate, heading; inferred: equal to those of Q
     commanding: ClassVar[slice | list[int]] = [3, 4]

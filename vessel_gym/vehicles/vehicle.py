@@ -44,11 +44,11 @@ class Vehicle:
 
     dt: float
     """Time step [s]."""
-    state_names: ClassVar[tuple[str, ...]]
+    state_names: tuple[str, ...]
     """Components of the vehicle's own state, without disturbances."""
-    angles: ClassVar[tuple[str, ...]]
+    angles: tuple[str, ...]
     """Components of the state that are angles [rad]."""
-    action_names: ClassVar[tuple[str, ...]]
+    action_names: tuple[str, ...]
     """Components of the action."""
     incremented: ClassVar[tuple[str, ...]]
     """Component of the state that each increment changes."""
@@ -56,13 +56,13 @@ class Vehicle:
     """Flows in the exogenous input, which carry the vehicle over a step."""
     sensors: Any
     """Sensors in nominal quality, a tuple of `Sensor` in the order of the measurements."""
-    normals: ClassVar[int]
+    normals: int
     """Number of standard normal numbers that `parameters` needs."""
-    parameter_names: ClassVar[tuple[str, ...]]
+    parameter_names: tuple[str, ...]
     """Components of the parameters."""
     cruise: Any
     """Estimated components ``(n,)`` and known input ``(m,)`` of the cruising vehicle."""
-    rates: ClassVar[Mapping[str, str]]
+    rates: Mapping[str, str]
     """State of which each rate is the derivative, such as ``{"r": "psi"}``.
 
     If no sensor measures a rate, ``estimator="measurement"`` computes it from two measurements of
@@ -72,14 +72,14 @@ class Vehicle:
     """Names of the models for filters; the nonlinear one with the most states comes first."""
     linear_kinds: ClassVar[tuple[str, ...]] = ()
     """Names of the linear ones among the models."""
-    carried: ClassVar[np.ndarray | None] = None
+    carried: np.ndarray | None = None
     """Effect ``(n, flows)`` of initial flows on the prior; None if speeds are flow-relative."""
     steering: Any = ()
     """Indices of actuators that are angles [rad] of rudders, fins or wings, a tuple.
 
     Their travel, reversals and saturation are measured by `agents.metrics`.
     """
-    grades: ClassVar[str | None] = None
+    grades: str | None = None
     """File of grades of the sensors, see `vessel_gym.sensors.grades`; None without grades."""
     noise: Any = {}
     """Schedules of Q and R by name, instead of ``process_sd`` and the sensors' noise."""
