@@ -21,7 +21,7 @@ from vessel_gym.models.state_space import StateSpace
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor, Sensors
 from vessel_gym.sharing import shared
-from vessel_gym.start import Draws
+from vessel_gym.start import StartNumbers
 from vessel_gym.state import Changes, Stage, State
 from vessel_gym.system import System, Task, Vehicle
 from vessel_gym.tasks.task import observation_sizes
@@ -237,10 +237,10 @@ class Configuration:
         return np.array(self.world.vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
 
     @cached_property
-    def draws(self) -> Draws:
+    def draws(self) -> StartNumbers:
         """Random numbers of an episode's start."""
         size, mismatch = len(self.prior_index), self.options.mismatch
-        return Draws.of(self.world, self.system.task.uniforms, size, mismatch)
+        return StartNumbers.of(self.world, self.system.task.uniforms, size, mismatch)
 
     @cached_property
     def observation_size(self) -> int:

@@ -20,7 +20,7 @@ from vessel_gym.checks import options as checked_options
 from vessel_gym.configuration import Configuration, Options
 from vessel_gym.delivery import Measurements, injected
 from vessel_gym.mission import estimate_of, standard_deviations
-from vessel_gym.start import DRAWN, draw, filter_prior, next_episodes
+from vessel_gym.start import DRAWN, filter_prior, next_episodes, start_numbers
 from vessel_gym.state import State
 from vessel_gym.system import System
 from vessel_gym.tasks.task import Estimate
@@ -232,12 +232,10 @@ class Core:
         """The record with the random numbers and scenarios of new episodes, and the prior."""
         config, count, steps = self.config, len(rows), np.zeros(len(rows), int)
         vehicle, task, draws = config.world.vehicle, config.system.task, config.draws
-        seeds, episode = (
-            RandomKeys.seeded([self.seeds[row] for row in rows]),
-            self.now.episode[rows],
-        )
-        keys, numbers = draw(seeds.keys, episode, names=draws.words, drawn=draws.counts)
-        numbers = {name: numbers[:, columns] for name, columns in draws.columns.items()}
+        seeds, episode = RandomKeys.seeded([self.seeds[i] for i in rows]), self.now.episode[rows]
+        given = {"words": draws.words, "counts": draws.counts}
+        keys, *drawn = start_numbers(seeds.keys, episode, **given)
+        numbers = dict(zip((*DRAWN, "slow"), drawn, strict=True))
         scenario = task.scenario(numbers["task"], options)
         prior, parameters = task.prior(scenario), config.nominal.repeat(count, 0)
         if mismatch := config.options.mismatch:

@@ -34,9 +34,7 @@ class Delivery:
         self._sensor_index = [names.index(fault.sensor) for fault in sensors.faults]
         channels = (np.flatnonzero(sensors.owner == i).tolist() for i in self._sensor_index)
         self._channels = [columns(each) for each in channels]  # of each fault
-        delay = sensors.delays[sensors.owner]
-        self._due = delay == np.arange(self.ages)[:, None]  # (ages, p)
-        self._delivered = delay, np.arange(sensors.size)  # age and index of each channel
+        self._due = sensors.delays[sensors.owner] == np.arange(self.ages)[:, None]  # (ages, p)
 
     def begin(self, now: State) -> None:
         """Draw the times of faults; no measurement is in transit."""
@@ -67,15 +65,11 @@ class Delivery:
         """Deliver the sampled measurements; or given ones, without faults and at once."""
         if given is None and self.sensors.faults:
             self._corrupt(now)
-        elif given is not None and self.ages == 1:
-            now.y, now.available = given
         if self.ages > 1:
             self._carry(now, given)
-            now.y, now.available = (
-                tuple(each[:, *self._delivered] for each in now.arrived)
-                if given is None
-                else youngest(now.arrived)
-            )
+            now.y, now.available = youngest(now.arrived)
+        elif given is not None:
+            now.y, now.available = given
 
     def active(self, now: State) -> np.ndarray:
         """Mask ``(B, faults)`` of the active faults."""
@@ -143,20 +137,16 @@ def youngest(measurements: Measurements) -> Measurements:
 
 def injected(measurements: Any, rows: int, sensors: Sensors) -> Measurements:
     """Injected measurements and mask, checked; values that are not finite read 0 and are masked."""
-    pair = (
-        measurements
-        if isinstance(measurements, tuple | list) and len(measurements) == 2
-        else (None, None)
-    )
-    y, mask = (numbers(part) for part in pair)
+    whole = isinstance(measurements, tuple | list) and len(measurements) == 2
+    y, mask = map(numbers, measurements if whole else (None, None))
     if y is None or mask is None:
         raise TypeError(
             "measurements must be two arrays, values and the mask of those that came, got"
             f" {short_repr(measurements)}"
         )
-    shapes = [(rows, sensors.size), (rows, sensors.horizon + 1, sensors.size)][
-        : 2 if sensors.horizon else 1
-    ]
+    shapes: list[tuple[int, ...]] = [(rows, sensors.size)]
+    if sensors.horizon:
+        shapes.append((rows, sensors.horizon + 1, sensors.size))
     if y.shape != mask.shape or y.shape not in shapes:
         expected = " each, or by age ".join(map(str, shapes))
         raise ValueError(

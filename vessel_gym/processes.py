@@ -1,9 +1,8 @@
 """Gauss-Markov processes of currents, gusts, waves and sensors' biases."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar
 
 import numpy as np
 
@@ -13,17 +12,6 @@ from estimators.engine import as_word, lookup
 from estimators.model_checks import as_covariance
 from estimators.threefry import normals
 from vessel_gym.checks import check_numbers
-
-_Function = TypeVar("_Function", bound=Callable[..., Any])
-
-
-def linear(function: _Function) -> _Function:
-    """Declare that a sensor's reading is a matrix times its arguments.
-
-    The matrix is computed once from the function, which is not called in later steps.
-    """
-    vars(function)["linear"] = True
-    return function
 
 
 @dataclass(frozen=True, eq=False)

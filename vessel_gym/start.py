@@ -2,6 +2,7 @@
 
 import math
 from functools import lru_cache
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,19 +72,17 @@ def next_episodes(
     return [new[i] if i in chosen else seeds[i] for i in range(len(episode))], episode
 
 
-class Draws(NamedTuple):
-    """Random numbers of an episode's start."""
+class StartNumbers(NamedTuple):
+    """Keys and random numbers of an episode's start."""
 
-    words: tuple[int, ...]  # for the keys of the parts
-    counts: tuple[
-        tuple[int, int, int], ...
-    ]  # of uniform and normal numbers of each part, and use of the normal ones
+    words: tuple[int, ...]  # for the keys of all parts
+    # of each part that draws numbers: uniform ones, normal ones, and use of the normal ones
+    counts: tuple[tuple[int, int, int], ...]
     world: int  # number of keys before those of the sensors
-    columns: dict[str, slice]  # places of the numbers, by their use
 
     @classmethod
-    def of(cls, world: World, uniforms: int, prior_size: int, mismatch: float) -> "Draws":
-        """Draws of a world, of a task with ``uniforms`` numbers, and of a prior.
+    def of(cls, world: World, uniforms: int, prior_size: int, mismatch: float) -> "StartNumbers":
+        """Numbers of a world, of a task with ``uniforms`` numbers, and of a prior.
 
         The prior has ``prior_size`` components of the vehicle's state.
         """
@@ -92,7 +91,6 @@ class Draws(NamedTuple):
         sensed = (f"sensor {sensor.name}" for sensor in world.sensors.each)
         words = tuple(word(name) for name in (*DRAWN, *parts, *sensed))
         spread = world.vehicle.normals if mismatch else 0
-        starts = [(0, root.shape[-1], 1) for root in world.start_roots]
         own = (
             (uniforms, 0, 0),
             (0, prior_size, 0),
@@ -100,23 +98,18 @@ class Draws(NamedTuple):
             (0, 0, 0),
             (world.disturbance.uniforms, 0, 0),
         )
-        counts = [*own, *starts, *[(0, 0, 0)] * len(world.sensors.each)]
-        sizes = [sum(each[:2]) for each in own]
-        sizes.append(sum(count for _, count, _ in starts))
-        ends = np.cumsum(sizes).tolist()
-        places = (slice(end - size, end) for end, size in zip(ends, sizes, strict=True))
-        columns = dict(zip((*DRAWN, "slow"), places, strict=True))
-        return cls(words, tuple(counts), len(DRAWN) + len(parts), columns)
+        starts = [(0, root.shape[-1], 1) for root in world.start_roots]
+        return cls(words, (*own, *starts), len(DRAWN) + len(parts))
 
 
 @compiled(axes=(1, 0))
-def draw(
+def start_numbers(
     seeds: np.ndarray,
     episodes: np.ndarray,
     *,
-    names: tuple[int, ...],
-    drawn: tuple[tuple[int, int, int], ...],
-) -> tuple[np.ndarray, np.ndarray]:
+    words: tuple[int, ...],
+    counts: tuple[tuple[int, int, int], ...],
+) -> tuple[np.ndarray, ...]:
     """Keys of the parts of episodes, and the random numbers at their starts.
 
     The numbers are those of `estimators.RandomKeys` at step 0.
@@ -124,23 +117,24 @@ def draw(
     Args:
         seeds: ``(..., 2)`` keys.
         episodes: ``(...)`` numbers of the episodes.
-        names: A word for each part.
-        drawn: Numbers of uniform and normal random numbers of each part, and the use of the normal
-            ones.
+        words: As of `StartNumbers`.
+        counts: As of `StartNumbers`.
 
     Returns:
-        Keys ``(..., parts, 2)``, and numbers ``(..., k)`` part by part.
+        Keys ``(..., parts, 2)``, numbers ``(..., k)`` of each stream of `DRAWN`, and those of the
+        slow processes of the world.
     """
     zero: Any = np.uint64(0)
     own = threefry(as_word(episodes), zero, seeds[..., 0], seeds[..., 1])
-    keys = [np.stack(threefry(np.uint64(name), zero, *own), -1) for name in names]
-    numbers: list[np.ndarray] = []
-    for key, (uniforms, count, use) in zip(keys, drawn, strict=True):
+    keys = [np.stack(threefry(np.uint64(each), zero, *own), -1) for each in words]
+    drawn: list[list[np.ndarray]] = []
+    for key, (uniforms, count, use) in zip(keys, counts, strict=False):  # sensors draw none
         pairs = (two_uniforms(key, np.uint64(i), zero) for i in range((uniforms + 1) // 2))
-        numbers += [pair[..., i] for pair in pairs for i in range(2)][:uniforms]
-        numbers += normals(key, zero, count, use)
+        numbers = [pair[..., i] for pair in pairs for i in range(2)][:uniforms]
+        drawn.append([*numbers, *normals(key, zero, count, use)])
+    named = *drawn[: len(DRAWN)], [*chain(*drawn[len(DRAWN) :])]
     empty = np.zeros((*episodes.shape, 0))
-    return np.stack(keys, -2), np.stack(numbers, -1) if numbers else empty
+    return np.stack(keys, -2), *(np.stack(each, -1) if each else empty for each in named)
 
 
 def filter_prior(prior: Gaussian, space: StateSpace) -> Gaussian:

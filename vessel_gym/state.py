@@ -157,16 +157,12 @@ class Stage:
 
     def _compile(self, now: State) -> None:
         """Make a program of the record's arrays."""
-        held = {name: a for name, a in vars(now).items() if isinstance(a, np.ndarray)}
-        held |= {f"belief.{name}": a for name, a in _arrays_of(now.belief).items()}
+        held = arrays_of(now)
 
         def function(*tracers: Any) -> Changes:
-            given = dict(zip(held, tracers, strict=True))
-            belief = {name.partition(".")[2]: a for name, a in given.items() if "." in name}
+            fields, belief = apart(dict(zip(held, tracers, strict=True)))
             belief = {"input_mean": None} | belief
-            row: Any = State(**{n: a for n, a in given.items() if "." not in n})
-            row.belief = SimpleNamespace(**belief)
-            return self.function(row)
+            return self.function(State(**fields, belief=SimpleNamespace(**belief)))
 
         axes = [a.ndim - 1 for a in held.values()]
         self._program = Compiled(function, axes, sealed=True, own=self._own)
@@ -195,9 +191,15 @@ class Stages:
             stage(now)
 
 
-def _arrays_of(belief: Any) -> dict[str, np.ndarray]:
-    """Arrays of a belief that stages may read."""
-    if belief is None:
-        return {}
-    arrays = {"mean": belief.mean, "cov": belief.cov, "healthy": belief.healthy}
-    return arrays | ({} if belief.input_mean is None else {"input_mean": belief.input_mean})
+def arrays_of(now: State) -> dict[str, np.ndarray]:
+    """Arrays of a record and, as "belief.mean" and others, of its belief."""
+    names = () if now.belief is None else now.belief.names()
+    fields = vars(now) | {f"belief.{name}": getattr(now.belief, name) for name in names}
+    return {name: each for name, each in fields.items() if isinstance(each, np.ndarray)}
+
+
+def apart(arrays: Changes) -> tuple[Changes, Changes]:
+    """Arrays of a record, and of its belief."""
+    belief = {name: each for name, each in arrays.items() if name.startswith("belief.")}
+    fields = {name: each for name, each in arrays.items() if name not in belief}
+    return fields, {name.partition(".")[2]: each for name, each in belief.items()}

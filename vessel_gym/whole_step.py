@@ -13,7 +13,7 @@ from estimators import RandomKeys
 from estimators.engine import Argument, SideBySide, TracedArray, by_entries, matrix, trace
 from vessel_gym.mission import Mission
 from vessel_gym.models.estimation import Estimation
-from vessel_gym.state import Changes, State
+from vessel_gym.state import Changes, State, apart, arrays_of
 from vessel_gym.truth import INFO, Scale, TrueState, UnknownInput, info_arrays
 from vessel_gym.world import World
 
@@ -100,7 +100,7 @@ class _Places(NamedTuple):
 
 
 class Layout:
-    """Places of arrays ``(B, ...)`` in one array ``(B, k)``: a program makes fewer arrays in less time.
+    """Places of arrays ``(B, ...)`` in one array ``(B, k)``, as fewer arrays take less time.
 
     Args:
         shapes: Shape of a row of each array, by name.
@@ -195,7 +195,7 @@ class WholeStep:
         """The record of a `Moment`."""
         before = self.layout.parts(values[self._end_of_fixed])
         after = self.layout.parts(found[0]) | dict(zip(self.others, found[1:], strict=False))
-        fields, belief = _apart(after)
+        fields, belief = apart(after)
         return base.but(
             **fields, action=values[0], noise_before=before["noise"],
             exogenous_before=before["exogenous"],
@@ -204,17 +204,17 @@ class WholeStep:
 
     def _values(self, last: State) -> list[np.ndarray]:
         """Arguments of a step from a record, but for the action."""
-        arrays = _arrays_of(last)
+        arrays = arrays_of(last)
         numbers = self.layout.joined([arrays[name] for name in self.layout.first])
         fixed, others = ([arrays[name] for name in each] for each in (self._fixed, self.others))
         return [*fixed, numbers, *others]
 
     def _trace(self, last: State) -> None:
         """Trace the stages for rows of the record."""
-        arrays = ((name, a) for name, a in _arrays_of(last).items() if name not in _BEFORE)
+        arrays = ((name, a) for name, a in arrays_of(last).items() if name not in _BEFORE)
         rows = {name: Argument(a.shape[1:], a.dtype.kind) for name, a in arrays}
-        apart = "action", *_FIXED
-        numbers = [n for n, row in rows.items() if row.kind == "f" and n not in apart]
+        alone = "action", *_FIXED
+        numbers = [n for n, row in rows.items() if row.kind == "f" and n not in alone]
         (self._observed,) = rows["observation"].shape
         layout = self.layout = Layout({name: rows.pop(name).shape for name in numbers})
 
@@ -245,7 +245,7 @@ class WholeStep:
 
     def _changes(self, given: dict[str, Any]) -> tuple[Changes, list[Any]]:
         """Arrays that a step changes, and the arrays of ``info``."""
-        fields, arrays = _apart(given)
+        fields, arrays = apart(given)
         row: Any = State(**{name: by_entries(array) for name, array in fields.items()})
         row = row.but(steps=row.steps + 1, noise_before=row.noise, exogenous_before=row.exogenous)
         world, filter = self._world.step.function(row), self._filter
@@ -263,20 +263,6 @@ class WholeStep:
             return every, []
         info = info_arrays(self._true_state, self._unknown_input, self._scale, row)
         return every, [*info.values()]
-
-
-def _arrays_of(now: State) -> dict[str, np.ndarray]:
-    """Arrays of a record and, as "belief.mean" and others, of its belief."""
-    belief: Any = now.belief
-    arrays = {name: each for name, each in vars(now).items() if isinstance(each, np.ndarray)}
-    return arrays | {f"belief.{name}": getattr(belief, name) for name in belief.names()}
-
-
-def _apart(arrays: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Arrays of a record, and of its belief."""
-    belief = {name: each for name, each in arrays.items() if name.startswith("belief.")}
-    fields = {name: each for name, each in arrays.items() if name not in belief}
-    return fields, {name.partition(".")[2]: each for name, each in belief.items()}
 
 
 def _batched(arrays: Sequence[np.ndarray]) -> Sequence[np.ndarray]:

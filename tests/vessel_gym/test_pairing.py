@@ -96,20 +96,3 @@ def test_nature_is_paired_between_estimators_even_where_sensors_are_not_asked(
     for step, (told, beside) in enumerate(zip(one, other, strict=True)):
         for name in told if step == 0 or step % 3 else set(told) - {"y", "available"}:
             np.testing.assert_array_equal(told[name], beside[name], err_msg=name)
-
-
-# --- what is declared to be linear ----------------------------------------------------------------
-
-
-@every_environment
-def test_measurements_that_are_declared_linear_are_a_matrix_times_state_and_forcing(env_id: str):
-    vehicle, rng = single_class(env_id).system.vehicle, np.random.default_rng(0)
-    n, f = len(vehicle.state_names), len(vehicle.increments + vehicle.ambient_flows)
-    x, units = rng.normal(0.0, 10.0, (9, n + f)), np.eye(n + f)
-    declared = [sensor for sensor in vehicle.sensors if getattr(sensor.reads, "linear", False)]
-    assert declared
-    for sensor in declared:
-        matrix = sensor.reads(units[:, :n], units[:, n:])
-        np.testing.assert_allclose(
-            sensor.reads(x[:, :n], x[:, n:]), x @ matrix, rtol=1e-13, atol=1e-12
-        )

@@ -79,7 +79,6 @@ class Sensors:
                 )
         self.bias_scale = np.array([bias.scale for bias in biased for _ in bias.states])
         self._check()
-        self._gains, self.called = self._gains_and_functions()
 
     def _entries(self, name: str, default: Any) -> list[Any]:
         """An attribute of the sensors, one entry for each channel; ``default`` without one."""
@@ -109,30 +108,13 @@ class Sensors:
                 gain[own.start : own.start + k, first : first + states] = sensor.bias.gain
         return gain
 
-    def _gains_and_functions(
-        self,
-    ) -> tuple[np.ndarray, list[tuple[slice, Callable[..., np.ndarray]]]]:
-        """Gains ``(p, m)`` of linear sensors; channels and functions called in every step.
-
-        The columns of the gains are state, exogenous input and biases.
-        """
-        n = len(self.state_names)
-        units = np.eye(n + len(self.exogenous_names))
-        gains, called = np.hstack([np.zeros((self.size, len(units))), self.bias_gain]), []
-        for sensor, own in self._owning:
-            if getattr(sensor.reads, "linear", False) and not callable(sensor.sd):
-                gains[own, : len(units)] = sensor.reads(units[:, :n], units[:, n:]).T
-            else:
-                called.append((own, sensor.reads))
-        return gains, called
-
     def __reduce__(self) -> tuple[Any, ...]:
         return Sensors, (self.each, self.state_names, self.exogenous_names, self.dt, self.faults)
 
     @property
     def reads_compiled(self) -> bool:
-        """True if all functions that are called in every step are compiled."""
-        return not self._varying and all(is_compiled(reads) for _, reads in self.called)
+        """True if all functions ``reads`` are compiled, and all noise is constant."""
+        return not self._varying and all(is_compiled(sensor.reads) for sensor in self.each)
 
     @cached_property
     def _varying(self) -> list[tuple[slice, Callable[[np.ndarray], np.ndarray]]]:
@@ -230,20 +212,8 @@ class Sensors:
         Returns:
             Measurements ``(B, p)``, 0 where missing, and the mask ``(B, p)``.
         """
-        exact = self.measured(state, exogenous, bias)
+        exact = self.exact(state, exogenous, bias)
         return self.corrupted(exact, self.sd_at(exact), steps, keys)
-
-    def measured(self, state: np.ndarray, exogenous: np.ndarray, bias: np.ndarray) -> np.ndarray:
-        """Result of `exact`, computed faster: one matrix evaluates all linear sensors."""
-        called = {own.start: reads for own, reads in self.called}
-        zeros = np.zeros((*state.shape[:-1], self.size))
-        parts = [
-            called[own.start](state, exogenous) if own.start in called else zeros[..., own]
-            for own in self._own
-        ]
-        return product(
-            self._gains, np.concatenate([state, exogenous, bias], -1), np.concatenate(parts, -1)
-        )
 
     @compiled(axes=(1, 1, 0, 2))
     def corrupted(

@@ -10,7 +10,7 @@ import numpy as np
 from estimators.checks import numbers, short_repr
 from estimators.engine import compiled
 from vessel_gym.checks import all_are, check_names, check_numbers, function, instance
-from vessel_gym.processes import Process, linear
+from vessel_gym.processes import Process
 
 Known = Mapping[str, np.ndarray]
 """States by name, ``(...)`` each, from the measurements of preceding sensors."""
@@ -109,8 +109,7 @@ class Sensor:
         channels: Name of each channel's quantity, with the unit.
         reads: Function that returns the measurement without noise ``(..., k)`` from the vehicle's
             state ``(..., n)`` and exogenous input ``(..., f)``, see `vessel_gym.system.Vehicle`. It
-            must broadcast. If it is linear in both, the decorator `vessel_gym.processes.linear`
-            makes it faster.
+            must broadcast.
         sd: Standard deviation of each channel's white noise. If it depends on the measurement, a
             function from measurements without noise ``(..., k)`` to standard deviations ``(...,
             k)``. The world evaluates the function at the true measurement, a filter's R at the
@@ -307,7 +306,7 @@ def columns(indices: Sequence[int]) -> Any:
 
 def plain(components: Sequence[int]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """Make the argument ``reads`` of a `Sensor` that measures these components of the state."""
-    return linear(partial(_columns, chosen=tuple(components)))
+    return partial(_columns, chosen=tuple(components))
 
 
 @compiled

@@ -12,7 +12,7 @@ import numpy as np
 from estimators import Schedule, zero_order_hold
 from estimators.engine import compiled
 from vessel_gym.checks import instance
-from vessel_gym.processes import interpolated, linear
+from vessel_gym.processes import interpolated
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters, I, propelled_rudder
 from vessel_gym.vehicles.equilibrium import root
@@ -196,7 +196,6 @@ COMPASS = Sensor(
 
 
 @compiled
-@linear
 def _increment(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Yaw increment ``(..., 1)`` by waves and gusts over the step that has ended."""
     return exogenous[..., :1]

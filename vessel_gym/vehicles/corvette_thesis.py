@@ -14,7 +14,6 @@ import numpy as np
 
 from estimators import Schedule
 from estimators.engine import compiled
-from vessel_gym.processes import linear
 from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
 from vessel_gym.vehicles.corvette import COMPASS, MOTION_UNIT, linear_matrices
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
@@ -58,7 +57,6 @@ B = np.array([[-2.6189e-7], [2.4075e-7], [0.0]])
 
 
 @compiled
-@linear
 def _foreseeing(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     """Heading plus the d of the coming step ``(..., 1)``, eq. 4.5."""
     return state[..., 2:3] + exogenous[..., :1]

@@ -7,7 +7,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators.engine import compiled, sincos
-from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
 from vessel_gym.vehicles.corvette import (
@@ -85,7 +84,7 @@ class Ship(SimulatedVehicle):
         return (
             COMPASS,
             Sensor(
-                "rate gyro", ("yaw rate [rad/s]",), linear(partial(_yaw_rate, dt=self.dt)), (2e-3,),
+                "rate gyro", ("yaw rate [rad/s]",), partial(_yaw_rate, dt=self.dt), (2e-3,),
                 scale=(0.01,), gives=("r",),
             ),
             Sensor(

@@ -173,7 +173,7 @@ class Watch:
         return {}
 
     def _value(self) -> Any:
-        """What the user's function gives of the estimates; without one, the estimates."""
+        """Values of the user's function of the estimates; without one, the estimates."""
         mean = np.array(self.now.state if self._tells_truth else self.now.belief.mean)
         if self._observation is not None:
             return self._observation(mean)
