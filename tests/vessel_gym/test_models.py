@@ -322,6 +322,15 @@ def test_sensor_of_a_flow_without_model_is_refused():
         make_core(SHIP, 1, estimator="kf", sensors=sensors, disturbance=world)
 
 
+def test_increments_and_flows_shown_are_not_one_unknown_input():
+    inputs = {"inputs": ("yaw increment", "current north")}
+    world = type("Mine", (Sea,), inputs)(wave=0.01, peak=0.8, gust=0.002, current=0.3)
+    sensors = HEADING_SHIP.sensors_of([*HEADING_SHIP.vehicle.sensors, CURRENT_METER])
+    space = assumed_space(HEADING_SHIP.vehicle, "corrected", world, sensors)
+    with refused(ValueError, "^sensors show increments of .* and flows as they are now, of yaw"):
+        filter_model(space)
+
+
 @pytest.mark.parametrize(
     ("wrong", "kind", "sentence"),
     [

@@ -20,8 +20,13 @@ PER_RAD = 20.0
 _FAR = 1e6  # m, larger coordinates are clipped, so that nothing overflows
 
 
+def end_pose(segments: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """x, y [m] and heading [rad] ``(...)`` at the end of paths ``(..., 5 k)``."""
+    return pose_along(segments[..., COLUMNS - 1 :: COLUMNS].sum(-1), segments)
+
+
 def padded(rows: np.ndarray, count: int) -> np.ndarray:
-    """Rows ``(..., k, c)`` side by side ``(..., count c)``, with zeros for those that are missing."""
+    """Rows ``(..., k, c)`` side by side ``(..., count c)``, with zeros for missing ones."""
     *axes, k, columns = rows.shape
     missing = np.zeros((*axes, (count - k) * columns))
     return np.concatenate([rows.reshape(*axes, -1), missing], -1)
@@ -36,7 +41,7 @@ def _pieces(segments: np.ndarray) -> tuple[np.ndarray, ...]:
     """
     x, y, heading, curvature, length = (segments[..., i::COLUMNS] for i in range(COLUMNS))
     zero, mask = np.zeros_like(length[..., :1]), length > 0.0
-    ends = pose_along(length.sum(-1), segments)
+    ends = end_pose(segments)
     origins = (
         np.concatenate([first[..., :1], first, end[..., None]], -1)
         for first, end in zip((x, y, heading), ends, strict=True)

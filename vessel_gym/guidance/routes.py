@@ -71,8 +71,7 @@ def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.
     lengths, curvatures = np.zeros((2, 2 * len(legs) - 1))
     lengths[::2], lengths[1::2] = straight, radius * np.abs(turn)
     curvatures[1::2] = np.sign(turn) / radius
-    start = np.array([0.0, 0.0, course[0]])
-    return points, path_of(chained(start, curvatures, lengths))
+    return points, path_of(chained(np.array([0.0, 0.0, course[0]]), curvatures, lengths))
 
 
 def _checked(waypoints: object) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What a filter assumes of the world: its state space, its model, and the filter itself.
+"""Assumptions of filters about the world: state space, model, and the filter itself.
 
 `state_space` < `structure`, `linear` < `assumed` < `input_conditions`, `reference_filters` <
 `estimation`. The world has a state space, too. This folder may import vehicles, disturbances,

@@ -78,7 +78,8 @@ def _check_sensors(space: StateSpace) -> None:
         if name not in space.vehicle_states and (sensor := reader(space, name)):
             raise ValueError(
                 f"{sensor.name} reads {name}, which filters of this model do not estimate (they"
-                f" estimate {', '.join(space.vehicle_states)}): leave it out, or choose another model"
+                f" estimate {', '.join(space.vehicle_states)}): leave it out, or choose another"
+                " model"
             )
     for name in sensors.bias_names:
         if name in disturbance.names:

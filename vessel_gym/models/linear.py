@@ -28,17 +28,28 @@ def filter_model(space: StateSpace) -> LinearModel | NonlinearModel:
 
 
 def _arguments(space: StateSpace) -> dict[str, Any]:
-    """Arguments of every kind of model: angles, noise, and effects of increments in d."""
+    """Arguments of every kind of model: angles, noise, and effects of increments in d.
+
+    Raises:
+        ValueError: for sensors that show both increments and flows in d.
+    """
     noise = {"Q": space.Q, "R": space.R}
     for name, table in getattr(space.vehicle, "noise", {}).items():
         # The vehicle's schedules hold for its own sensors and states alone.
         if np.shape(noise[name]) == table.table.shape[1:]:
             noise[name] = table
-    flows = [i >= space.increments for i in space.unknown]
+    observable = [i for i, column in zip(space.unknown, space.H.T, strict=True) if column.any()]
+    flows = [i for i in observable if i >= space.increments]
+    if 0 < len(flows) < len(observable):
+        raise ValueError(
+            "sensors show increments of the step that has ended and flows as they are now, of"
+            f" {', '.join(space.inputs)}: no filter can take both for its unknown input; assume"
+            ' them with {"as": "states"}'
+        )
     given = {"G": space.G, "H": space.H} if space.inputs else {}
     return noise | given | {
         "state_angles": space.angles, "measurement_angles": space.sensors.angles,
-        "delayed_feedthrough": not (given and given["H"][:, flows].any()),
+        "delayed_feedthrough": not flows,
     }  # fmt: skip
 
 
@@ -50,11 +61,10 @@ def nonlinear_model(space: StateSpace) -> NonlinearModel:
     """
     disturbance, arguments = space.disturbance, _arguments(space)
     transition, measurement = space.transition, space.measurement
-    moving = space.vehicle.drift, disturbance.effect, disturbance.met
-    if all(map(checks.is_compiled, moving)):
+    if all(map(checks.is_compiled, (space.vehicle.drift, disturbance.effect, disturbance.met))):
         transition = compiled(transition)
-    reading = disturbance.effect, *(sensor.reads for sensor in space.sensors.each)
-    if all(map(checks.is_compiled, reading)):
+    measured = (sensor.reads for sensor in space.sensors.each)
+    if all(map(checks.is_compiled, (disturbance.effect, *measured))):
         measurement = compiled(measurement)
     if not arguments["delayed_feedthrough"]:
         raise ValueError(

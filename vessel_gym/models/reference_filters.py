@@ -92,7 +92,7 @@ class ZeroOrderHold(Filter[HeldBelief]):
         self._variance = self._claimed(np.diagonal(resolve(model.R, vehicle.cruise[1])))
 
     def _claimed(self, noise: np.ndarray) -> np.ndarray:
-        """Variances ``(n + q,)`` of the derived state and d, from those of the sensors ``(p,)``."""
+        """Variances ``(n + q,)`` of the derived state and d, from variances ``(p,)`` of sensors."""
         eye, zero = np.eye(len(noise)), np.zeros(2 * noise.shape)
         now, before = self._derived(eye, eye / self._dt), self._derived(zero, eye / self._dt)
         variances: np.ndarray = noise @ (now**2 + before**2)

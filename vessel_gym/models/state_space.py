@@ -20,7 +20,7 @@ from vessel_gym.vehicles.vehicle import Vehicle
 
 
 def force_names(vehicle: Vehicle) -> tuple[str, ...]:
-    """Names that a disturbance's effect may have: increments, flows, faults, losses of actuators."""
+    """Names of forces: increments, flows, and faults and losses of actuators."""
     faults: tuple[str, ...] = getattr(vehicle, "faults", ())  # optional
     return *vehicle.increments, *vehicle.ambient_flows, *faults, *map(_loss_of, faults)
 
@@ -301,7 +301,7 @@ class StateSpace:
 
     @cached_property
     def linear_effect(self) -> np.ndarray:
-        """Exogenous input ``(f, k)`` per unit of the disturbance's state, for a cruising vehicle."""
+        """Exogenous input ``(f, k)`` per unit of the disturbance's state at cruise."""
         k, state = self.disturbance.process.size, cruising(self.vehicle)
         z, actuators = np.eye(k + 1, k, -1), np.zeros(len(self.vehicle.action_names))
         effect = self.disturbance.effect(z, np.tile(state, (k + 1, 1)))
@@ -330,7 +330,7 @@ class StateSpace:
 
     @cached_property
     def input_cov(self) -> np.ndarray:
-        """Covariance ``(q, q)`` of d: from the disturbance's ``input_sd``, or the stationary one."""
+        """Covariance ``(q, q)`` of d: from the disturbance's ``input_sd``, or stationary."""
         if self.disturbance.input_sd is not None:
             return np.diag(np.square(self.disturbance.input_sd))
         return self.cov[np.ix_(self.unknown, self.unknown)]

@@ -10,8 +10,8 @@ from estimators import Gaussian
 from estimators.checks import integer, number, short_repr
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, check_pair, instance, one_of
-from vessel_gym.guidance.dubins import COLUMNS, Path, pose_along
-from vessel_gym.guidance.path_following import ANYWHERE, LEAD, locate, padded
+from vessel_gym.guidance.dubins import COLUMNS, Path
+from vessel_gym.guidance.path_following import ANYWHERE, LEAD, end_pose, locate, padded
 from vessel_gym.guidance.planner import checked_obstacles, plan
 from vessel_gym.guidance.scenes import scene
 from vessel_gym.system import Estimate
@@ -98,10 +98,10 @@ class Flight(Task):
         """
         for option in options:
             one_of("reset option", option, _OPTIONS)
-        obstacles = self._obstacles(options.get("obstacles", []))
-        poses = np.array([[0.0, 0.0, 0.0], [750.0, 0.0, 0.0]])
-        if "obstacles" not in options:
-            poses[:] = np.nan
+        obstacles, poses = np.zeros((0, 3)), np.full((2, 3), np.nan)
+        if "obstacles" in options:
+            obstacles = self._obstacles(options["obstacles"])
+            poses[:] = [0.0, 0.0, 0.0], [750.0, 0.0, 0.0]
         for pose, name in zip(poses, ("start", "goal"), strict=True):
             if name in options:
                 pose[:] = three_numbers(name, options[name], "metres x and y and rad")
@@ -340,7 +340,7 @@ class Flight(Task):
     @compiled
     def goal(self, scenario: np.ndarray) -> np.ndarray:
         """End of the path ``(..., 3)``: x, y [m], heading [rad]."""
-        return np.stack(pose_along(scenario[..., LENGTH], scenario[..., :LENGTH]), -1)
+        return np.stack(end_pose(scenario[..., :LENGTH]), -1)
 
 
 def _listed(path: np.ndarray, obstacles: np.ndarray) -> np.ndarray:

@@ -65,7 +65,7 @@ class Track(Steering):
         return direction - np.arctan2(np.where(rate >= 0.0, sway, -sway), surge), surge
 
     def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Position [m] and heading [rad] ``(..., 3)`` at a step of a ship that keeps to the track."""
+        """Position [m] and heading [rad] ``(..., 3)`` at a step of a ship that keeps to a track."""
         raise NotImplementedError
 
     @compiled(axes=(1, 0))

@@ -194,10 +194,9 @@ class Vehicle:
         return np.concatenate([before, after], -1)
 
     def linear(self, kind: str) -> tuple[Any, ...] | Trims:
-        """A and B of a linear model, each a matrix or a function of the known input.
+        """A and B of a linear model, and the effect ``(n, ambient_flows)`` of flows over a step.
 
-        If flows move the estimated components, a third entry holds the effect of each flow over a
-        step ``(n, ambient_flows)``, again a matrix or a function. For a linearised nonlinear model,
-        return `Trims`.
+        Each is a matrix or a function of the known input. For a linearised nonlinear model, return
+        `Trims`.
         """
         raise NotImplementedError
