@@ -119,11 +119,12 @@ def jacobian(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.
 def first_order(A: np.ndarray, B: np.ndarray, rate: int, dt: float) -> tuple[float, float]:
     """The plant ``r' + damping r = response u`` nearest to ``x+ = A x + B u``: (response, damping).
 
-    Its step response ends as high and lies as far below its end, in all, as that of the component
-    ``rate`` of x does: Nomoto's reduction to first order.
+    Its transfer function has the value and the slope at frequency 0 of that to the component
+    ``rate`` of x: Nomoto's reduction to first order. The step response of a stable plant ends as
+    high, and lies as far below its end, in all.
 
     Args:
-        A: ``(n, n)``, stable.
+        A: ``(n, n)``, without an eigenvalue of 1.
         B: ``(n,)``.
         rate: Which component.
         dt: Time step [s].

@@ -36,8 +36,8 @@ class Tolerances:
     yaw_rate: float = 0.02  # rad/s
     heading: float = 0.05  # rad, the task's own tolerance
     rudder: float = np.inf  # rad
-    distance: float = np.inf  # m from the track; infinite: there is none
-    integral: float = 1.0  # rad s of heading or, on a track, m s of distance; infinite: none
+    distance: float = np.inf  # from the track, in `Track.track_scale`; infinite: there is none
+    integral: float = 1.0  # rad s of heading or, on a track, s of distance; infinite: none
     integral_limit: float = 4.0
     rudder_rate: float = 0.5  # of the full rate
 
@@ -45,9 +45,9 @@ class Tolerances:
 ON_TRACK = Tolerances(
     sway=1000.0,
     rudder=1000.0,
-    distance=10.0,
-    integral=1000.0,
-    integral_limit=2000.0,
+    distance=0.5,
+    integral=50.0,
+    integral_limit=100.0,
     rudder_rate=0.7,
 )
 
@@ -119,7 +119,7 @@ class TurningAutopilot(_Helm):
         heading = integrated = -task.HEADING_SCALE * observation[..., 0]
         off = np.zeros_like(heading)
         if np.isfinite(t.distance):
-            integrated = task.TRACK_SCALE * observation[..., 7]
+            integrated = task.track_scale * observation[..., 7]
             off = np.clip(integrated, -6.0 * t.distance, 6.0 * t.distance)
         deviation = np.stack([
             task.SWAY_SCALE * observation[..., 2] - self._steady(observation, turns.sway),
@@ -169,7 +169,7 @@ class TurningPID(_Helm):
         task, limit, ahead = self._task, self._ship.rudder_limit, self.AHEAD * self._ship.length
         heading = task.HEADING_SCALE * observation[..., 0]
         if isinstance(task, Track):
-            heading = heading - np.arctan2(task.TRACK_SCALE * observation[..., 7], ahead)
+            heading = heading - np.arctan2(task.track_scale * observation[..., 7], ahead)
         needed = self._steady(observation, self._turns.rudder)
         rate = task.rate_scale * observation[..., 1]
         rudder, integral = self._loop.act(heading, rate, state[..., 0], limit, needed)
@@ -186,6 +186,14 @@ class TrackAutopilot(TurningAutopilot):
     """
 
     kind, tolerances = Track, ON_TRACK
+
+    def _design(self) -> None:
+        t, scale = self.tolerances, self._task.track_scale
+        self.tolerances = replace(
+            t, distance=scale * t.distance, integral=scale * t.integral,
+            integral_limit=scale * t.integral_limit,
+        )  # fmt: skip
+        super()._design()
 
 
 @register_controller(Track, "lqg")

@@ -13,8 +13,10 @@ from vessel_gym.core import Core
 from vessel_gym.disturbances.seaway import Seaway
 from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem
 from vessel_gym.envs import SigmaChannelEnv
+from vessel_gym.envs.ship import channel_system
 from vessel_gym.guidance.dubins import pose_along
-from vessel_gym.guidance.routes import WAYPOINTS, route
+from vessel_gym.guidance.geodesy import local
+from vessel_gym.guidance.routes import route
 from vessel_gym.tasks.channel import ALONG, ERROR, LENGTH, OFFSET, Channel
 from vessel_gym.tasks.track import BELIEVED, HEADING, OFF, RATE_AHEAD, RATE_NOW, TRACK, WANTED
 from vessel_gym.vehicles.seakeeping import encounter_frequency, wave_response
@@ -261,11 +263,36 @@ def test_a_route_in_a_batch_is_followed_as_alone() -> None:
         np.testing.assert_array_equal(one[0], reference[i])
 
 
+def test_room_for_more_waypoints_leaves_a_route_as_it_is() -> None:
+    roomy, rng = Channel(SHIP, waypoints=11), np.random.default_rng(0)
+    uniforms, state = rng.random((20, 4)), 300.0 * rng.normal(size=(20, 6))
+    for options in ({}, {"waypoints": DOGLEG}):
+        one, other = (
+            task.reference(task.scenario(uniforms, options), np.zeros(20, int), state)
+            for task in (TASK, roomy)
+        )
+        np.testing.assert_allclose(one, other, rtol=1e-12)
+
+
+@pytest.mark.nightly
+def test_a_route_of_thirty_waypoints_in_degrees_is_followed() -> None:
+    k, system = np.arange(30), channel_system(SHIP, "Fairway-v0", waypoints=30)
+    degrees = np.stack([54.0 + 0.003 * (k % 2), 8.0 + 0.011 * k], -1)
+    core = Core(system, estimator="truth", disturbance="calm")
+    controller, steps = make_controller("autopilot", system), 0
+    core.start(0, {"waypoints": local(degrees, degrees[0])})
+    while core.now.end[0] == 0 and steps < 4000:
+        core.step(controller.act(core.observe()))
+        steps += 1
+    assert system.task.end_reasons[core.now.end[0]] == "arrived"
+    assert core.now.scenario[0, LENGTH] > 20e3
+
+
 def test_observed_mission_is_waypoints_in_the_first_leg_frame() -> None:
     scenario = scenarios(2, {"waypoints": turned(DOGLEG, 0.7)})
     mission = TASK.observe_mission(scenario, np.zeros(2, int), np.full((2, 1), SHIP.rudder_limit))
-    assert mission.shape == (2, 1 + 2 * (WAYPOINTS - 1))
-    expected = np.concatenate([DOGLEG[1:], DOGLEG[-1:].repeat(WAYPOINTS - len(DOGLEG), 0)])
+    assert mission.shape == (2, 1 + 2 * (TASK.waypoints - 1))
+    expected = np.concatenate([DOGLEG[1:], DOGLEG[-1:].repeat(TASK.waypoints - len(DOGLEG), 0)])
     np.testing.assert_allclose(
         mission[0, 1:].reshape(-1, 2), expected / (10.0 * SHIP.length), atol=1e-9
     )

@@ -45,7 +45,7 @@ def flown(
     rudder = [core.now.actuators]
     for k in range(TASK.horizon):
         seen = core.observe()
-        seen[:, 7] -= beside / TASK.TRACK_SCALE
+        seen[:, 7] -= beside / TASK.track_scale
         core.step(helm(k, autopilot.act(seen)))
         rudder.append(core.now.actuators)
     minutes, moved = TASK.horizon * TASK.dt / 60.0, np.diff(np.rad2deg(rudder), axis=0)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from vessel_gym.envs import SigmaChannelEnv
-from vessel_gym.guidance.routes import LONGEST, WAYPOINTS, route
+from vessel_gym.guidance.geodesy import local
+from vessel_gym.guidance.routes import LONGEST, route
 
 TASK: Any = SigmaChannelEnv.system.task
 RADIUS = TASK.turn * TASK.ship.length
@@ -19,7 +20,7 @@ ROUTES = {
     "nearly straight": np.array([[0.0, 0.0], [1500.0, 1.0], [3000.0, 0.0]]),
     "straight on": np.array([[0.0, 0.0], [1500.0, 0.0], [3000.0, 0.0]]),
     "hairpin": np.array([[0.0, 0.0], [1500.0, 0.0], [700.0, 1500.0]]),
-    "zigzag": np.array([[600.0 * k, 450.0 * (k % 2)] for k in range(WAYPOINTS)]),
+    "zigzag": np.array([[600.0 * k, 450.0 * (k % 2)] for k in range(TASK.waypoints)]),
 }
 every_route = pytest.mark.parametrize("waypoints", ROUTES.values(), ids=ROUTES)
 
@@ -55,8 +56,8 @@ def test_arcs_join_the_legs_without_a_jump_of_place_or_direction(waypoints: np.n
 BAD = {
     "a word": ("abc", "waypoints must be rows"),
     "three columns": ([[0, 0, 0], [1000, 0, 0]], "waypoints must be rows"),
-    "one": ([[0, 0]], "waypoints must be 2 to 8, got 1"),
-    "too many": ([[500.0 * k, 0] for k in range(9)], "waypoints must be 2 to 8, got 9"),
+    "one": ([[0, 0]], "waypoints must be at least 2, got 1"),
+    "too many": ([[500.0 * k, 0] for k in range(9)], "waypoints must be 8 at most, got 9: channel_system"),
     "not finite": ([[0, 0], [np.nan, 0]], "waypoints must be finite"),
     "twice the same": ([[0, 0], [1000, 0], [1000, 0]], "waypoints 2 and 3 are the same place"),
     "back": ([[0, 0], [2000, 0], [0, 1]], "the course changes by 180 degrees at waypoint 2, more than 120"),
@@ -114,3 +115,52 @@ def test_random_routes_are_followed_or_refused() -> None:
         np.testing.assert_allclose(path.pose(path.length)[:2], points[-1], atol=1e-5)
         assert (path.segments[:, 4] > 0.0).all()
     assert kept > 40
+
+
+# --- places in degrees ----------------------------------------------------------------------------
+
+GEODESICS = {
+    "along the equator": ((0.0, 20.0), 90.0, 10e3, (0.0, 20.089831528)),
+    "middle latitude": ((52.0, 4.0), 37.0, 10e3, (52.071743171, 4.087768856)),
+    "south": ((-35.5, -60.25), 200.0, 50e3, (-35.92331322, -60.439481356)),
+    "date line": ((-18.0, 179.9), 80.0, 50e3, (-17.920997127, -179.635257439)),
+    "far north": ((78.2, 15.6), 310.0, 100e3, (78.755073408, 12.08040266)),
+}
+"""Origin, azimuth [deg], distance [m] and place on WGS84, by GeographicLib 2.1 (Karney 2013)."""
+
+
+@pytest.mark.parametrize(
+    ("origin", "azimuth", "distance", "place"), GEODESICS.values(), ids=GEODESICS
+)
+def test_local_places_keep_bearing_and_distance_of_geodesics(
+    origin: tuple[float, float], azimuth: float, distance: float, place: tuple[float, float]
+) -> None:
+    """To the third order: a place d away is d^3 / (6 R^2) nearer, with the least radius of curvature R."""
+    north, east = local([place], origin)[0]
+    assert 0.0 < distance - np.hypot(north, east) < distance**3 / (6.0 * 6.335e6**2)
+    aside = np.rad2deg(np.arctan2(east, north)) - azimuth
+    assert abs(np.deg2rad((aside + 180.0) % 360.0 - 180.0)) * distance < 0.02
+
+
+def test_local_places_do_not_depend_on_where_longitudes_begin() -> None:
+    rng = np.random.default_rng(0)
+    places = [54.0, 8.0] + 0.2 * rng.normal(size=(20, 2))
+    for turn in (10.0, 172.0, -360.0):
+        shifted = local(places + [0.0, turn], places[0] + [0.0, turn])
+        np.testing.assert_allclose(shifted, local(places, places[0]), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("places", "origin", "sentence"),
+    [
+        ([[95.0, 8.0]], (54.0, 8.0), "latitudes must be within 90 degrees, got 95"),
+        ([[54.0, 8.0]], (-100.0, 8.0), "latitudes must be within 90 degrees, got -100"),
+        ([54.0, 8.0], (54.0, 8.0), r"places must have shape \(k, 2\)"),
+        ([[54.0, np.nan]], (54.0, 8.0), "places must be finite"),
+    ],
+)
+def test_places_that_are_none_on_the_earth_are_refused(
+    places: Any, origin: Any, sentence: str
+) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        local(places, origin)

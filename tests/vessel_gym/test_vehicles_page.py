@@ -26,17 +26,13 @@ def test_the_sentences_on_mistakes_are_those_that_are_said(tmp_path, monkeypatch
     monkeypatch.chdir(tmp_path)
     text = re.search(r"```toml\n(.*?)```", PAGE, re.DOTALL)[1]
     said = []
-    for old, new in (
-        ("length", "lenght"),
-        ("0.9e6", "900"),
-        ("[rudder]", "[derivatives]\nNv = -0.05\n[rudder]"),
-    ):
+    for old, new in (("length", "lenght"), ("0.9e6", "900")):
         (tmp_path / "my_ship.toml").write_text(text.replace(old, new, 1))
         with pytest.raises(ValueError, match="my_ship") as caught:
             load("my_ship.toml")
         said.append(str(caught.value))
     printed = re.findall(r"^my_ship\.toml, line .*$", PAGE, re.MULTILINE)
-    assert len(printed) == len(said) == 3
+    assert len(printed) == len(said) == 2
     for ours, theirs in zip(said, printed, strict=True):
         assert ours.startswith(theirs.removesuffix(", ..."))
 

@@ -1,6 +1,5 @@
 """Ship-v0, SigmaCorvette-v0, SigmaChannel-v0: ships hold a turning circle or keep to a channel."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -76,19 +75,38 @@ def _of_ship(ship: CorvetteParameters, name: str) -> System:
     )
 
 
-def channel_system(vessel: str, name: str) -> System:
-    """Environment in which a ship keeps to a channel; arguments as `ship_system`.
+def channel_system(
+    vessel: str | Path | CorvetteParameters,
+    name: str = "vessel_gym/Channel-v0",
+    waypoints: int = 8,
+) -> System:
+    """Environment in which a ship keeps to a channel.
 
     The channel leads north-east or north-west: waves that run to the south come from 45 degrees off
     the bow, those that run to the north from 45 degrees off the stern.
+
+    Args:
+        vessel: Ship, as for `ship_system`.
+        name: Id of the environment.
+        waypoints: Largest number of waypoints in a route. Room for 30 makes programs twice as
+            slow.
+
+    Raises:
+        ValueError: as `ship_system`, or for fewer than 2 waypoints.
+        OSError: if the file cannot be read.
     """
+    return _in_channel(ship_system(vessel, name), waypoints)
+
+
+@shared
+def _in_channel(turning: Any, waypoints: int) -> System:
+    """`channel_system` from the system of the turning circle."""
     from vessel_gym.tasks.channel import Channel  # late, as no other ship needs its path
 
-    ship, system = load(vessel, CorvetteParameters), ship_system(vessel, name)
-    quartering: Mapping[str, Any] = system.disturbances
+    ship, quartering = turning.task.ship, turning.disturbances
     return replace(
-        system,
-        task=Channel(ship),
-        disturbances=seas(ship, Channel(ship).dt, np.pi)
-        | {f"{name} quartering": quartering[name] for name in ("moderate", "rough")},
+        turning,
+        task=Channel(ship, pace(ship), waypoints=waypoints),
+        disturbances=seas(ship, turning.task.dt, np.pi)
+        | {f"{sea} quartering": quartering[sea] for sea in ("moderate", "rough")},
     )

@@ -11,10 +11,6 @@ from estimators.angles import wrap
 from estimators.checks import numbers, short_repr
 from vessel_gym.guidance.dubins import Path, chained, path_of
 
-WAYPOINTS = 8
-"""Largest number of waypoints in a route."""
-SEGMENTS = 2 * WAYPOINTS - 3
-"""Largest number of straights and arcs in a route."""
 SHARPEST = np.deg2rad(120.0)
 """Greatest change of course at a waypoint [rad]."""
 LONGEST = 1e5
@@ -25,7 +21,7 @@ def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.
     """Waypoints ``(k, 2)`` relative to the first one, north and east [m], and the path along them.
 
     Args:
-        waypoints: Rows (north, east) [m], 2 to `WAYPOINTS`.
+        waypoints: Rows (north, east) [m], at least 2.
         radius: Radius of the arcs [m].
         clearance: Least distance [m] between legs that do not follow each other.
 
@@ -78,15 +74,15 @@ def _checked(waypoints: object) -> np.ndarray:
     """Waypoints ``(k, 2)`` as given.
 
     Raises:
-        ValueError: for what is not 2 to `WAYPOINTS` rows of finite numbers.
+        ValueError: for anything but at least 2 rows of finite numbers.
     """
     points = numbers(waypoints)
     if points is None or points.ndim != 2 or points.shape[1] != 2:
         raise ValueError(
             f"waypoints must be rows (north, east), metres, got {short_repr(waypoints)}"
         )
-    if not 2 <= len(points) <= WAYPOINTS:
-        raise ValueError(f"waypoints must be 2 to {WAYPOINTS}, got {len(points)}")
+    if len(points) < 2:
+        raise ValueError(f"waypoints must be at least 2, got {len(points)}")
     if not np.isfinite(points).all():
         raise ValueError(f"waypoints must be finite, got {short_repr(waypoints)}")
     return points

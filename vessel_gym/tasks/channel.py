@@ -1,15 +1,17 @@
 """Keep a ship between the edges of a channel: along a straight leg, or a route of waypoints."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from estimators import Gaussian
+from estimators.checks import integer
 from estimators.engine import compiled, sincos
 from vessel_gym.checks import one_of
 from vessel_gym.guidance.dubins import COLUMNS, pose_along
 from vessel_gym.guidance.path_following import NEAREST, locate, padded
-from vessel_gym.guidance.routes import SEGMENTS, WAYPOINTS, route
+from vessel_gym.guidance.routes import route
 from vessel_gym.tasks.task import closeness
 from vessel_gym.tasks.track import HEADING, Track, in_frame
 
@@ -22,10 +24,10 @@ They are distance to starboard [m] and heading error [rad] at the start, and len
 ALONG = 3
 """Column of a reference with the distance along the channel [m]."""
 _POINTS = LENGTH + 1
-_PATH = _POINTS + 2 * (WAYPOINTS - 1)
 
 
 @compiled
+@dataclass(frozen=True)
 class Channel(Track):
     """A channel with lateral margins, along a straight leg or along legs joined by arcs.
 
@@ -33,7 +35,7 @@ class Channel(Track):
     ``(direction of the first leg [rad], distance to starboard and heading error at the start [m,
     rad], length [m])``, then the waypoints after the first one (north, east [m]; the last is
     repeated) and the segments of the path (x, y, heading, curvature, length; padded by segments of
-    length 0).
+    length 0). Scenarios and observations have room for a fixed number of ``waypoints``.
 
     A reference belongs to the point of the axis nearest to the estimated position. It is ``(heading
     to steer in still water [rad], mean yaw rates over the next half of PREVIEW and the PREVIEW
@@ -47,6 +49,8 @@ class Channel(Track):
     of bank clearance on either side. The last three have not been compared with the report itself.
     """
 
+    waypoints: int = 8  # largest number in a route
+
     leg = 40.0  # length of the straight channel, ship lengths
     margin_beams = 2.0  # beams by which the ship's middle may be off the axis
     turn = 4.0  # ship lengths, radius of the arcs between waypoints
@@ -54,6 +58,10 @@ class Channel(Track):
     spread = float(np.deg2rad(10.0))  # rad, largest deviation from that angle
     offset = 0.5  # largest initial offset, share of the margin
     error = 0.05  # rad, largest initial error of the heading
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        integer("waypoints of Channel", self.waypoints, 2)
 
     uniforms = 4
     end_reasons = ("", "arrived", "aground")
@@ -65,6 +73,16 @@ class Channel(Track):
     def margin(self) -> float:
         """Greatest distance [m] of the ship's middle from the axis."""
         return self.margin_beams * self.ship.beam
+
+    @property
+    def track_scale(self) -> float:
+        """Scale [m] of distances from the axis; 20 m for the corvette."""
+        return self.margin / 1.4
+
+    @property
+    def _first_segment(self) -> int:
+        """Column of a scenario in which the segments of the path begin."""
+        return _POINTS + 2 * (self.waypoints - 1)
 
     # --- what is drawn ----------------------------------------------------------------------------
 
@@ -78,19 +96,23 @@ class Channel(Track):
                 to the first waypoint.
 
         Raises:
-            ValueError: for an unknown option, or an invalid route, see
+            ValueError: for an unknown option, more than ``waypoints``, or an invalid route, see
                 `vessel_gym.guidance.routes`.
         """
         scenarios = self._drawn(uniforms)
         for option, value in options.items():
             one_of("reset option", option, ("waypoints",))
-            points, path = route(
-                value, self.turn * self.ship.length, 2.0 * self.margin + self.ship.beam
-            )
+            radius, width = self.turn * self.ship.length, 2.0 * self.margin + self.ship.beam
+            points, path = route(value, radius, width)
+            if len(points) > self.waypoints:
+                raise ValueError(
+                    f"waypoints must be {self.waypoints} at most, got {len(points)}: channel_system"
+                    " makes room for more"
+                )
             scenarios[:, HEADING], scenarios[:, LENGTH] = path.segments[0, 2], path.length
-            listed = np.concatenate([points[1:], points[-1:].repeat(WAYPOINTS - len(points), 0)])
-            scenarios[:, _POINTS:_PATH] = listed.ravel()
-            scenarios[:, _PATH:] = padded(path.segments, SEGMENTS)
+            last, first = points[-1:].repeat(self.waypoints - len(points), 0), self._first_segment
+            scenarios[:, _POINTS:first] = np.concatenate([points[1:], last]).ravel()
+            scenarios[:, first:] = padded(path.segments, 2 * self.waypoints - 3)
         return scenarios
 
     @compiled
@@ -101,8 +123,8 @@ class Channel(Track):
         zero, length = np.zeros_like(heading), np.zeros_like(heading) + self.leg * self.ship.length
         sin, cos = sincos(heading)
         offset, error = self.offset * self.margin * centred[..., 2], self.error * centred[..., 3]
-        points = [length * cos, length * sin] * (WAYPOINTS - 1)
-        path = [zero, zero, heading, zero, length, *[zero] * (COLUMNS * (SEGMENTS - 1))]
+        points = [length * cos, length * sin] * (self.waypoints - 1)
+        path = [zero, zero, heading, zero, length, *[zero] * (COLUMNS * 2 * (self.waypoints - 2))]
         return np.stack([heading, offset, error, length, *points, *path], -1)
 
     def prior(self, scenario: np.ndarray) -> Gaussian:
@@ -118,7 +140,7 @@ class Channel(Track):
     def _nearest(self, scenario: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Position ``(..., 6)`` relative to the axis of states ``(..., n)``, see `locate`."""
         ahead = np.array([0.5, 1.5]) * self.preview * self.ship.speed  # to average curvatures
-        return locate(state, NEAREST, scenario[..., _PATH:], ahead)
+        return locate(state, NEAREST, scenario[..., self._first_segment :], ahead)
 
     @compiled(axes=(1, 0, 1))
     def reference(self, scenario: np.ndarray, step: np.ndarray, state: np.ndarray) -> np.ndarray:
@@ -134,7 +156,7 @@ class Channel(Track):
     def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Position [m] and heading [rad] ``(..., 3)`` on the axis at service speed."""
         along = np.clip(step * (self.dt * self.ship.speed), 0.0, scenario[..., LENGTH])
-        return np.stack(pose_along(along, scenario[..., _PATH:]), -1)
+        return np.stack(pose_along(along, scenario[..., self._first_segment :]), -1)
 
     def path(self, scenario: np.ndarray) -> np.ndarray:
         """Axis ``(k, 2)`` of the channel of a scenario ``(n,)``."""
@@ -149,11 +171,11 @@ class Channel(Track):
         axis = np.stack([x, y], -1)
         return np.concatenate([axis + starboard, (axis - starboard)[::-1]])
 
-    @staticmethod
-    def _axis(scenario: np.ndarray) -> np.ndarray:
+    def _axis(self, scenario: np.ndarray) -> np.ndarray:
         """Poses ``(k, 3)`` along the axis."""
         along = np.linspace(0.0, scenario[LENGTH], 200)
-        return np.stack(pose_along(along, np.tile(scenario[_PATH:], (len(along), 1))), -1)
+        segments = np.tile(scenario[self._first_segment :], (len(along), 1))
+        return np.stack(pose_along(along, segments), -1)
 
     def on_track(self, scenario: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances along and to starboard of the axes [m], of states ``(T, B, n)``."""
@@ -163,8 +185,9 @@ class Channel(Track):
     def observe_mission(
         self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
-        """Rudder, then waypoints ahead and to starboard in ten ship lengths ``(..., 15)``."""
-        points = [in_frame(scenario, scenario[..., i : i + 2]) for i in range(_POINTS, _PATH, 2)]
+        """Rudder, then waypoints ahead and to starboard in ten ship lengths ``(..., k)``."""
+        columns = range(_POINTS, self._first_segment, 2)
+        points = [in_frame(scenario, scenario[..., i : i + 2]) for i in columns]
         scale = 10.0 * self.ship.length
         return np.concatenate(
             [actuators / self.ship.rudder_limit, *(each / scale for each in points)], -1

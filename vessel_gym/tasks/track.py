@@ -84,9 +84,13 @@ class Track(Steering):
 
     # --- what the agent sees ----------------------------------------------------------------------
 
-    TRACK_SCALE = 20.0  # m
     SPEED_SCALE = 2.0  # m/s
     FLOW_SCALE = 1.0  # m/s
+
+    @property
+    def track_scale(self) -> float:
+        """Scale [m] of distances from the track."""
+        return 20.0
 
     def observe(
         self, estimate: Estimate, scenario: np.ndarray, reference: np.ndarray,
@@ -108,7 +112,7 @@ class Track(Steering):
         crab = np.arcsin(np.clip(across / surge, -0.5, 0.5))
         errors = wrapped(heading - crab - psi), rate * (1.0 + 2.0 * along / surge) - r
         seen = [*errors, v, d, actuators[..., 0], rate, rate_ahead, off, u - surge, along, across]
-        scales = self.TRACK_SCALE, self.SPEED_SCALE, self.FLOW_SCALE, self.FLOW_SCALE
+        scales = self.track_scale, self.SPEED_SCALE, self.FLOW_SCALE, self.FLOW_SCALE
         return np.stack(seen, -1) / [*self._mean_scales, *scales]
 
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
@@ -136,7 +140,7 @@ class Track(Steering):
         assert estimate.sd is not None
         sd = [estimate.sd[..., i] for i in (0, 1, 2, 4, 5)]
         d = first_component(estimate.input_sd, sd[0])
-        place = 0.25 * self.TRACK_SCALE
+        place = 0.25 * self.track_scale
         rest = self.HEADING_SCALE, self.SWAY_SCALE, self.rate_scale, self.INPUT_SCALE
         return np.stack([*sd, d], -1) / [place, place, *rest]
 

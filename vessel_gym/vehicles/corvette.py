@@ -36,37 +36,45 @@ class SteadyTurn:
 
 @cache
 def steady_turns(ship: CorvetteParameters) -> SteadyTurn:
-    """Steady turns at 165 yaw rates in equal steps, up to the turn at 80 % of the rudder limit.
+    """Steady turns at 165 yaw rates in equal steps, up to that of 80 % of the rudder limit.
 
-    With more rudder the yaw rate hardly rises, and could not be controlled.
+    With more rudder the yaw rate hardly rises, and could not be controlled. Of two turns with one
+    yaw rate that of the smaller rudder counts.
+
+    Turns are followed from the straight course by pseudo-arclength continuation (Keller 1977), as
+    in Bech's reverse spiral test (1968). So a directionally unstable ship has steady turns, too. In
+    the wide ones her rudder is to the other side.
 
     Raises:
-        RuntimeError: if the ship has no steady turns (it is directionally unstable).
+        RuntimeError: if the ship has no steady turn at that rudder.
     """
     instance("ship of steady_turns", ship, CorvetteParameters)
-    scale = np.array([ship.speed, ship.speed, ship.speed / ship.length])
+    scale, most = np.array([1.0, 1.0, 1.0 / ship.length]) * ship.speed, 0.8 * ship.rudder_limit
 
-    def held_rudder(motion: np.ndarray, rudder: np.ndarray) -> np.ndarray:
-        return ship.accelerations(motion * scale, rudder) / scale
+    def residual(turn: np.ndarray, plane: np.ndarray) -> np.ndarray:
+        """Accelerations ``(..., 3)``, and distance from a plane of a normal and an offset."""
+        off = (turn * plane[..., :4]).sum(-1, keepdims=True) - plane[..., 4:]
+        accelerations = ship.accelerations(turn[..., :3] * scale, turn[..., 3:] * most) / scale
+        return np.concatenate([accelerations, off], -1)
 
-    def held_rate(z: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        motion = np.concatenate([z[..., :2], rate + np.zeros_like(z[..., :1])], -1)
-        return held_rudder(motion, z[..., 2:])
-
-    rudders = np.linspace(0.0, 0.8 * ship.rudder_limit, 57)[:, None]
-    motions = [np.array([1.0, 0.0, 0.0])]  # surge, sway, yaw rate in units of scale
-    for held in rudders:
-        motions.append(root(held_rudder, motions[-1], held))
-    surge, sideways, yaw = np.transpose(motions[1:])
-    at = np.linspace(0.0, yaw[-1], 165)
-    guess = [np.interp(at, yaw, each) for each in (surge, sideways, rudders[:, 0])]
-    surge, sideways, rudder = root(held_rate, np.stack(guess, -1), at[:, None]).T
-    if not (np.diff(rudder) > 0.0).all():
-        raise RuntimeError("the ship has no steady turn at a rudder that it should hold")
-    speed, sway, rates = surge * scale[0], sideways * scale[1], at * scale[2]
+    turns = [np.array([1.0, 0.0, 0.0, 0.0])]  # surge, sway, yaw rate, rudder in units of most
+    ahead, step = np.array([0.0, 0.0, 1.0, 0.0]), 1e-4
+    while turns[-1][3] < 1.0 and len(turns) < 200:  # 25 for the corvette
+        turns.append(root(residual, turns[-1], np.append(ahead, ahead @ turns[-1] + step)))
+        ahead, step = turns[-1] - turns[-2], 0.05
+        ahead = ahead / np.linalg.norm(ahead)
+    tightest = root(residual, turns[-1], np.array([0.0, 0.0, 0.0, 1.0, 1.0]))
+    planes = np.zeros((165, 5))  # of equal yaw rates
+    planes[:, 2], planes[:, 4] = 1.0, np.linspace(0.0, tightest[2], 165)
+    rising = np.maximum.accumulate(np.array(turns)[:, 2])
+    guess = [np.interp(planes[:, 4], rising, each) for each in np.transpose(turns)]
+    surge, sideways, yaw, rudder = root(residual, np.stack(guess, -1), planes).T
+    if not np.isfinite(rudder).all():
+        raise RuntimeError("the ship has no steady turn at 80 % of the rudder limit")
+    speed, sway, rates = surge * scale[0], sideways * scale[1], yaw * scale[2]
     with np.errstate(divide="ignore"):
         radius = np.hypot(speed, sway) / rates
-    return SteadyTurn(rates, speed, sway, rudder, radius)
+    return SteadyTurn(rates, speed, sway, most * rudder, radius)
 
 
 def sway_yaw_jacobian(

@@ -147,20 +147,6 @@ class CorvetteParameters(Particulars):
         }
 
     @cached_property
-    def stability(self) -> float:
-        """Stability of the straight course; positive for a stable ship.
-
-        The criterion of Davidson & Schiff (1946), Yv' (Nr' - m' x_g') - Nv' (Yr' - m') with the
-        rudder at rest. An unstable ship turns to either side at small rudder angles.
-        """
-        c, rudder = self.clarke | dict(self.given), self.values()["rudder"]
-        unit = 0.5 * self.water_density * self.length**2
-        force = rudder * self.slipstream * self.straightening / unit
-        Yv, Yr = c["Yv"] - force, c["Yr"] + 0.5 * force
-        Nv, Nr = c["Nv"] + 0.5 * force, c["Nr"] - 0.25 * force
-        return float(Yv * (Nr - c["m"] * self.x_g / self.length) - Nv * (Yr - c["m"]))
-
-    @cached_property
     def stiffness(self) -> float:
         """Metacentric height GM [m]."""
         return 0.08 * self.beam if self.metacentric_height is None else self.metacentric_height

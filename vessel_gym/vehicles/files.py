@@ -72,15 +72,13 @@ def names() -> tuple[str, ...]:
 @overload
 def load(source: str | Path) -> Any: ...
 @overload
-def load(source: str | Path, expected: type[P], *, stable: bool = True) -> P: ...
-def load(source: str | Path, expected: type[Any] = object, *, stable: bool = True) -> Any:
+def load(source: str | Path, expected: type[P]) -> P: ...
+def load(source: str | Path, expected: type[Any] = object) -> Any:
     """Load the parameters of a vehicle.
 
     Args:
         source: A TOML file, or one of `names`.
         expected: Expected class of the parameters.
-        stable: Refuse a ship that is not directionally stable, because the turning-circle task
-            needs steady turns.
 
     Raises:
         ValueError: for an unknown name, or an error in the file; the message names its line.
@@ -98,12 +96,12 @@ def load(source: str | Path, expected: type[Any] = object, *, stable: bool = Tru
         source = _DATA / f"{source}.toml"
         if isinstance(parameters := _shipped(source), expected):
             return parameters
-    return _File(Path(source)).parameters(expected, stable)
+    return _File(Path(source)).parameters(expected)
 
 
 @cache
 def _shipped(path: Path) -> Any:
-    return _File(path).parameters(object, stable=True)
+    return _File(path).parameters(object)
 
 
 class _File(TomlFile):
@@ -111,7 +109,7 @@ class _File(TomlFile):
 
     otherwise = ("kind",)
 
-    def parameters(self, expected: type[Any], stable: bool) -> Any:
+    def parameters(self, expected: type[Any]) -> Any:
         """Parameters of the vehicle, as `load` returns them."""
         cls = self._class(expected)
         values = self._values(cls)
@@ -123,11 +121,6 @@ class _File(TomlFile):
         )
         for name, sentence in parameters.mistakes():
             raise self.fault(self._where(cls, name), sentence)
-        if stable and getattr(parameters, "stability", 1.0) <= 0.0:
-            sentence = "the ship is directionally unstable: it has no steady turn at small helm"
-            raise self.fault(
-                ("derivatives",) if "derivatives" in self.data else ("particulars",), sentence
-            )
         return parameters
 
     def _class(self, expected: type[Any]) -> type[Any]:

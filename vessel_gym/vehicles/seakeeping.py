@@ -104,7 +104,8 @@ def wave_response(
 
     They are per metre of amplitude. Linear, first-order response of a ship on a straight course,
     without a pole at an encounter frequency of 0. It is superposed on manoeuvring, Fossen (2021),
-    ch. 10. Arguments as `wave_loads`.
+    ch. 10. For a directionally unstable ship it is the particular solution at the frequency of
+    encounter; the growing free motion is part of manoeuvring. Arguments as `wave_loads`.
     """
     instance("ship of wave_response", ship, CorvetteParameters)
     frequency, beta, speed = _checked(frequency, beta, speed)

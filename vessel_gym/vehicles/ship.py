@@ -166,7 +166,8 @@ class Ship(SimulatedVehicle):
     def _turning(self, rudder: np.ndarray) -> np.ndarray:
         """Yaw rate of the steady turn at a rudder angle."""
         turns = steady_turns(self.ship)
-        return np.copysign(np.interp(np.abs(rudder), turns.rudder, turns.yaw_rate), rudder)
+        rising = np.maximum.accumulate(turns.rudder)  # below 0 in wide turns of an unstable ship
+        return np.copysign(np.interp(np.abs(rudder), rising, turns.yaw_rate), rudder)
 
     def linear(self, kind: str) -> tuple[Any, ...]:
         """A, B and the effect of flows: sway, yaw and surge about the commanded turn.
