@@ -1,4 +1,4 @@
-"""Registered environments of others, in the place of a `vessel_gym.core.Core`.
+"""Registered environments of others, in the place of a `vessel_gym.simulation.core.Core`.
 
 Studies, commands and metrics find estimator, sensors and state there. Most such environments have
 an `EstimatedObservation`; one without has no estimates, and its metrics are return and length.

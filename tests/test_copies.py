@@ -16,7 +16,6 @@ import estimators
 from estimators import factory
 from estimators.engine import Compiled
 from vessel_gym.checks import is_compiled
-from vessel_gym.core import Core
 from vessel_gym.disturbances import Fault
 from vessel_gym.envs import (
     ItsunusaAUVEnv,
@@ -26,6 +25,7 @@ from vessel_gym.envs import (
     ThesisCorvetteEnv,
 )
 from vessel_gym.sensors import Sensor
+from vessel_gym.simulation.core import Core
 from vessel_gym.system import System
 from vessel_gym.tasks import circle_track, track
 from vessel_gym.vehicles import corvette, ship

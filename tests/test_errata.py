@@ -18,9 +18,9 @@ from scipy.linalg import solve_discrete_are
 from estimators import Gaussian, make, zero_order_hold
 from studies.papers.puna.model import PlanarPuna, planar_derivative
 from tests.estimators.cases import random_covariance
-from vessel_gym.core import Core
 from vessel_gym.envs import ThesisCorvetteEnv
 from vessel_gym.guidance.dubins import lengths
+from vessel_gym.simulation.core import Core
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.puna import trim
 

@@ -13,11 +13,11 @@ from agents.metrics import scores
 from estimators import EnsembleKalmanFilter, compiled
 from estimators.metrics import chi_square_band, nees
 from estimators.varying import is_compiled
-from vessel_gym.core import Core
 from vessel_gym.envs import (
     SegorogeniAUVEnv,
     register_environment,
 )
+from vessel_gym.simulation.core import Core
 
 
 @pytest.mark.parametrize("env_id", [*OWN, "USV-v0", "Route-v0"])

@@ -148,7 +148,7 @@ class Study:
         training_seeds: Training runs of each learned agent: the unit of resampling.
         first_seed: The first evaluation seed, see `agents.seeds.evaluation_seeds`.
         margin: Of equivalence: differences of the share kept that are smaller do not matter.
-        termination: One of `vessel_gym.configuration.TERMINATIONS`: what ends a mission, for all
+        termination: One of `vessel_gym.simulation.configuration.TERMINATIONS`: what ends a mission, for all
             agents and both ends of the scale alike.
     """
 

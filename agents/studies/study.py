@@ -20,9 +20,9 @@ from agents.studies.worlds import (
 from agents.training.algorithms import describe
 from estimators.checks import short_repr
 from estimators.factory import unknown
-from vessel_gym.configuration import TERMINATIONS
 from vessel_gym.models.estimation import estimator_names
 from vessel_gym.sensor_faults import SensorFault
+from vessel_gym.simulation.configuration import TERMINATIONS
 from vessel_gym.toml_file import TomlError, TomlFile
 
 

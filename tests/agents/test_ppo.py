@@ -24,13 +24,13 @@ from agents.training.algorithms import (
 )
 from agents.training.vec_env import StableBaselinesVecEnv
 from estimators import ExtendedKalmanFilter, compiled
-from vessel_gym.core import Core
 from vessel_gym.envs import (
     SegorogeniAUVEnv,
     SigmaChannelEnv,
     SigmaCorvetteEnv,
     register_environment,
 )
+from vessel_gym.simulation.core import Core
 
 ENV = "SigmaCorvette-v0"
 RAW = {"observe": "measurement", "estimator": "measurement"}

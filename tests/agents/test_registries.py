@@ -27,7 +27,6 @@ from agents.studies import worlds
 from agents.studies.plan import plan
 from agents.studies.records import Study
 from agents.studies.study import StudyError, read_study
-from vessel_gym.core import Core
 from vessel_gym.envs import SegorogeniAUVEnv
 from vessel_gym.registry import Registry
 from vessel_gym.rendering.renderer import Renderer
@@ -37,6 +36,7 @@ from vessel_gym.rendering.surroundings import (
     register_surroundings,
     surroundings_of,
 )
+from vessel_gym.simulation.core import Core
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import Dive, SpatialDive
 

@@ -8,7 +8,7 @@ import gymnasium as gym
 import numpy as np
 
 import vessel_gym  # noqa: F401  (registers the environments)
-from vessel_gym.core import Core
+from vessel_gym.simulation.core import Core
 
 ENVIRONMENTS = {"SigmaCorvette-v0": 105, "ItsunusaAUV-v0": 90}
 """Environments and time limits within which random actions end episodes early or in time."""

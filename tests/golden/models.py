@@ -18,9 +18,9 @@ import numpy as np
 
 from estimators import Gaussian
 from estimators.varying import StateNoise, resolve
-from vessel_gym.configuration import Configuration, Options
 from vessel_gym.disturbances import Fault
-from vessel_gym.start import filter_prior
+from vessel_gym.simulation.configuration import Configuration, Options
+from vessel_gym.simulation.draws import filter_prior
 from vessel_gym.system import registered
 
 from .record import weights

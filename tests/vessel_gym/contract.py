@@ -14,12 +14,12 @@ from gymnasium.vector import AutoresetMode
 from pages import OWN
 
 import vessel_gym  # noqa: F401  (registers the environments)
-from vessel_gym.configuration import observed
-from vessel_gym.core import Core
 from vessel_gym.envs import VesselEnv, VesselVectorEnv
 from vessel_gym.models.estimation import estimator_names
 from vessel_gym.sensors import SUITES, Sensors, SensorSuite
-from vessel_gym.state import State
+from vessel_gym.simulation.configuration import observed
+from vessel_gym.simulation.core import Core
+from vessel_gym.simulation.state import State
 
 OURS = [
     key for key, spec in gym.registry.items() if str(spec.entry_point).startswith("vessel_gym.")

@@ -15,9 +15,9 @@ from contract import REFUSED, assert_same_tree, make_batch, random_walk, single_
 from refusals import refusal
 
 from estimators.kalman import ExtendedKalmanFilter
-from vessel_gym.configuration import OBSERVE
 from vessel_gym.models.estimation import estimator_names
 from vessel_gym.sensors import SUITE_NAMES
+from vessel_gym.simulation.configuration import OBSERVE
 
 SHIP, AUV = "SigmaCorvette-v0", "SegorogeniAUV-v0"
 

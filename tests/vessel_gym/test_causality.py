@@ -9,10 +9,10 @@ import pytest
 import vessel_gym  # noqa: F401  (registers the environments)
 from estimators import KalmanFilter, LinearModel, UMVFilter
 from estimators.engine import compiled
-from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor
+from vessel_gym.simulation.core import Core
 from vessel_gym.system import registered
 from vessel_gym.vehicles.ship import Ship
 

@@ -9,7 +9,6 @@ from test_routes import DOGLEG, every_route
 
 from agents.controllers import make_controller
 from estimators.engine import compiled
-from vessel_gym.core import Core
 from vessel_gym.disturbances.seaway import Seaway
 from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem
 from vessel_gym.envs import SigmaChannelEnv
@@ -17,6 +16,7 @@ from vessel_gym.envs.ship import channel_system
 from vessel_gym.guidance.dubins import pose_along
 from vessel_gym.guidance.geodesy import local
 from vessel_gym.guidance.routes import route
+from vessel_gym.simulation.core import Core
 from vessel_gym.tasks.channel import ALONG, ERROR, LENGTH, OFFSET, Channel
 from vessel_gym.tasks.track import BELIEVED, HEADING, OFF, RATE_AHEAD, RATE_NOW, TRACK, WANTED
 from vessel_gym.vehicles.seakeeping import encounter_frequency, wave_response

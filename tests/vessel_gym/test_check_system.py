@@ -12,9 +12,9 @@ from toy_system import POD, SYSTEM, Breeze, Cart, Post
 
 from estimators import compiled
 from vessel_gym import check_system
-from vessel_gym.core import Core
 from vessel_gym.envs import register_environment
 from vessel_gym.processes import Process
+from vessel_gym.simulation.core import Core
 from vessel_gym.system import System
 
 PARTS: dict[str, tuple[type, tuple[str, ...]]] = {

@@ -38,10 +38,10 @@ from gymnasium.utils.env_checker import check_env
 from refusals import refused
 from test_autoreset import EXACT, ROUGH, assert_same_in_every_mode
 
-from vessel_gym.core import Core
 from vessel_gym.sensors import SUITES
+from vessel_gym.simulation.core import Core
+from vessel_gym.simulation.world import World
 from vessel_gym.tasks.track import Track
-from vessel_gym.world import World
 
 ROOT = Path(__file__).parents[2]
 SOAK_STEPS = 28_000

@@ -12,10 +12,10 @@ from sensing import assumed, sensors_of, without_a_filter
 from stepping import corvette_step
 
 from estimators import LinearModel, wrap, zero_order_hold
-from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.envs import ThesisCorvetteEnv
 from vessel_gym.envs.thesis_corvette import UnknownStep
+from vessel_gym.simulation.core import Core
 from vessel_gym.vehicles.corvette import (
     linear_matrices,
     secant_models,

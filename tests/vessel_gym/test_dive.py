@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from estimators import Gaussian
-from vessel_gym.core import Core
 from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv
 from vessel_gym.guidance.dive_path import arc_to, path_point
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.sensors import SUITES, Sensors
+from vessel_gym.simulation.core import Core
 from vessel_gym.system import Estimate, System
 from vessel_gym.tasks.dive import Dive, SpatialDive, VerticalDive
 from vessel_gym.tasks.task import observation_sizes

@@ -11,8 +11,8 @@ from sensing import assumed
 
 from agents import load_agent
 from estimators import Gaussian, LinearModel, chi_square_band, make, nees, wrap
-from vessel_gym.core import Core
 from vessel_gym.processes import root_of
+from vessel_gym.simulation.core import Core
 
 SEEDS = 64
 KEPT = ("truth", "measurement", "unknown_input", "estimate", "covariance", "input_estimate")

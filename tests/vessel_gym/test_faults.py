@@ -9,10 +9,10 @@ import pytest
 from agents import rollout
 from agents.metrics import scores
 from tests.vessel_gym.contract import make_core
-from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance, Fault
 from vessel_gym.envs import PunaUAVEnv
 from vessel_gym.envs.auv import PLANE_WATERS, WATERS
+from vessel_gym.simulation.core import Core
 
 AUV, PLANE, AIRCRAFT = "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"
 ACTUATORS = {

@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from vessel_gym.core import Core
 from vessel_gym.envs import VesselEnv
 from vessel_gym.models.estimation import estimator_names
 from vessel_gym.sensors import SUITES
+from vessel_gym.simulation.core import Core
 
 EXTREME = st.sampled_from(
     [0.0, -0.0, 5e-324, 1e-300, 1e7, -1e7, 1e300, -1e300, np.inf, -np.inf, np.nan]

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from refusals import refusal
 
-from vessel_gym.core import Core
 from vessel_gym.disturbances import Air, Fault, Sea, Seaway, SurfaceWater, Water
 from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem
 from vessel_gym.envs import SigmaCorvetteEnv
@@ -18,6 +17,7 @@ from vessel_gym.processes import Process
 from vessel_gym.rendering.surroundings import Surroundings
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Bias, Sensor, plain
+from vessel_gym.simulation.core import Core
 from vessel_gym.system import System
 from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.dive import SpatialDive

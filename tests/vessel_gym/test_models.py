@@ -14,7 +14,6 @@ from scipy.stats import chi2
 from toy_system import SYSTEM, Cart
 
 from estimators import nees
-from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance, Sea
 from vessel_gym.models.assumed import ASSUMED, assumed_space
 from vessel_gym.models.estimation import variant
@@ -22,6 +21,7 @@ from vessel_gym.models.linear import filter_model
 from vessel_gym.models.structure import used_entries
 from vessel_gym.processes import Process
 from vessel_gym.sensors import Bias, Sensor, plain
+from vessel_gym.simulation.core import Core
 from vessel_gym.tasks.task import Task
 
 

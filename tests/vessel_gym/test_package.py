@@ -14,9 +14,9 @@ import pytest
 from contract import MANUALS, OURS, single_class, sizes_by_mode, vector_class
 
 import vessel_gym
-from vessel_gym.configuration import OBSERVE
 from vessel_gym.models.estimation import estimator_names
 from vessel_gym.sensors import SUITE_NAMES
+from vessel_gym.simulation.configuration import OBSERVE
 from vessel_gym.tasks.task import observation_sizes
 
 ROOT = Path(__file__).parents[2]

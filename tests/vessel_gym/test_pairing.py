@@ -8,8 +8,8 @@ import pytest
 from contract import FEW_MEMBERS, OURS, SPREAD, make_core, random_walk, single_class
 
 from estimators import RandomKeys
-from vessel_gym.core import Core
 from vessel_gym.sensors import SUITES, Bias, Sensor
+from vessel_gym.simulation.core import Core
 
 SEED, ROWS, STEPS = 5, 3, 12
 AUV = "SegorogeniAUV-v0"

@@ -9,7 +9,6 @@ import pytest
 from heading_ship import HEADING_SHIP
 
 from agents.controllers import make_controller
-from vessel_gym.core import Core
 from vessel_gym.envs import (
     ItsunusaAUVEnv,
     PunaUAVEnv,
@@ -17,6 +16,7 @@ from vessel_gym.envs import (
     SigmaChannelEnv,
     SigmaCorvetteEnv,
 )
+from vessel_gym.simulation.core import Core
 from vessel_gym.system import System
 from vessel_gym.tasks.task import smoothness
 

@@ -12,12 +12,12 @@ from nomoto_models import nomoto_linear
 from scipy.stats import chi2
 from stepping import corvette_step
 
-from vessel_gym.core import Core
 from vessel_gym.disturbances.seaway import Seaway
 from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem, jonswap
 from vessel_gym.disturbances.waves import WaveField
 from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.envs.ship import ship_system
+from vessel_gym.simulation.core import Core
 from vessel_gym.vehicles.corvette_equations import (
     COEFFICIENTS,
     STATE,

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vessel_gym.core import Core
 from vessel_gym.disturbances import Disturbance, Sea
 from vessel_gym.envs import ItsunusaAUVEnv, SigmaCorvetteEnv, ThesisCorvetteEnv
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sharing import shared
+from vessel_gym.simulation.core import Core
 
 SYSTEM = SigmaCorvetteEnv.system
 STEPS = 12

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from vessel_gym.core import Core
 from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem
 from vessel_gym.disturbances.water import SurfaceWater
 from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv
+from vessel_gym.simulation.core import Core
 from vessel_gym.vehicles.vehicle import GRAVITY
 
 SYSTEMS = {"segorogeni": SegorogeniAUVEnv.system, "itsunusa": ItsunusaAUVEnv.system}

@@ -26,11 +26,11 @@ from refusals import refusal
 from scipy.stats import chi2
 from test_autoreset import assert_same_in_every_mode
 
-from vessel_gym.core import Core
 from vessel_gym.models.estimation import LATE
 from vessel_gym.sensor_faults import KINDS, SensorFault
 from vessel_gym.sensors import LONGEST, SUITES, Sensor, Sensors, plain
-from vessel_gym.state import State
+from vessel_gym.simulation.core import Core
+from vessel_gym.simulation.state import State
 from vessel_gym.tasks.task import observation_sizes
 
 AUV, ROWS = "SegorogeniAUV-v0", 3

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from agents.controllers import make_controller
-from vessel_gym.core import Core
 from vessel_gym.envs.ship import channel_system, ship_system
+from vessel_gym.simulation.core import Core
 from vessel_gym.vehicles.ship import pace
 
 SYSTEMS: dict[str, Any] = {"channel": channel_system("kvlcc2"), "circle": ship_system("kvlcc2")}

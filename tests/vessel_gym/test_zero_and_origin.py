@@ -15,10 +15,10 @@ import pytest
 from contract import CARRIED, FEW_MEMBERS, make_core, random_walk, single_class
 
 from estimators import Belief, Gaussian, models, wrap
-from vessel_gym.core import Core
 from vessel_gym.models.estimation import ENVIRONMENT_ONLY, Estimation, build
 from vessel_gym.models.reference_filters import HeldBelief, Oracle, ZeroOrderHold
-from vessel_gym.start import filter_prior
+from vessel_gym.simulation.core import Core
+from vessel_gym.simulation.draws import filter_prior
 
 FAR = {"x": 6e5, "y": -5e6, "north [m]": 6e5, "east [m]": -5e6}
 """A place in UTM coordinates [m], as states and as measurements."""

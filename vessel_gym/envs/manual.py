@@ -8,7 +8,7 @@ from string import Template
 from textwrap import fill
 from typing import Any
 
-from vessel_gym.configuration import Options
+from vessel_gym.simulation.configuration import Options
 from vessel_gym.system import System
 
 _MANUALS = Path(__file__).with_name("manuals")

@@ -11,9 +11,9 @@ from gymnasium.spaces import Box
 
 from estimators.factory import unknown
 from vessel_gym.checks import one_of
-from vessel_gym.configuration import Options
-from vessel_gym.core import Core
 from vessel_gym.models.state_space import StateSpace
+from vessel_gym.simulation.configuration import Options
+from vessel_gym.simulation.core import Core
 
 
 def observation_space(core: Core) -> Box:

@@ -8,10 +8,10 @@ from gymnasium.utils import seeding
 
 from estimators.checks import short_repr
 from vessel_gym.checks import checked_action, is_integer
-from vessel_gym.core import Core
 from vessel_gym.envs.shared import action_space, check_arguments, first_seed, observation_space
+from vessel_gym.simulation.core import Core
+from vessel_gym.simulation.truth import SCORED
 from vessel_gym.system import System
-from vessel_gym.truth import SCORED
 
 
 class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
@@ -21,7 +21,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
 
     Args:
         render_mode: ``None``, ``"human"`` or ``"rgb_array"``.
-        options: Fields of `vessel_gym.configuration.Options`, by name.
+        options: Fields of `vessel_gym.simulation.configuration.Options`, by name.
 
     Raises:
         ValueError: for an invalid value, an unknown name (of an estimator, sensor suite,

@@ -10,8 +10,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from estimators.checks import integer
-from vessel_gym.core import Core
 from vessel_gym.envs.shared import action_space, check_arguments, first_seed, observation_space
+from vessel_gym.simulation.core import Core
 from vessel_gym.system import System
 
 
@@ -37,7 +37,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             `gymnasium.make_vec` passes the registered value.
         autoreset_mode: A `gymnasium.vector.AutoresetMode` or its value.
         render_mode: ``None`` or ``"rgb_array"``.
-        options: Fields of `vessel_gym.configuration.Options`, by name.
+        options: Fields of `vessel_gym.simulation.configuration.Options`, by name.
 
     Raises:
         ValueError: as `VesselEnv`, and for a ``num_envs`` that is not a positive whole number or an

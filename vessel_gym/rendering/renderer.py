@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from vessel_gym.core import Core
 from vessel_gym.extras import require
 from vessel_gym.rendering.scene import RECORDED, Scene
 from vessel_gym.rendering.surroundings import Surroundings, surroundings_of
+from vessel_gym.simulation.core import Core
 
 SIZE = 1008, 720
 """Width and height of an image; video codecs need multiples of 16."""

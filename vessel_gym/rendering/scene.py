@@ -10,11 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from estimators.angles import difference
-from vessel_gym.core import Core
 from vessel_gym.disturbances.seaway import Seaway
 from vessel_gym.disturbances.water import SurfaceWater
 from vessel_gym.models.estimation import WITHOUT_COVARIANCE
 from vessel_gym.rendering.surroundings import Surroundings, in_words, pose
+from vessel_gym.simulation.core import Core
 
 RECORDED = (
     "truth", "estimate", "covariance", "measurement", "available", "unknown_input",

@@ -12,10 +12,10 @@ import numpy as np
 
 from estimators.checks import finite_array
 from vessel_gym.checks import check_numbers, instance, one_of
-from vessel_gym.core import Core
 from vessel_gym.guidance.dive_path import path_point
 from vessel_gym.guidance.dubins import COLUMNS, Path
 from vessel_gym.registry import Registry
+from vessel_gym.simulation.core import Core
 from vessel_gym.tasks.channel import Channel
 from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.dive import Dive

@@ -41,7 +41,7 @@ class Dive(Task):
     position on the path: progress, cross-track and depth error [m], heading and slope of the path
     there, and the vector to the path's point ``ahead`` (north, east, down). The dive ends when the
     estimated position has covered the path; if no estimate is observed, the true position counts
-    (see `vessel_gym.core.Core`).
+    (see `vessel_gym.simulation.core.Core`).
     """
 
     auv: AUVParameters

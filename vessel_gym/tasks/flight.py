@@ -44,7 +44,7 @@ class Flight(Task):
     path there, and mean curvatures of the path ahead (over the next 20 m, and from 20 to 60 m).
 
     The flight ends when the estimated position has covered the path; if no estimate is observed,
-    the true position replaces the estimate (see `vessel_gym.core.Core`).
+    the true position replaces the estimate (see `vessel_gym.simulation.core.Core`).
     """
 
     body: PunaParameters

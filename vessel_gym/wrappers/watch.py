@@ -24,16 +24,16 @@ from estimators import (
 from estimators.checks import numbers, short_repr
 from estimators.randomness import word
 from vessel_gym import checks
-from vessel_gym.configuration import OBSERVE
-from vessel_gym.delivery import Delivery
-from vessel_gym.loop import Estimator
-from vessel_gym.mission import standard_deviations
 from vessel_gym.models.estimation import LATE, Estimation, EstimatorChoice, is_own, own_filter
 from vessel_gym.models.reference_filters import DeadReckoning, Oracle
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, Sensors
-from vessel_gym.start import next_episodes
-from vessel_gym.state import State
+from vessel_gym.simulation.configuration import OBSERVE
+from vessel_gym.simulation.delivery import Delivery
+from vessel_gym.simulation.draws import next_episodes
+from vessel_gym.simulation.loop import Estimator
+from vessel_gym.simulation.mission import standard_deviations
+from vessel_gym.simulation.state import State
 
 
 class Watch:

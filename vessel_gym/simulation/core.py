@@ -17,14 +17,14 @@ from vessel_gym.checks import (
     refuse_other_ends,
 )
 from vessel_gym.checks import options as checked_options
-from vessel_gym.configuration import Configuration, Options
-from vessel_gym.delivery import Measurements, injected
-from vessel_gym.mission import estimate_of, standard_deviations
-from vessel_gym.start import DRAWN, filter_prior, next_episodes, start_numbers
-from vessel_gym.state import State
+from vessel_gym.simulation.configuration import Configuration, Options
+from vessel_gym.simulation.delivery import Measurements, injected
+from vessel_gym.simulation.draws import DRAWN, filter_prior, next_episodes, start_numbers
+from vessel_gym.simulation.mission import estimate_of, standard_deviations
+from vessel_gym.simulation.state import State
+from vessel_gym.simulation.whole_step import Moment
 from vessel_gym.system import System
 from vessel_gym.tasks.task import Estimate
-from vessel_gym.whole_step import Moment
 
 _FEW = 64
 """Rows up to which one program is faster than its stages, whose code stays in the first cache."""
@@ -46,8 +46,8 @@ class Core:
     Args:
         system: The environment as data.
         num_envs: B.
-        arguments: Fields of `vessel_gym.configuration.Options`, in order.
-        named: Fields of `vessel_gym.configuration.Options`, by name.
+        arguments: Fields of `vessel_gym.simulation.configuration.Options`, in order.
+        named: Fields of `vessel_gym.simulation.configuration.Options`, by name.
 
     Attributes:
         config: World, estimators, mission and options, which no step changes.
@@ -55,8 +55,8 @@ class Core:
         seeds: One seed for each environment; empty before the first reset.
 
     Raises:
-        ValueError: as `vessel_gym.configuration.Options`.
-        TypeError: as `vessel_gym.configuration.Options`.
+        ValueError: as `vessel_gym.simulation.configuration.Options`.
+        TypeError: as `vessel_gym.simulation.configuration.Options`.
     """
 
     def __init__(self, system: System, num_envs: int = 1, *arguments: Any, **named: Any) -> None:

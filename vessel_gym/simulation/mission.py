@@ -8,7 +8,7 @@ import numpy as np
 from vessel_gym.checks import is_compiled
 from vessel_gym.models.estimation import Estimation
 from vessel_gym.models.state_space import StateSpace
-from vessel_gym.state import Changes, Stage, State
+from vessel_gym.simulation.state import Changes, Stage, State
 from vessel_gym.tasks.task import Estimate
 
 
@@ -18,7 +18,7 @@ class Mission:
     Args:
         task: Task.
         estimation: Filter, and its model with its parts.
-        termination: One of `vessel_gym.configuration.TERMINATIONS`.
+        termination: One of `vessel_gym.simulation.configuration.TERMINATIONS`.
         prior_index: Indices of the true state's components that the prior describes.
         guided: Are estimates with guidance, and nothing else, observed? Then each step gives the
             observation.

@@ -7,8 +7,8 @@ import numpy as np
 
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.sensors import columns
-from vessel_gym.state import Changes, State
-from vessel_gym.world import World
+from vessel_gym.simulation.state import Changes, State
+from vessel_gym.simulation.world import World
 
 INFO = (
     "truth", "unknown_input", "reference", "actuators", "measurement", "available", "estimate",
@@ -20,7 +20,7 @@ SCORED = INFO[-4:]
 
 
 class TrueState(NamedTuple):
-    """Components of `vessel_gym.core.Core.truth`."""
+    """Components of `vessel_gym.simulation.core.Core.truth`."""
 
     names: tuple[str, ...]
     slow: slice  # components of the record's ``slow`` among them

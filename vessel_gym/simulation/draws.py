@@ -16,7 +16,7 @@ from estimators.threefry import normals, threefry, two_uniforms
 from vessel_gym.checks import is_integer
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.processes import block_diagonal
-from vessel_gym.world import World
+from vessel_gym.simulation.world import World
 
 DRAWN = ("task", "vehicle", "parameters", "filter", "field")
 """Streams of random numbers at an episode's start, before those of the world and the sensors."""

@@ -10,10 +10,7 @@ import numpy as np
 from estimators.checks import as_number, short_repr
 from vessel_gym.checks import is_compiled, one_of
 from vessel_gym.checks import options as checked_options
-from vessel_gym.delivery import Delivery
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.loop import Estimator
-from vessel_gym.mission import Mission
 from vessel_gym.models.assumed import check_fit
 from vessel_gym.models.estimation import Estimation, EstimatorChoice, build, chosen_disturbance
 from vessel_gym.models.input_conditions import check_causal
@@ -21,13 +18,16 @@ from vessel_gym.models.state_space import StateSpace
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor, Sensors
 from vessel_gym.sharing import shared
-from vessel_gym.start import StartNumbers
-from vessel_gym.state import Changes, Stage, State
+from vessel_gym.simulation.delivery import Delivery
+from vessel_gym.simulation.draws import StartNumbers
+from vessel_gym.simulation.loop import Estimator
+from vessel_gym.simulation.mission import Mission
+from vessel_gym.simulation.state import Changes, Stage, State
+from vessel_gym.simulation.truth import INFO, Scale, TrueState, UnknownInput, info_arrays
+from vessel_gym.simulation.whole_step import WholeStep
+from vessel_gym.simulation.world import World
 from vessel_gym.system import System, Task, Vehicle
 from vessel_gym.tasks.task import observation_sizes
-from vessel_gym.truth import INFO, Scale, TrueState, UnknownInput, info_arrays
-from vessel_gym.whole_step import WholeStep
-from vessel_gym.world import World
 
 OBSERVE = ("mean", "mean+std", "measurement")
 """Contents of an observation: estimates, also with standard deviations, or raw measurements."""

@@ -8,7 +8,7 @@ from estimators import RandomKeys
 from estimators.checks import numbers, short_repr
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensors, columns
-from vessel_gym.state import State
+from vessel_gym.simulation.state import State
 
 Measurements = tuple[np.ndarray, np.ndarray]
 """Measurements and the mask of those that arrived, ``(B, p)`` each, or ``(B, ages, p)`` by age."""

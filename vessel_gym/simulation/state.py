@@ -1,7 +1,7 @@
 """The record of environments, and stages: functions that fill in some of its arrays.
 
 A step makes a new record from the last one, and each stage of the step fills in its arrays. What
-no step changes is in `vessel_gym.configuration.Configuration`.
+no step changes is in `vessel_gym.simulation.configuration.Configuration`.
 """
 
 from collections.abc import Callable
@@ -58,7 +58,7 @@ class State:
     available: Any = None  # (B, p) mask of those that arrived
     arrived: Any = None  # with late sensors, all that arrived and its mask, (B, ages, p) each
     transit: Any = None  # measurements by age, (B, ages, p), and their mask
-    faults: Any = None  # see `vessel_gym.delivery.Delivery`
+    faults: Any = None  # see `vessel_gym.simulation.delivery.Delivery`
     # --- what they believe
     belief: Any = None  # of the estimator
     raw: Any = None  # of the estimator "measurement", for guidance from raw measurements

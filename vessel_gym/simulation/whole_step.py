@@ -11,11 +11,11 @@ import numpy as np
 
 from estimators import RandomKeys
 from estimators.engine import Argument, SideBySide, TracedArray, by_entries, matrix, trace
-from vessel_gym.mission import Mission
 from vessel_gym.models.estimation import Estimation
-from vessel_gym.state import Changes, State, apart, arrays_of
-from vessel_gym.truth import INFO, Scale, TrueState, UnknownInput, info_arrays
-from vessel_gym.world import World
+from vessel_gym.simulation.mission import Mission
+from vessel_gym.simulation.state import Changes, State, apart, arrays_of
+from vessel_gym.simulation.truth import INFO, Scale, TrueState, UnknownInput, info_arrays
+from vessel_gym.simulation.world import World
 
 _FIXED = "parameters", "scenario", "episode_constants"
 """Floats of the record that no step changes."""

@@ -7,7 +7,7 @@ import numpy as np
 from vessel_gym.checks import is_compiled
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.processes import advance, block_diagonal, product
-from vessel_gym.state import Changes, Stage, Stages, State
+from vessel_gym.simulation.state import Changes, Stage, Stages, State
 
 
 class World:

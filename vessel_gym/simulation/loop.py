@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 
 from estimators import Gaussian, RandomKeys
-from vessel_gym.delivery import youngest
 from vessel_gym.models.estimation import Estimation
-from vessel_gym.state import State
+from vessel_gym.simulation.delivery import youngest
+from vessel_gym.simulation.state import State
 
 
 class Estimator:
