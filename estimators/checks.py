@@ -90,6 +90,31 @@ def shaped_array(name: str, value: object, *shape: int | str) -> np.ndarray:
     return array
 
 
+def as_covariance(name: str, value: object) -> np.ndarray:
+    """``value`` as a float array ``(..., k, k)``, checked to be symmetric positive semidefinite.
+
+    Raises:
+        ValueError: naming the argument and what is wrong with it.
+    """
+    cov = finite_array(name, value, "...", "k", "k")
+    if cov.shape[-1] != cov.shape[-2] or cov.shape[-1] == 0:
+        raise ValueError(f"{name} must be a square matrix (..., k, k), got shape {cov.shape}")
+    if not cov.size:  # no rows
+        return cov
+    # Correlations: rounding is a share of standard deviations. What has none correlates with none.
+    scale = np.sqrt(np.maximum(cov.diagonal(0, -2, -1), 1e-300))
+    with np.errstate(over="ignore"):
+        unit = np.clip(cov / scale[..., None] / scale[..., None, :], -1e100, 1e100)
+    if (np.abs(unit - unit.mT) > 1e-9).any():
+        raise ValueError(f"{name} must be symmetric")
+    if np.linalg.eigvalsh(unit).min() < -1e-9:
+        lowest = np.linalg.eigvalsh(cov).min()
+        raise ValueError(
+            f"{name} must be positive semidefinite, its smallest eigenvalue is {lowest:.3g}"
+        )
+    return 0.5 * cov + 0.5 * cov.mT
+
+
 def as_mask(name: str, value: object) -> np.ndarray:
     """``value`` as an array of truth values: numbers other than 0 are true, missing ones false.
 
@@ -100,6 +125,27 @@ def as_mask(name: str, value: object) -> np.ndarray:
         return value
     array = as_array(name, value)
     return (array != 0.0) & ~np.isnan(array)
+
+
+def known_input(u: Any, batch: tuple[int, ...]) -> np.ndarray | None:
+    """The known input with a row for each row of the belief, so that rows can be selected."""
+    if u is None:
+        return None
+    u = frozen(as_array("u", u))  # the belief keeps it
+    u = u if u.ndim else u[None]
+    return broadcast("u", u, batch + u.shape[-1:])
+
+
+def broadcast(name: str, value: np.ndarray, shape: tuple[int, ...], core: int = 1) -> np.ndarray:
+    """``value`` with the leading axes of ``shape``; its last ``core`` axes must fit exactly."""
+    if value.shape == shape:
+        return value
+    try:
+        if value.shape[-core:] == shape[-core:]:
+            return np.broadcast_to(value, shape)
+    except ValueError:
+        pass
+    raise ValueError(f"{name} has shape {value.shape}, expected {shape}")
 
 
 def number(

@@ -18,8 +18,8 @@ from typing import Any, NamedTuple, Self
 
 import numpy as np
 
-from estimators.checks import as_mask, integer, shaped_array, short_repr
-from estimators.filter import Filter, Rng, broadcast, known_input
+from estimators.checks import as_mask, broadcast, integer, known_input, shaped_array, short_repr
+from estimators.filter import Filter, Rng
 from estimators.models import Gaussian
 from estimators.randomness import RandomKeys
 

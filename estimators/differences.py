@@ -10,11 +10,6 @@ from estimators.varying import Function
 _EPS = float(np.finfo(float).eps)
 
 
-def values_at(function: Function, points: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-    """A function at points ``(..., k, n)``, as `estimators.models.at_points`, in its own type."""
-    return np.asarray(function(points, None if u is None else u[..., None, :]))
-
-
 def central_differences(
     name: str, function: Function, x: np.ndarray, u: np.ndarray | None, size: int,
     angles: tuple[int, ...], step: np.ndarray,
@@ -30,7 +25,7 @@ def central_differences(
     """
     n = x.shape[-1]
     points = x[..., None, :] + _offsets(n) * step[..., None, :]
-    values = values_at(function, points, u)
+    values = np.asarray(function(points, None if u is None else u[..., None, :]))
     if values.dtype.kind == "f" and values.dtype.itemsize < 8:
         raise ValueError(
             f"{name} returns numbers of few digits (float32?), whose differences are mostly"

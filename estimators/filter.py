@@ -6,30 +6,24 @@ which include the model's functions where these are compiled. All other filters 
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from contextlib import suppress
 from functools import lru_cache
 from typing import Any, ClassVar, Generic
 
 import numpy as np
 
-from estimators.angles import difference
 from estimators.belief import Belief, Record, unmeasured
-from estimators.checks import as_array, as_mask, frozen, short_repr
+from estimators.checks import as_array, as_covariance, as_mask, broadcast, known_input, short_repr
 from estimators.engine import invoker
 from estimators.linalg import (
-    congruence,
     lacks_rank,
     masked,
-    rescuing,
     semidefinite,
     semidefinite_form,
 )
-from estimators.model_checks import as_covariance
 from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import RandomKeys
-from estimators.recovery import is_healthy, recovered, rows_of
-from estimators.stepping import compiled_step
+from estimators.stepping import in_numpy, in_program
 from estimators.varying import StateNoise, resolve
 
 Rng = RandomKeys | np.random.Generator | None
@@ -89,7 +83,8 @@ class Filter(ABC, Generic[Record]):
         self.model_per_row = any(getattr(part, "ndim", 2) > 2 for part in vars(model).values())
         if self.model_per_row:
             self.compiled = False  # type: ignore[misc]  # a program has one model for all rows
-        self._inside = {step: model.is_compiled(step) for step in ("predict", "update", "step")}
+        self._inside = {step: model.is_compiled(step) for step in ("predict", "update")}
+        self._inside["step"] = all(self._inside.values())
         # With a singular R an update is checked against its prediction.
         self._joined = callable(model.R) or not lacks_rank(model.R).any()
 
@@ -334,95 +329,22 @@ class Filter(ABC, Generic[Record]):
     def _run(self, step: str, belief: Record, data: Data) -> Record:
         """The belief after a prediction, an update, or both; lost rows are recovered."""
         u, y, *_, rng = data
-        in_numpy = not self.compiled or isinstance(rng, np.random.Generator)
-        changed = (self._in_numpy if in_numpy else self._compiled)(step, belief, data)
+        plain = not self.compiled or isinstance(rng, np.random.Generator)
+        changed = (in_numpy if plain else in_program)(self, step, belief, data)
         if y is None:
             changed |= unmeasured(belief.healthy.shape, self.model.p)
         changed["u"] = u
         after = belief.replaced(changed)
-        if in_numpy:
+        if plain:
             after.read_only()
         if b"\0" in after.healthy.tobytes():
+            from estimators.recovery import recovered  # late: few rows are ever lost
+
             after = recovered(self, step, belief, after, data).read_only()
         if step == "update" and b"\0" in belief.healthy.tobytes():
             healthy = np.logical_and(after.healthy, belief.healthy)
             after = after.replaced({"healthy": healthy}).read_only()
         return after
-
-    def _compiled(self, step: str, belief: Record, data: Data) -> Changes:
-        """Arrays that a step changes, read-only, by a program that is compiled at first use."""
-        *given, rng = data
-        answers: Sequence[Any] = ()
-        if not self._inside[step]:
-            with np.errstate(all="ignore"):
-                answers = self._answers(step, belief, data)
-        if step not in self._programs:
-            self._programs[step] = compiled_step(self, step, belief, len(answers))
-        (read, program), drawn = self._programs[step], rng.words if self.random else ()
-        found = program(*read(belief), *given, *answers, *drawn)
-        return dict(zip(program.names, found, strict=True))
-
-    def _answers(self, step: str, belief: Record, data: Data) -> Sequence[Any]:
-        """Arrays from `propagate` or `expect`, and G or H if the filter estimates an input."""
-        (u, _, _, R, _), update = data, step == "update"
-        answer = self.expect(belief, u, R) if update else self.propagate(belief, u)
-        if self.input_delay is None:
-            return answer
-        model: Any = self.model
-        return *answer, resolve(model.H, u) if update else model.input_matrix(belief.mean, u)
-
-    def _changed(
-        self, step: str, belief: Record, data: Data, answers: Sequence[Any] = ()
-    ) -> Changes:
-        """Arrays that a step changes; they are tracers while the step is traced."""
-        answers = answers or self._answers(step, belief, data)
-        if step == "update":
-            return self._corrected(belief, data, *answers)
-        u, *_, rng = data
-        drawn = (rng,) if self.random else ()
-        changed = self._predict(belief, u, *answers, *drawn)
-        if step == "step":
-            return changed | self._changed("update", belief.replaced(changed), data)
-        # The estimate of an unknown input may reduce variances in a prediction.
-        return changed | {"healthy": is_healthy(belief, changed, self.input_delay is not None)}
-
-    def _corrected(
-        self, belief: Record, data: Data, expected: Any, C: Any, R: Any, H: Any = None
-    ) -> Changes:
-        """Arrays that an update changes, from the expected measurement, C, R and H."""
-        u, y, available, _, rng = data
-        available = available & np.isfinite(y) & np.isfinite(R.diagonal(0, -2, -1))
-        if rescuing():
-            available = available & np.isfinite(expected) & np.isfinite(C).all(-1)
-        e = np.where(available, difference(y, expected, self.model.measurement_angles), 0.0)
-        C = np.where(available[..., None], C, 0.0)
-        rest = () if H is None else (np.where(available[..., None], H, 0.0),)
-        R, drawn = masked(R, available), (rng,) if self.random else ()
-        updated = {"innovation_cov": None, "innovation": e, "available": available}
-        updated |= self._update(belief, u, e, C, R, available, *rest, *drawn)
-        if updated["innovation_cov"] is None:
-            updated["innovation_cov"] = congruence(C, belief.cov) + R
-        return updated | {"healthy": is_healthy(belief, updated, not self.random, R)}
-
-    def _in_numpy(self, step: str, belief: Record, data: Data) -> Changes:
-        """Arrays that a step changes, in NumPy; the mean is NaN in rows with a singular matrix."""
-        try:
-            with np.errstate(all="ignore"):
-                return self._changed(step, belief, data)
-        except np.linalg.LinAlgError:
-            batch = belief.mean.shape[:-1]
-        if belief.healthy.size == 1 or self.model_per_row:
-            mean, healthy = np.full(belief.mean.shape, np.nan), np.zeros(batch, bool)
-            return belief.arrays() | {"mean": mean, "healthy": healthy}
-        after = belief
-        for i in np.ndindex(batch):
-            row = np.zeros(batch, bool)
-            row[i] = True
-            one = belief[row]
-            after = after.with_rows(
-                row, one.replaced(self._in_numpy(step, one, rows_of(data, row)))
-            )
-        return after.arrays()
 
     def _was_updated(self, belief: Any) -> bool:
         """Has this step had an update that estimates the unknown input?"""
@@ -458,27 +380,6 @@ class Filter(ABC, Generic[Record]):
         if isinstance(rng, RandomKeys) and rng.keys.shape[:-1] != batch:
             raise ValueError(f"rng has keys for rows {rng.keys.shape[:-1]}, expected {batch}")
         return rng
-
-
-def known_input(u: Any, batch: tuple[int, ...]) -> np.ndarray | None:
-    """The known input with a row for each row of the belief, so that rows can be selected."""
-    if u is None:
-        return None
-    u = frozen(as_array("u", u))  # the belief keeps it
-    u = u if u.ndim else u[None]
-    return broadcast("u", u, batch + u.shape[-1:])
-
-
-def broadcast(name: str, value: np.ndarray, shape: tuple[int, ...], core: int = 1) -> np.ndarray:
-    """``value`` with the leading axes of ``shape``; its last ``core`` axes must fit exactly."""
-    if value.shape == shape:
-        return value
-    try:
-        if value.shape[-core:] == shape[-core:]:
-            return np.broadcast_to(value, shape)
-    except ValueError:
-        pass
-    raise ValueError(f"{name} has shape {value.shape}, expected {shape}")
 
 
 @lru_cache(64)

@@ -5,11 +5,10 @@ from typing import Any
 import numpy as np
 
 from estimators.belief import Belief, InputBelief
-from estimators.checks import as_array, frozen
+from estimators.checks import as_array, as_covariance, frozen
 from estimators.engine import compiled
 from estimators.filter import Changes, Filter, Model
 from estimators.linalg import congruence, identity, joined, solve, symmetric_blocks, symmetrise
-from estimators.model_checks import as_covariance
 from estimators.models import LinearModel
 
 

@@ -13,15 +13,15 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators.checks import finite_array, frozen, short_repr
-from estimators.differences import central_differences, steps, values_at
+from estimators.checks import as_covariance, finite_array, frozen, short_repr
+from estimators.differences import central_differences, steps
 from estimators.engine import Compiled, columnwise, compiled, is_traced, linearise, matrix
-from estimators.model_checks import as_covariance, check_matrices
 from estimators.varying import (
     Frozen,
     Function,
     Matrix,
     StateMatrix,
+    check_matrices,
     is_compiled,
     resolve,
 )
@@ -64,18 +64,14 @@ class Gaussian(Frozen):
 
 
 class _Model(Frozen):
-    """What filters ask of linear and nonlinear models."""
+    """Base of models."""
 
     parts: ClassVar[dict[str, tuple[str, ...]]]
-    """Names of the matrices and functions that a "predict", an "update" or a "step" uses."""
+    """Names of the matrices and functions that a "predict" and an "update" use."""
 
     def is_compiled(self, step: str) -> bool:
-        """Are all functions of a step compiled? Arrays and schedules count as compiled."""
+        """Are all functions of a "predict" or an "update" compiled? Arrays count as compiled."""
         return all(map(is_compiled, map(partial(getattr, self), self.parts[step])))
-
-
-def _parts(predict: tuple[str, ...], update: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
-    return {"predict": predict, "update": update, "step": predict + update}
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +103,7 @@ class LinearModel(_Model):
         ValueError: naming the argument whose shape or definiteness is wrong.
     """
 
-    parts = _parts(("A", "B", "Q", "G"), ("C", "R", "H"))
+    parts = {"predict": ("A", "B", "Q", "G"), "update": ("C", "R", "H")}
     A: Matrix
     C: Matrix
     Q: Matrix
@@ -203,10 +199,10 @@ class NonlinearModel(_Model):
         ValueError: naming the argument whose shape or definiteness is wrong.
     """
 
-    parts = _parts(
-        ("transition", "transition_jacobian", "Q", "G"),
-        ("measurement", "measurement_jacobian", "R", "H"),
-    )
+    parts = {
+        "predict": ("transition", "transition_jacobian", "Q", "G"),
+        "update": ("measurement", "measurement_jacobian", "R", "H"),
+    }
     transition: Function
     measurement: Function
     Q: Matrix
@@ -295,7 +291,7 @@ def at_points(function: Function, points: np.ndarray, u: np.ndarray | None) -> n
     Returns:
         The values ``(..., k, size)``.
     """
-    return values_at(function, points, u).astype(float, copy=False)
+    return np.asarray(function(points, None if u is None else u[..., None, :]), float)
 
 
 @lru_cache(1000)

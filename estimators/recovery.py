@@ -20,45 +20,14 @@ from estimators.linalg import (
     semidefinite,
     symmetric_blocks,
 )
-from estimators.randomness import RandomKeys
+from estimators.stepping import in_numpy, rows_of
 
 _CROSS = {"cov": "", "input_cov": "state_input_cov", "feedthrough_cov": "state_feedthrough_cov"}
 """Covariances of a belief, and the name of each one's cross-covariance with the state."""
-_DIGITS = 1e4
-"""An update that shrinks a variance by more than this may leave only rounding, of either sign."""
-_SHRUNK = 1e-4
-"""A step that shrinks all variances by more than this may leave only rounding, of either sign."""
 _KNOWN = 16.0 * np.finfo(float).eps
 """A variance after an update is rounding below this share of the terms that it is a sum of."""
 _NEGATIVE = 1e-12
 """An eigenvalue of a covariance that is less negative, as a share of its trace, is rounding."""
-
-
-def is_healthy(belief: Any, changed: dict[str, Any], shrinks: bool, R: Any = None) -> Any:
-    """Mask ``(...)`` of rows that are finite and whose variances cannot be mere rounding.
-
-    Args:
-        belief: The belief before the step.
-        changed: Arrays that the step changes.
-        shrinks: Is variance subtracted? The difference may then be mere rounding, or negative.
-        R: Covariance of the measurements of an update.
-    """
-    after = belief.replaced(changed)
-    total = after.mean.sum(-1) + after.cov.sum((-2, -1))
-    if "input_mean" in after.names():
-        total = total + after.input_mean.sum(-1)
-    if "feedthrough_cov" in after.names():
-        total = total + after.feedthrough_cov.sum((-2, -1))
-    healthy = total - total == 0.0
-    if R is not None:
-        digits = _DIGITS if shrinks else 1e20
-        precise = after.innovation_cov.diagonal(0, -2, -1) > digits * R.diagonal(0, -2, -1)
-        healthy = healthy & ~(np.where(precise, 1.0, 0.0).sum(-1) > 0.0)
-    if shrinks:
-        left = after.cov.diagonal(0, -2, -1)
-        shrunk = left.sum(-1) < _SHRUNK * belief.cov.diagonal(0, -2, -1).sum(-1)
-        healthy = healthy & ~(shrunk | (np.where(left < 0.0, 1.0, 0.0).sum(-1) > 0.0))
-    return healthy
 
 
 def recovered(filter: Any, step: str, belief: Record, after: Record, data: Any) -> Record:
@@ -90,12 +59,6 @@ def recovered(filter: Any, step: str, belief: Record, after: Record, data: Any) 
         if step == "update" and not filter.random:
             found = _without_rounding(filter, before, found, data)
     return after.with_rows(rows, found.replaced({"healthy": ~lost}))
-
-
-def rows_of(data: Any, rows: np.ndarray) -> Any:
-    """A step's data for some rows of the batch; a Generator stays what it is."""
-    indexed = np.ndarray, RandomKeys
-    return tuple(each[rows] if isinstance(each, indexed) else each for each in data)
 
 
 def _sound(belief: Any, step: str) -> np.ndarray:
@@ -145,7 +108,7 @@ def _attempt(filter: Any, step: str, belief: Any, data: Any) -> Any:
     """A prediction or an update in rescue; rows that are not finite keep what they had."""
     with rescue():
         after = filter._repaired(step, belief, data)
-        after = after.replaced(filter._in_numpy(step, after, data))
+        after = after.replaced(in_numpy(filter, step, after, data))
     if not filter.random:
         after = _clipped(after)
     finite = _finite(after)

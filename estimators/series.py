@@ -18,9 +18,9 @@ from typing import Any, Generic, cast
 import numpy as np
 
 from estimators.belief import Record, over_time
-from estimators.checks import as_array
+from estimators.checks import as_array, broadcast
 from estimators.delayed import Delayed, DelayedBelief
-from estimators.filter import Filter, Rng, broadcast
+from estimators.filter import Filter, Rng
 from estimators.linalg import joined
 from estimators.models import Gaussian, LinearModel
 from estimators.randomness import RandomKeys, key

@@ -17,6 +17,7 @@ from estimators.engine import (
     columnwise,
     compiled,
     float_bits,
+    log_scaled,
     sincos_near_zero,
 )
 
@@ -57,22 +58,12 @@ def uniform(word: np.ndarray) -> np.ndarray:
 
 
 def _log_unit(m: np.ndarray) -> np.ndarray:
-    """``ln((m + 0.5) / 2^32)`` of whole numbers below 2^32, as fdlibm has it (Sun, 1993)."""
+    """``ln((m + 0.5) / 2^32)`` of whole numbers below 2^32."""
     bits = float_bits(as_float(m) + 0.5) + (
         2**62 - _SQRT_HALF
     )  # the mantissa then lies within sqrt(2) of 1
     f = bits_float((bits & _MANTISSA) + _SQRT_HALF) - 1.0
-    s = f / (2.0 + f)
-    z = s * s
-    r = z * (
-        6.666666666666735130e-01 + z * (3.999999999940941908e-01 + z * (2.857142874366239149e-01
-        + z * (2.222219843214978396e-01 + z * (1.818357216161805012e-01
-        + z * (1.531383769920937332e-01 + z * 1.479819860511658591e-01)))))
-    )  # fmt: skip
-    half, k = 0.5 * f * f, as_float(bits >> 52) - 1056.0
-    return k * 6.93147180369123816490e-01 - (
-        (half - (s * (half + r) + k * 1.90821492927058770002e-10)) - f
-    )
+    return log_scaled(f, as_float(bits >> 52) - 1056.0)
 
 
 def _sincos_of_turn(m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

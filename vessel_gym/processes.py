@@ -6,10 +6,9 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.checks import finite_array, frozen, short_repr
+from estimators.checks import as_covariance, finite_array, frozen, short_repr
 from estimators.discretisation import van_loan
 from estimators.engine import as_word, lookup
-from estimators.model_checks import as_covariance
 from estimators.threefry import normals
 from vessel_gym.checks import check_numbers
 

@@ -7,7 +7,7 @@ below, from here, and nothing from its modules.
 """
 
 from estimators.engine import linear
-from estimators.engine.arrays import TracedArray
+from estimators.engine.arrays import TracedArray, lookup
 from estimators.engine.compiled import Compiled, SideBySide, compiled, trace
 from estimators.engine.derivative import jacobian, linearise
 from estimators.engine.elementary import (
@@ -16,6 +16,7 @@ from estimators.engine.elementary import (
     as_word,
     bits_float,
     float_bits,
+    log_scaled,
     sincos,
     sincos_near_zero,
 )
@@ -30,7 +31,6 @@ from estimators.engine.matrices import (
     matrix,
 )
 from estimators.engine.program import NotTraceable
-from estimators.engine.tables import lookup
 
 __all__ = [
     "Argument",
@@ -54,6 +54,7 @@ __all__ = [
     "jacobian",
     "linear",
     "linearise",
+    "log_scaled",
     "lookup",
     "matrix",
     "sincos",

@@ -34,7 +34,6 @@ _PARTIALS: dict[str, Callable[..., tuple[Any, ...]]] = {
     "log1p": lambda y, x: (1.0 / (1.0 + x),),
     "arctan": lambda y, x: (1.0 / (1.0 + x * x),),
     "arcsin": lambda y, x: (1.0 / operation("sqrt", (1.0 - x) * (1.0 + x)),),
-    "arccos": lambda y, x: (-(1.0 / operation("sqrt", (1.0 - x) * (1.0 + x))),),
     "tanh": lambda y, x: (1.0 - y * y,),
     "add": lambda z, x, y: (1.0, 1.0),
     "subtract": lambda z, x, y: (1.0, -1.0),

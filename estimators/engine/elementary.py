@@ -132,12 +132,8 @@ def _exp(x: Any) -> Any:
     return _scaled(1.0 - ((low - (r * c) / (2.0 - c)) - high), k)
 
 
-def _log(x: Any) -> Any:
-    small = x < 2.2250738585072014e-308
-    bits = as_integer(float_bits(where(small, x * 18014398509481984.0, x)))  # 2^54
-    exponent = (bits - 0x3FE6A09E667F3BCD) >> 52  # so that the rest lies within sqrt(2) of 1
-    f = bits_float(as_word(bits - (exponent << 52))) - 1.0
-    k = as_float(exponent) - where(small, 54.0, 0.0)
+def log_scaled(f: Any, k: Any) -> Any:
+    """``ln((1 + f) 2^k)`` for 1 + f within a factor of sqrt(2) of 1."""
     s = f / (2.0 + f)
     z = s * s
     r = z * _polynomial(
@@ -146,7 +142,16 @@ def _log(x: Any) -> Any:
         1.479819860510658591e-01,
     )  # fmt: skip
     half = 0.5 * f * f
-    value = k * _LN2_HIGH - ((half - (s * (half + r) + k * _LN2_LOW)) - f)
+    return k * _LN2_HIGH - ((half - (s * (half + r) + k * _LN2_LOW)) - f)
+
+
+def _log(x: Any) -> Any:
+    small = x < 2.2250738585072014e-308
+    bits = as_integer(float_bits(where(small, x * 18014398509481984.0, x)))  # 2^54
+    exponent = (bits - 0x3FE6A09E667F3BCD) >> 52  # so that the rest lies within sqrt(2) of 1
+    f = bits_float(as_word(bits - (exponent << 52))) - 1.0
+    k = as_float(exponent) - where(small, 54.0, 0.0)
+    value = log_scaled(f, k)
     special = where(x == 0.0, -np.inf, where(x == np.inf, np.inf, np.nan))
     return where((x > 0.0) & (x < np.inf), value, special)
 
@@ -210,31 +215,16 @@ def _arcsine_series(z: Any) -> Any:
     )  # fmt: skip
 
 
-def _half_angle(x: Any) -> tuple[Any, Any, Any, Any, Any]:
-    """``|x| < 1/2``; the root of ``z = x^2`` or ``(1 - |x|) / 2``, its parts, z's series."""
+def _arcsin(x: Any) -> Any:
     a = operation("absolute", x)
     small = a < 0.5
     z = where(small, x * x, 0.5 * (1.0 - a))
-    root = operation("sqrt", z)
+    root, series = operation("sqrt", z), _arcsine_series(z)
     high = _high(root)
     low = (z - high * high) / where(root == 0.0, 1.0, root + high)
-    return small, root, high, low, _arcsine_series(z)
-
-
-def _arcsin(x: Any) -> Any:
-    small, root, high, low, series = _half_angle(x)
     beyond = 2.0 * root * series - (_HALF_PI_LOW - 2.0 * low)
     beyond = _QUARTER_PI - (beyond - (_QUARTER_PI - 2.0 * high))
     return where(small, x + x * series, operation("copysign", beyond, x))
-
-
-def _arccos(x: Any) -> Any:
-    small, root, high, low, series = _half_angle(x)
-    ahead = 2.0 * (high + (series * root + low))
-    astern = np.pi - 2.0 * (root + (series * root - _HALF_PI_LOW))
-    return where(
-        small, 0.5 * np.pi - (x - (_HALF_PI_LOW - x * series)), where(x > 0.0, ahead, astern)
-    )
 
 
 def _hypot(x: Any, y: Any) -> Any:
@@ -258,7 +248,7 @@ EXPANSIONS: dict[str, tuple[int, Callable[..., Any]]] = {
     "sin": (1, lambda x: _sincos(x)[0]), "cos": (1, lambda x: _sincos(x)[1]),
     "sincos": (1, _sincos), "exp": (1, _exp), "log": (1, _log), "log1p": (1, _log1p),
     "arctan": (1, _arctan), "arctan2": (2, _arctan2), "arcsin": (1, _arcsin),
-    "arccos": (1, _arccos), "hypot": (2, _hypot), "tanh": (1, _tanh),
+    "hypot": (2, _hypot), "tanh": (1, _tanh),
 }  # fmt: skip
 """Number of operands of each function, and its formula."""
 

@@ -78,7 +78,7 @@ class Function:
         self.layout, self._scratch = _laid_out(program, self.instructions, values)
         self._places, self._literals, self._constants = _placed(program)
         self._address = self._constants.__array_interface__["data"][0]
-        loops = any(each.opcode in _LOOPS for each in self.instructions)
+        loops = any(each.opcode in LOOPS for each in self.instructions)
         # Straight code is read once for all lanes, a loop's body is short: more lanes are faster.
         self._lanes = 8 if loops else machine.lanes()
         self._codes: dict[int, int] = {}
@@ -193,7 +193,8 @@ def _laid_out(
 
 
 _INPUTS = "input", "input_matrix"
-_LOOPS = frozenset((
+LOOPS = frozenset((
     "each", "join", "columns", "matmul", "solve_lower", "cholesky", "semidefinite_cholesky",
     "rotate",
 ))  # fmt: skip
+"""Opcodes of loops."""

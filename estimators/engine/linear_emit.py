@@ -9,15 +9,14 @@ from typing import Any
 import numpy as np
 
 from estimators.engine.emit import type_of
+from estimators.engine.function import LOOPS
 from estimators.engine.matrix_emit import CHUNK, Index, Matrix, MatrixEmitter
 from estimators.engine.program import Instruction, Program, View
 from estimators.engine.tracer import Tracer, cast, constant, where
 
 # columns of a product that are summed at a time: as many vectors as processors have registers for
 _ACROSS = 48
-_OUTLINED = frozenset((
-    "each", "join", "matmul", "solve_lower", "cholesky", "semidefinite_cholesky", "rotate",
-))  # fmt: skip
+_OUTLINED = LOOPS - {"columns"}
 _INLINED = 16  # entries of the operands up to which there is no call
 _EPS = float(np.finfo(float).eps)
 _SWEEPS = 30
@@ -180,9 +179,10 @@ class LinearEmitter(MatrixEmitter):
                 return self.spread(t[i, k], self.width * count)
 
             def entry(i: Index) -> None:
-                rest = self.total(
-                    right[i, c], 0, i, lambda k, rest: rest - wide(i, k) * solution[k, c]
-                )
+                def less(k: Index, rest: Tracer) -> list[Tracer]:
+                    return [rest - wide(i, k) * solution[k, c]]
+
+                (rest,) = self.loop(0, i, less, [right[i, c]])
                 solution[i, c] = rest / wide(i, i)
 
             self.loop(0, z.shape[0], entry)

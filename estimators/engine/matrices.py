@@ -94,7 +94,7 @@ def is_small(*operands: Any) -> bool:
 
 
 def view(program: Program, array: Any) -> View:
-    """Where the entries of a matrix stand in memory; those of several values are packed."""
+    """Places of the entries of a matrix in memory; entries of several values are packed."""
     rows = np.asarray(array)
     rows = rows if rows.ndim == 2 else rows[None]
     if rows.dtype != object:

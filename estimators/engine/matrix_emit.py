@@ -103,12 +103,6 @@ class MatrixEmitter(Emitter):
 
         self.loop(0, rows, row)
 
-    def total(
-        self, first: Tracer, low: Index, high: Index, term: Callable[[Index, Tracer], Any]
-    ) -> Tracer:
-        """Accumulate a term over indices, beginning with a number."""
-        return self.loop(low, high, lambda k, total: [term(k, total)], [first])[0]
-
     # --- entry by entry ---------------------------------------------------------------------------
 
     def _emit_element(self, instruction: Instruction) -> None:

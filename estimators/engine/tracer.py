@@ -129,7 +129,7 @@ def _arithmetic(x: Tracer, y: Tracer) -> tuple[Tracer, Tracer]:
 
 
 ELEMENTARY = frozenset((
-    "sin", "cos", "exp", "log", "log1p", "arctan", "arcsin", "arccos", "tanh", "arctan2", "hypot",
+    "sin", "cos", "exp", "log", "log1p", "arctan", "arcsin", "tanh", "arctan2", "hypot",
 ))  # fmt: skip
 """Opcodes that `estimators.engine.elementary` computes; the others are exactly NumPy's."""
 _BITWISE = frozenset(("bitwise_and", "bitwise_or", "bitwise_xor"))

@@ -76,7 +76,8 @@ class WaveField:
             rank = reduce(add, [np.where(own > other, 1.0, 0.0) for other in others])
             w = interpolated(self._frequencies, _FREQUENCIES / n * first)
             share = (rank + within) * (1.0 / n)
-            place = _DIRECTIONS / np.pi * np.arccos(1.0 - 2.0 * share)
+            angle = 2.0 * np.arctan2(np.sqrt(share), np.sqrt(1.0 - share))
+            place = _DIRECTIONS / np.pi * angle
             theta = interpolated(self._directions, _NODES / n * first, place)
             sin, cos = sincos(theta)
             k = w * w * (1.0 / GRAVITY)

@@ -11,6 +11,7 @@ import numpy as np
 
 from estimators import RandomKeys
 from estimators.engine import Argument, SideBySide, TracedArray, by_entries, matrix, trace
+from estimators.stepping import changes
 from vessel_gym.models.estimation import Estimation
 from vessel_gym.simulation.mission import Mission
 from vessel_gym.simulation.state import Changes, State, apart, arrays_of
@@ -253,7 +254,7 @@ class WholeStep:
         rng = RandomKeys(row.filtering, row.steps) if filter.random else None
         data = *map(_whole, (row.u, row.y, row.available)), None, rng
         belief = filter.record.of(arrays | {"u": data[0]})
-        changed = filter._changed("step", belief, data)
+        changed = changes(filter, "step", belief, data)
         row = row.but(belief=_entrywise(belief.replaced(changed)))
         scored = self._mission.step.function(row)
         row = row.but(**scored)

@@ -47,7 +47,6 @@ ROUNDED: dict[str, tuple[int, Word]] = {
     "tan": (1, lambda a: np.tan(np.tanh(a))),
     "arctan": (1, np.arctan),
     "arcsin": (1, lambda a: np.arcsin(0.9 * np.cos(a))),
-    "arccos": (1, lambda a: np.arccos(0.8 * np.sin(a))),
     "arctan2": (2, lambda a, b: np.arctan2(a, 0.3 + b * b)),
     "hypot": (2, lambda a, b: np.hypot(a, b + 0.01)),
     "interp": (1, lambda a: np.interp(a, PLACES, TABLE)),

@@ -46,7 +46,6 @@ RANGES = {
     "log1p": (magnitudes(-323.0, 308.0), between(-1.0, 2.0), magnitudes(-20.0, 0.0), beside(-1.0)),
     "arctan": (magnitudes(-323.0, 308.0), between(-3.0, 3.0)),
     "arcsin": (between(-1.0, 1.0), magnitudes(-323.0, 0.0), beside(1.0), beside(-1.0)),
-    "arccos": (between(-1.0, 1.0), magnitudes(-323.0, 0.0), beside(1.0), beside(-1.0)),
     "tanh": (between(-25.0, 25.0), between(-1.0, 1.0), magnitudes(-323.0, 3.0)),
 }  # fmt: skip
 
