@@ -17,8 +17,8 @@ Record = TypeVar("Record", bound="Belief")
 class Belief:
     """Mean and covariance of the state, and the last measurement; leading axes are a batch.
 
-    Filters with further fields add them in a subclass. Every belief has ``input_mean``,
-    ``input_cov`` and ``ensemble``, which are None if the filter does not have them.
+    Filters with further fields add them in a subclass, a dataclass without slots. Every belief has
+    ``input_mean``, ``input_cov`` and ``ensemble``, which are None if the filter does not have them.
 
     Attributes:
         mean: ``(..., n)`` state estimate.

@@ -13,7 +13,7 @@ import numpy as np
 
 from estimators.engine import machine
 from estimators.engine.matching import in_memory, invoker
-from estimators.engine.program import KINDS, LITERAL, Instruction, Program, value_of
+from estimators.engine.program import KINDS, LITERAL, LOOPS, Instruction, Program, value_of
 
 FEW = 4
 """Least number of rows for which vectors are faster; fewer have the program of a single row."""
@@ -193,8 +193,3 @@ def _laid_out(
 
 
 _INPUTS = "input", "input_matrix"
-LOOPS = frozenset((
-    "each", "join", "columns", "matmul", "solve_lower", "cholesky", "semidefinite_cholesky",
-    "rotate",
-))  # fmt: skip
-"""Opcodes of loops."""

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from estimators.engine.emit import type_of
-from estimators.engine.function import LOOPS
 from estimators.engine.matrix_emit import CHUNK, Index, Matrix, MatrixEmitter
-from estimators.engine.program import Instruction, Program, View
+from estimators.engine.program import LOOPS, Instruction, Program, View
 from estimators.engine.tracer import Tracer, cast, constant, where
 
 # columns of a product that are summed at a time: as many vectors as processors have registers for

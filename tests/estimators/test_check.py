@@ -93,7 +93,7 @@ class DrawsItsOwn(Plain):
         return {"mean": mean + (self.begun > 4)}
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Aged(Belief):
     age: Any
 

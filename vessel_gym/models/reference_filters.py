@@ -57,7 +57,7 @@ class DeadReckoning(ExtendedKalmanFilter):
         return {"mean": belief.mean, "innovation_cov": R, "available": unused}
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class HeldBelief(InputBelief):
     """Belief with the last measurement of every channel, ``(..., p)`` each."""
 
