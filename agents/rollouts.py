@@ -60,12 +60,12 @@ class Rollout:
 
     @cached_property
     def core(self) -> Any:
-        """The environment's `vessel_gym.simulation.core.Core`, or the substitute that `core_of` returns."""
+        """The environment's `Core`, or the substitute that `core_of` returns."""
         return core_of(self.env)
 
     @property
     def config(self) -> Any:
-        """The environment's `vessel_gym.simulation.configuration.Configuration`, or its substitute."""
+        """The environment's `Configuration`, or its substitute."""
         return self.core.config
 
     @property

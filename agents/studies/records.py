@@ -148,8 +148,8 @@ class Study:
         training_seeds: Training runs of each learned agent: the unit of resampling.
         first_seed: The first evaluation seed, see `agents.seeds.evaluation_seeds`.
         margin: Of equivalence: differences of the share kept that are smaller do not matter.
-        termination: One of `vessel_gym.simulation.configuration.TERMINATIONS`: what ends a mission, for all
-            agents and both ends of the scale alike.
+        termination: One of `vessel_gym.simulation.configuration.TERMINATIONS`: what ends a
+            mission, for all agents and both ends of the scale alike.
     """
 
     title: str

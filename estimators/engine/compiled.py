@@ -28,8 +28,8 @@ def trace(
     Args:
         function: Pure; it gets tracers of a row of each argument.
         rows: Shape and kind of a row of each argument; None for an argument that is None.
-        matrices: Are operations of large vectors and matrices loops (`TracedMatrix`), not unrolled? One
-            answer, or one for each row.
+        matrices: Are operations of large vectors and matrices loops (`TracedMatrix`), not
+            unrolled? One answer, or one for each row.
         sealed: See `Function`.
         own: See `Function`.
 

@@ -69,9 +69,8 @@ def test_a_system_of_first_order_is_reduced_to_itself(lag: float):
 def test_regulator_gains_are_those_of_value_iteration():
     rng = np.random.default_rng(0)
     A, B = np.eye(4) + 0.1 * rng.normal(size=(4, 4)), rng.normal(size=(4, 2))
-    np.testing.assert_allclose(
-        jacobian(lambda x: A @ x + np.sin(x), np.zeros(4)), A + np.eye(4), rtol=1e-8
-    )
+    slope = jacobian(lambda x: A @ x + np.sin(x), np.zeros(4))
+    np.testing.assert_allclose(slope, A + np.eye(4), rtol=1e-8)
     Q, R = np.diag([1.0, 0.0, 2.0, 0.5]), np.diag([1.0, 0.1])
     P = Q
     for _ in range(4000):  # the cost of ever more steps to go
@@ -123,12 +122,8 @@ def test_gains_of_aircraft_are_optimal_for_its_step():
 
     def step(z: np.ndarray) -> np.ndarray:
         truth, before, wanted = np.zeros(len(names)), body.cruise.copy(), body.cruise.copy()
-        way = body.cruise_speed + z[1]
-        for name, value in (
-            ("h", z[0]),
-            ("north", way * np.cos(z[2])),
-            ("climb", way * np.sin(z[2])),
-        ):
+        way, turned = body.cruise_speed + z[1], np.array([np.cos(z[2]), np.sin(z[2])])
+        for name, value in zip(("h", "north", "climb"), (z[0], *way * turned), strict=True):
             truth[names.index(name)] = value
         before[:2] += z[3:5]
         wanted[:2] += z[5:]
@@ -165,6 +160,8 @@ def test_steady_dives_climbs_and_turns_stay_as_they_are(env_id: str, turning: bo
         flows = np.zeros(len(vehicle.ambient_flows))
         return vehicle.drift(x, np.concatenate([actuators, actuators]), flows)
 
+    beyond = loop.steady(np.array([-9.0, 9.0]))
+    np.testing.assert_allclose(beyond, [table[[0, -1]] for table in loop[2:]], atol=1e-12)
     for i in range(0, len(loop.command), 9):
         x, actuators = np.zeros(len(names)), np.zeros(len(vehicle.action_names))
         drift = loop.drift[i]
@@ -201,30 +198,23 @@ def observing(system: System, values: dict[str, float]) -> np.ndarray:
     return np.array([row + [0.0] * len(system.vehicle.action_names)], np.float32)
 
 
+# positive stern plane dives
 DIVE_ACTIONS: list[Any] = [
-    # positive stern plane dives
-    ({"path below": 0.3}, -2, 0.05),
-    ({"path below": -0.3}, -2, -0.05),
+    ({"path below": 0.3}, -2, 0.05), ({"path below": -0.3}, -2, -0.05), ({"heave": 0.1}, -2, -0.02),
     ({"pitch error": 0.1}, -2, -0.05),  # the path climbs more
-    ({"pitch rate": 0.2}, -2, 0.05),
-    ({"surge error": -0.2}, -1, 0.02),
+    ({"pitch rate": 0.2}, -2, 0.05), ({"surge error": -0.2}, -1, 0.02),
     ({"surge error": 0.2}, -1, -0.02),
-    ({"heave": 0.1}, -2, -0.02),
-]
+]  # fmt: skip
 SPATIAL_ACTIONS: list[Any] = [
-    ({"path to starboard": 0.3}, 0, 0.05),
-    ({"heading error": 0.1}, 0, 0.05),
-    ({"yaw rate": 0.2}, 0, -0.05),
-    ({"current to starboard": 0.2}, 0, -0.05),
-]
+    ({"path to starboard": 0.3}, 0, 0.05), ({"heading error": 0.1}, 0, 0.05),
+    ({"yaw rate": 0.2}, 0, -0.05), ({"current to starboard": 0.2}, 0, -0.05),
+]  # fmt: skip
 FLIGHT_ACTIONS: list[Any] = [
     ({"cross-track": 5.0}, 2, -0.05),  # to starboard of the path: turn to port
-    ({"course sine": 0.1}, 2, 0.05),
-    ({"bank of the path": 0.2}, 2, 0.05),
-    ({"altitude error": 1.0}, 1, -0.02),
-    ({"climb": 1.0}, 1, -0.02),
+    ({"course sine": 0.1}, 2, 0.05), ({"bank of the path": 0.2}, 2, 0.05),
+    ({"altitude error": 1.0}, 1, -0.02), ({"climb": 1.0}, 1, -0.02),
     ({"airspeed error": -1.0}, 0, 0.02),  # less than at cruising speed
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -375,6 +365,23 @@ def test_every_radius_is_held_and_the_integral_leaves_no_bias(lengths: float, mi
         assert np.abs(heading).max() < 0.02  # rad; the task's tolerance is 0.05
         speed = np.hypot(truth[..., 3], truth[..., 4]).mean(0)
         np.testing.assert_allclose(speed / reference[-1, :, 3], radius, rtol=0.02)
+
+
+@pytest.mark.parametrize("turn", [-0.03, 0.08])
+def test_on_its_path_a_dive_that_turns_steadily_is_left_as_it_is(turn: float):
+    """Rudder, thrust and sway of the steady turn are its own; errors add to these."""
+    system, loop = system_of(SPATIAL), dive_loop(SPATIAL, True)
+    body = system.vehicle.body
+    sway, rudder, thrust = (float(each) for each in loop.steady(np.array(turn)))
+    level = dive_loop(SPATIAL, False).steady(np.array(0.0))
+    held = {"curvature": turn / body.cruise_speed, "sway": sway, "yaw rate": turn}
+    held |= {"heading error": float(np.arctan2(sway, body.cruise_speed)), "heave": float(level[0])}
+    held["pitch"] = held["heave"] / body.cruise_speed
+    held["pitch error"] = -held["pitch"]
+    action = make_controller("autopilot", system).act(observing(system, held))[0]
+    assert action[0] * body.fin_limit == pytest.approx(rudder, abs=2e-3)
+    expected = float(level[2]) + thrust - body.cruise_thrust
+    assert (action[2] + 1.0) * body.thrust_limit / 2.0 == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.slow

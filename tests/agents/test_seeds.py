@@ -16,6 +16,7 @@ EVALUATION, TUNING = (
 
 def test_the_ranges_share_no_seed():
     assert (evaluation_seeds(MILLION), tuning_seeds(MILLION)) == (list(EVALUATION), list(TUNING))
+    assert evaluation_seeds(2, first=500) == list(EVALUATION[500:502])
     assert EVALUATION[-1] < TUNING[0] < TUNING[-1] < training_seed(0)
 
 

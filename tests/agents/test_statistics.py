@@ -72,13 +72,6 @@ def test_mean_of_shares_is_ratio_of_means_and_not_clipped(ruler):
     assert shares.mean(1).min() < 0.0
 
 
-def test_a_scale_of_another_unit_gives_the_same_shares(ruler):
-    shares = normalise(*ruler)
-    np.testing.assert_allclose(
-        normalise(*(7.0 - 3.0 * (1.0 - each) for each in ruler)), shares, atol=1e-12
-    )
-
-
 @pytest.mark.parametrize("run", range(3))
 def test_shares_scatter_as_bootstrap_with_scale(ruler, run):
     """Over 20,000 draws; the ratio's curvature and the bootstrap's own scatter are below 3 %."""

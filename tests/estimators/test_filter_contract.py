@@ -86,28 +86,27 @@ UNKNOWN_INPUT = {
     name: _linear(G=FIRST, H=FIRST if name == "kf-umv-ui" else None)
     for name in ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise")
 }
-FREE, BLOCKED = np.diag([0.0, 1.0]), I2[::-1] * FIRST  # of two inputs that H or C G shows
-SINGLE = _linear(C=[[1.0, 0.0]], R=[[1.0]], G=SECOND)  # whose input no measurement shows
-PAIR = I2 * FIRST, np.ones((2, 2))
+HIDDEN = _linear(C=[[1.0, 0.0]], R=[[1.0]], G=SECOND)  # no measurement shows its input
+ALIKE = np.ones((2, 2))  # two inputs that no measurement tells apart
 NONLINEAR_ONES = "for a nonlinear one use kf-umv-ui, without feedthrough ekf-ui-wdf or ukf-umv"
 RANK = r"needs rank\({}\) = {} unknown inputs?, got {}: measure "
 ADVICE = "the input, or a state that it drives directly, by a measurement that no other"
-UMV, ULISE = (make(name, _linear(G=I2, H=I2)) for name in ("kf-umv-ui", "ulise"))
-KF, ENKF = (make(name, _linear()) for name in ("kf", "enkf"))
+KF, ENKF, UMV = make("kf", _linear()), make("enkf", _linear()), make("kf-umv-ui", _linear(H=I2))
 PRIOR, Y, KEYS = Gaussian(np.zeros((5, 2)), I2), np.zeros((5, 2)), RandomKeys.seeded(range(5))
 BELIEF, MEMBERS = KF.init(PRIOR), ENKF.init(PRIOR, KEYS)
 BUILT: list[tuple[str, Any, dict[str, Any], str]] = [
     ("kf", {"A": I2}, {}, "^model must be a LinearModel or a NonlinearModel, got dict"),
     ("kf", _nonlinear(), {}, "^kf needs a LinearModel: use ekf"),
-    ("kf-umv-ui", _linear(G=I2, H=PAIR[1]), {}, RANK.format("H", 2, 1)),
-    ("kf-umv-ui", _linear(G=I2, H=np.stack([I2, PAIR[1], I2])), {}, RANK.format("H", 2, 1)),
-    ("kf-umv-ui", SINGLE, {}, RANK.format("H", 1, 0) + "the input or use ekf-ui-wdf, or "),
+    ("kf-umv-ui", _linear(G=I2, H=ALIKE), {}, RANK.format("H", 2, 1)),
+    ("kf-umv-ui", _linear(G=I2, H=np.stack([I2, ALIKE, I2])), {}, RANK.format("H", 2, 1)),
+    ("kf-umv-ui", HIDDEN, {}, RANK.format("H", 1, 0) + "the input or use ekf-ui-wdf, or "),
     ("kf-umv-ui-wdf", _linear(G=FIRST, H=SECOND), {}, "needs H = 0 .*use kf-umv-ui"),
     ("ukf-umv", _linear(G=FIRST, H=lambda u: np.zeros((2, 1))), {}, r"needs H = 0 \(no feed"),
-    *((name, SINGLE, {}, RANK.format("C G", 1, 0)) for name in ("kf-umv-ui-wdf", "ekf-ui-wdf")),
-    ("ukf-umv", _nonlinear(G=PAIR[1]), {}, RANK.format("C G", 2, 1)),
-    ("ulise", SINGLE, {}, RANK.format(r"H\) \+ rank\(C2 G2", 1, 0) + ADVICE),
-    ("ulise", _linear(G=np.stack([FREE, BLOCKED]), H=PAIR[0]), {},
+    *((name, HIDDEN, {}, RANK.format("C G", 1, 0)) for name in ("kf-umv-ui-wdf", "ekf-ui-wdf")),
+    ("ukf-umv", _nonlinear(G=ALIKE), {}, RANK.format("C G", 2, 1)),
+    ("ulise", HIDDEN, {}, RANK.format(r"H\) \+ rank\(C2 G2", 1, 0) + ADVICE),
+    # One input is fed through; in the second row the other drives just the state that this hides.
+    ("ulise", _linear(G=np.stack([I2 * SECOND, I2[::-1] * FIRST]), H=I2 * FIRST), {},
      RANK.format(r"H\) \+ rank\(C2 G2", 2, 1) + ADVICE),
     *((name, _linear(), {}, "needs an unknown input") for name in UNKNOWN_INPUT),
     *((name, _nonlinear(G=FIRST, H=FIRST), {}, f"^{name} needs a LinearModel: {NONLINEAR_ONES}")

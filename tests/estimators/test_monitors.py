@@ -144,6 +144,19 @@ def test_suspicion_is_the_nis_that_a_sensor_adds():
         np.testing.assert_allclose(state.suspicion[:, sensor], deviate, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.parametrize("size", [4.0, 10.0, 100.0, 1e6])
+def test_the_sensor_that_moved_is_accused_however_far(size: float):
+    """The two other channels, together a sensor, have more degrees of freedom, and no fault."""
+    monitor = ChiSquareMonitor({"pair": (1, 2), "one": 0}, window=1)
+    belief = read(np.array([size, 0.0, 0.0]), 0.9 + 0.1 * np.eye(3))
+    state = monitor.watch(monitor.start(), belief)
+    assert state.accused == 1
+    deviation = np.sqrt(
+        1.0 / np.linalg.inv(0.9 + 0.1 * np.eye(3))[0, 0]
+    )  # given the others; two sides count
+    assert state.suspicion[1] == pytest.approx(size / deviation, rel=0.01)
+
+
 # --- missing measurements, rows, series -----------------------------------------------------------
 
 

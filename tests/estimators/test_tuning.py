@@ -193,6 +193,20 @@ def test_a_start_in_other_units_finds_the_same(unit: float, known: float):
     assert one.estimates == pytest.approx(other.estimates, rel=0.02)
 
 
+@pytest.mark.parametrize("unit", [1e-6, 1e9])
+def test_a_start_without_likelihood_may_be_in_other_units(unit: float):
+    """Two sensors of one state agree to the last digit, as seen from far away."""
+    rng = np.random.default_rng(0)
+    y = unit * (np.cumsum(rng.normal(size=(30, 1)), 0) + 0.5 * rng.normal(size=(30, 2)))
+
+    def build(q: float, r: float) -> tuple[Filter, Gaussian]:
+        model = LinearModel([[1.0]], [[1.0], [1.0]], [[q]], r * np.eye(2))
+        return make("kf", model), Gaussian([0.0], [[10.0 * unit**2]])
+
+    one, other = (fit(build, dict.fromkeys("qr", r), y).estimates for r in (1.0, unit**2))
+    assert one == pytest.approx(other, rel=1e-2)
+
+
 def test_a_search_leaves_a_plateau():
     """A variance beside a far greater one is as likely with another."""
     y = random_walk(0, 60, 0.2, 4.0)

@@ -4,6 +4,7 @@ import gymnasium as gym
 import pytest
 
 from agents.commands import list as command
+from agents.commands.console import print_answer
 from agents.refusal import Refusal
 from vessel_gym.models.estimation import accepted, chosen_disturbance
 
@@ -74,3 +75,15 @@ def test_a_table_is_as_wide_as_columns_says(capsys, monkeypatch):
     printed = capsys.readouterr().out
     assert max(map(len, printed.splitlines())) == 60
     assert cells(printed)[0] == ["study", "question"]
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_the_first_line_of_an_answer_is_bold_in_a_terminal_alone(capsys, monkeypatch, terminal):
+    for name in ("NO_COLOR", "FORCE_COLOR", "TTY_COMPATIBLE"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr("sys.stdout.isatty", lambda: terminal)
+    print_answer([f"The [answer] {'is long ' * 30}", "More."])
+    first, rest = capsys.readouterr().out.splitlines()
+    assert first.startswith("\x1b[1mThe [answer]" if terminal else "The [answer]")
+    assert rest == "More."

@@ -7,28 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_malformed import call, workplace  # noqa: F401, the fixture
 
 ROOT = Path(__file__).parents[3]
-
-
-@pytest.mark.parametrize(
-    "line", ["evaluate --episodes=maybe", "wacth", "--help", "--version", "watch --help"]
-)
-def test_a_closed_output_changes_nothing_but_what_is_seen(
-    monkeypatch: pytest.MonkeyPatch, line: str
-):
-    monkeypatch.setattr(sys, "stdout", None)
-    monkeypatch.setattr(sys, "stderr", None)
-    name, *arguments = line.split()
-    status: object = None
-    try:
-        status = call(name, arguments)
-    except SystemExit as stop:
-        status = stop.code
-    for stream in (sys.stdout, sys.stderr):
-        stream.close()
-    assert status == (0 if "--help" in line or "--version" in line else 2)
 
 
 STILL = """

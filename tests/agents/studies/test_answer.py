@@ -12,6 +12,7 @@ from invented import (
     CLASSICAL,
     CONDITIONS,
     CORVETTE,
+    ENDS,
     LEARNED,
     QUALITY,
     SEGOROGENI,
@@ -31,7 +32,7 @@ from agents.studies.answer import (
     summary,
     to_copy,
 )
-from agents.studies.records import Agent, Condition
+from agents.studies.records import DEFAULT, Agent, Condition, Estimator
 from agents.studies.report import write_report
 from agents.studies.shares import Ranking, rankings
 
@@ -58,6 +59,11 @@ def test_estimators_that_differ_by_chance_are_not_called_worse(small):
     told = answer(results(small.plan, level))[0]
     assert "less" not in told
     assert re.search(r"Against \S+: (equivalent|not decided) on .* and [^;]*\.$", told)
+
+
+def test_below_the_best_but_not_by_the_margin_is_lower(small):
+    told = answer(results(small.plan, QUALITY | {"ekf": 0.945}, noise=1e-3))[0]
+    assert told.endswith("Against kf-umv-ui: lower on ekf; worse on all others.")
 
 
 @pytest.mark.parametrize(("episodes", "noise"), [(2, 0.1), (4, 0.5), (20, 0.5)])
@@ -262,6 +268,15 @@ def test_worst_estimator_is_named_only_if_it_is_alone(small):
     assert not to_copy(beside)["where"].str.startswith("avoid").any()
     alone = to_copy(results(small.plan, QUALITY | {"kf": 0.5, "enkf": 0.4}))
     assert alone.iloc[-1][["where", "estimator"]].tolist() == [f"avoid in {CORVETTE}", "enkf"]
+
+
+def test_line_to_copy_names_estimator_behind_default():
+    asked = replace(
+        study(conditions=CONDITIONS[:1]), estimators=(*ENDS, Estimator("mine", DEFAULT))
+    )
+    lines = to_copy(results(asked, QUALITY | {"mine": 0.9}))["to copy"].tolist()
+    assert lines == [f'gym.make("{CORVETTE}", estimator="kf-umv-ui")',
+                     f'gym.make("{SEGOROGENI}", estimator="enkf")']  # fmt: skip
 
 
 def test_learned_policies_are_compared_at_home():
