@@ -9,15 +9,14 @@ from vessel_gym.models.linear import filter_model
 from vessel_gym.models.reference_filters import ZeroOrderHold
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.processes import Process
-from vessel_gym.sensors import Sensors, SensorSuite
+from vessel_gym.sensors import Sensors
 from vessel_gym.system import Vehicle
 
 
-def sensors_of(vehicle: Vehicle, noise: float = 1.0) -> Sensors:
-    """A vehicle's sensors with so many times their nominal noise."""
-    each = SensorSuite(noise=noise).of(vehicle.sensors)
+def sensors_of(vehicle: Vehicle) -> Sensors:
+    """A vehicle's own sensors."""
     return Sensors(
-        each, vehicle.state_names, vehicle.increments + vehicle.ambient_flows, vehicle.dt
+        vehicle.sensors, vehicle.state_names, vehicle.increments + vehicle.ambient_flows, vehicle.dt
     )
 
 

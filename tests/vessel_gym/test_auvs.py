@@ -9,8 +9,6 @@ from sensing import exogenous, sensors_of, without_a_filter
 from vehicle_cases import AUV, AUVS, WITH_REMUS
 
 from estimators import wrap
-from vessel_gym.disturbances import Water
-from vessel_gym.envs.auv import PLANE_WATERS, WATERS
 
 each_auv = pytest.mark.parametrize("auv", AUVS.values(), ids=AUVS)
 
@@ -76,40 +74,6 @@ def test_a_current_shifts_the_track_and_nothing_else(auv: AUV):
         drifted[:, level] - straight[:, level], 2.0 * currents, rtol=0, atol=1e-12
     )
     np.testing.assert_array_equal(np.delete(drifted, level, -1), np.delete(straight, level, -1))
-
-
-@pytest.mark.parametrize(
-    "water",
-    [
-        water
-        for waters in (WATERS, PLANE_WATERS)
-        for water in waters.values()
-        if isinstance(water, Water)
-    ],
-)
-def test_the_current_dies_away_in_200_s_and_keeps_its_size(water: Water):
-    decay, k = np.exp(-0.1 / 200.0), len(water.names)
-    currents = np.random.default_rng(20).uniform(-0.5, 0.5, (6, k))
-    np.testing.assert_allclose(water.process.advance(currents), decay * currents, rtol=1e-15)
-    np.testing.assert_array_equal(water.effect(currents, np.zeros((6, 12))), currents)
-    variance = water.current**2 / k * np.eye(k)  # two components share the power
-    np.testing.assert_allclose(water.process.start_cov, variance, rtol=1e-14)
-    fresh = water.process.root @ water.process.root.T
-    np.testing.assert_allclose(decay**2 * variance + fresh, variance, rtol=0, atol=1e-17)
-
-
-@each_auv
-def test_fins_move_at_their_rate_and_thrust_lags(auv: AUV):
-    vehicle, body = auv.vehicle, auv.vehicle.body
-    start = np.array([0.05, 0.0, 2.0])[-len(vehicle.action_names) :]
-    action = np.array([1.0, -0.5, 1.0])[-len(start) :]
-    goal, actuators = action * body.fin_limit - start, start[None]
-    for k in range(1, 11):
-        actuators = vehicle.actuate(actuators, action[None])
-        moved = np.sign(goal) * np.minimum(0.1 * body.fin_rate * k, np.abs(goal))
-        np.testing.assert_allclose(actuators[0, :-1], (start + moved)[:-1], rtol=1e-12)
-        rest = (body.thrust_limit - 2.0) * np.exp(-0.1 * k / body.thrust_lag)
-        assert actuators[0, -1] == pytest.approx(body.thrust_limit - rest, rel=1e-12)
 
 
 # --- what filters are told ------------------------------------------------------------------------

@@ -1,20 +1,17 @@
 """No sensor reads what has not happened; the compass of the thesis, as it is printed, does."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
 import vessel_gym  # noqa: F401  (registers the environments)
-from estimators import KalmanFilter, LinearModel, UMVFilter
-from estimators.engine import compiled
-from vessel_gym.disturbances import Disturbance
+from estimators import LinearModel, UMVFilter
 from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor
 from vessel_gym.simulation.core import Core
 from vessel_gym.system import registered
-from vessel_gym.vehicles.ship import Ship
 
 SHIPS = "SigmaCorvette-v0", "SigmaChannel-v0", "vessel_gym/Ship-v0"
 ALL = *SHIPS, "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"
@@ -65,23 +62,8 @@ def test_a_sensor_of_an_increment_reads_what_it_did_to_the_state(env_id: str):
         )
 
 
-@pytest.mark.parametrize("env_id", SHIPS)
-def test_compass_and_gyro_of_a_ship_read_her_heading_and_what_has_turned_her(env_id: str):
-    core, vehicle = _flown(env_id), registered(env_id).vehicle
-    for _ in range(40):
-        before = core.now.state.copy()
-        core.step(np.zeros(core.action_shape))
-        y, (psi, r) = core.now.y, core.now.state[:, [2, 5]].T
-        np.testing.assert_allclose(y[:, 0], psi, rtol=0, atol=1e-12)
-        turned = vehicle.dt * (y[:, 1] - r)  # by waves, over the step that has ended
-        np.testing.assert_allclose(
-            core.config.unknown_input.values(core.now)[:, 0], turned, rtol=0, atol=1e-12
-        )
-        assert np.abs(psi - before[:, 2] - turned).max() < 0.1
-
-
 @pytest.mark.parametrize("env_id", ALL)
-def test_measurements_are_equal_to_the_bit_whatever_is_drawn_for_later_steps(env_id: str):
+def test_measurements_do_not_depend_on_later_random_numbers(env_id: str):
     one, other = _flown(env_id), _flown(env_id)
     action = np.zeros(one.action_shape)
     for _ in range(5):
@@ -108,7 +90,7 @@ def test_who_reads_a_mean_over_the_coming_step_is_refused():
             gym.make("SigmaCorvette-v0", sensors=[*system.vehicle.sensors, peeping])
 
 
-def test_a_mean_over_the_coming_step_is_kept_from_sensors_whatever_they_do_with_it():
+def test_a_mean_over_the_coming_step_is_kept_from_sensors():
     system = registered("SigmaCorvette-v0")
     i = (*system.vehicle.increments, *system.vehicle.ambient_flows).index("roll moment")
     large = Sensor(
@@ -134,57 +116,8 @@ def _old_timing(model) -> UMVFilter:
     return UMVFilter(LinearModel(A, C, model.Q, model.R, B=model.B, G=model.G, H=model.H))
 
 
-def _old_kalman_filter(model) -> KalmanFilter:
-    """A Kalman filter that is told the variance of the input of the coming step."""
-    return KalmanFilter(replace(model, delayed_feedthrough=False), input_cov=1e-5)
-
-
 def test_a_filter_whose_model_has_the_old_timing_is_refused():
     with pytest.raises(ValueError, match="another time than measurements show it"):
         gym.make("SigmaCorvette-v0", estimator=_old_timing, estimator_options={"model": "linear"})
-    with pytest.raises(ValueError, match="another time than measurements show it"):
-        gym.make(
-            "SigmaCorvette-v0", estimator=_old_kalman_filter, estimator_options={"model": "linear"}
-        )
     with pytest.raises(ValueError, match="use EndedUMVFilter"):
         gym.make("SigmaCorvette-v0", estimator=UMVFilter)
-
-
-class _Shaking(Disturbance):
-    """White yaw increments, which a sensor may read when they have acted."""
-
-    white_increments = ("yaw increment",)
-    white = np.array([[0.01]])
-
-
-@compiled
-@dataclass(frozen=True)
-class _ExactShip(Ship):
-    """A ship of which filters leave out nothing in calm water."""
-
-    @property
-    def process_sd(self) -> np.ndarray:
-        return np.zeros(6)
-
-
-@pytest.mark.parametrize("assumed", ["states", "process-noise", "unknown-input", "white-input"])
-def test_white_increments_that_sensors_show_are_estimated_consistently(assumed: str):
-    """NEES of an increment that a filter has as a state, or as its input, is 1: within 6 sd of the mean of 4,000."""
-    system = replace(registered("SigmaCorvette-v0"), name="own", vehicle=_ExactShip())
-    estimator = {"unknown-input": "kf-umv-ui", "white-input": "kf"}.get(assumed, "ekf")
-    core = Core(
-        system, 100, estimator=estimator, estimator_options={"assume": {"as": assumed}}, disturbance=_Shaking()
-    )  # fmt: skip
-    core.start(0)
-    found = []
-    for k in range(60):
-        core.step(np.zeros(core.action_shape))
-        belief = core.now.belief
-        if assumed in ("unknown-input", "white-input"):
-            mean, var = belief.input_mean[:, 0], belief.input_cov[:, 0, 0]
-        else:
-            assert core.config.estimation.space.names[-1] == "last yaw increment"
-            mean, var = belief.mean[:, -1], belief.cov[:, -1, -1]
-        if k >= 20:
-            found.append((mean - core.config.unknown_input.values(core.now)[:, 0]) ** 2 / var)
-    assert abs(np.mean(found) - 1.0) < 6.0 * np.sqrt(2.0 / np.size(found))

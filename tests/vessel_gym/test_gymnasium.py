@@ -1,11 +1,8 @@
-"""What Gymnasium offers around an environment works on both faces: wrappers, videos, copies, seeds, success."""
+"""What Gymnasium asks of an environment holds for both faces: pictures, copies, seeds, info, success."""
 
 import copy
 import pickle
-import sys
-import types
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -16,16 +13,13 @@ from contract import (
     FEW_MEMBERS,
     MANUALS,
     assert_same_tree,
-    copy_tree,
     every_environment,
     make_batch,
     random_walk,
     single_class,
 )
-from gymnasium import wrappers as single_wrappers
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
-from gymnasium.wrappers import vector as wrappers
 from test_time_at_sea import at_sea
 
 from agents import load_agent
@@ -40,77 +34,6 @@ every_mode = pytest.mark.parametrize("mode", list(AutoresetMode))
 
 def same(value: Any) -> Any:
     return value
-
-
-WRAPPED: dict[str, Callable[[Any], Any]] = {
-    "VectorizeTransformObservation": lambda env: wrappers.VectorizeTransformObservation(
-        env,
-        single_wrappers.TransformObservation,
-        func=same,
-        observation_space=env.single_observation_space,
-    ),
-    "DictInfoToList": wrappers.DictInfoToList,
-    "FlattenObservation": wrappers.FlattenObservation,
-    "NormalizeObservation": wrappers.NormalizeObservation,
-    "RescaleAction": lambda env: wrappers.RescaleAction(env, np.float32(-2.0), np.float32(2.0)),
-    "NormalizeReward": wrappers.NormalizeReward,
-    "RecordEpisodeStatistics": wrappers.RecordEpisodeStatistics,
-}
-"""One of each kind: of parts of single ones, infos, spaces, autoreset, actions, rewards and episodes."""
-
-
-def allowed(name: str) -> set[AutoresetMode]:
-    """The modes in which Gymnasium lets a wrapper work: those of observations know no SAME_STEP, one no DISABLED."""
-    if name == "NormalizeObservation":
-        return {AutoresetMode.NEXT_STEP}
-    return set(AutoresetMode) - (
-        {AutoresetMode.SAME_STEP} if name.endswith("Observation") else set()
-    )
-
-
-def fly_wrapped(env: Any, mode: AutoresetMode, steps: int = 14) -> list[Any]:
-    """What reset and each step of a wrapped batch give, with resets where nothing else restarts an episode."""
-    out = [env.reset(seed=1)]
-    walk = random_walk(1, env.num_envs, env.single_action_space.shape[0])
-    for _ in range(steps):
-        out.append(copy_tree(env.step(next(walk))))
-        done = out[-1][2] | out[-1][3]
-        if mode is AutoresetMode.DISABLED and done.any():
-            out.append(env.reset(options={"reset_mask": done}))
-    return out
-
-
-@pytest.mark.slow
-@every_mode
-@pytest.mark.parametrize("name", WRAPPED)
-def test_wrappers_do_to_our_batches_what_they_do_to_gymnasiums(name: str, mode: AutoresetMode):
-    native = make_batch(CORVETTE, 3, autoreset_mode=mode, max_episode_steps=5)
-    loop = gym.make_vec(
-        CORVETTE,
-        3,
-        vectorization_mode="sync",
-        vector_kwargs={"autoreset_mode": mode},
-        max_episode_steps=5,
-    )
-    if mode not in allowed(name):
-        for env in (native, loop):
-            with pytest.raises(ValueError, match=r"Expected .*autoreset_mode"):
-                WRAPPED[name](env)
-        return
-    expected = WRAPPED[name](loop)
-    env = WRAPPED[name](native)
-    assert env.observation_space == expected.observation_space
-    assert env.action_space == expected.action_space
-    for step, (one, other) in enumerate(
-        zip(fly_wrapped(env, mode), fly_wrapped(expected, mode), strict=True)
-    ):
-        assert len(one) == len(other)
-        for a, b in zip(one[:-1], other[:-1], strict=True):
-            np.testing.assert_allclose(a, b, rtol=0, atol=1e-6, err_msg=f"step {step}")
-        if name == "DictInfoToList":
-            assert [set(info) for info in one[-1]] == [set(info) for info in other[-1]]
-        else:
-            assert set(one[-1]) == set(other[-1])
 
 
 # --- pictures -------------------------------------------------------------------------------------
@@ -172,56 +95,6 @@ def test_a_batch_that_is_not_asked_for_pictures_keeps_none():
         make_batch(CORVETTE, 2, render_mode="human")
 
 
-@pytest.mark.slow
-def test_gymnasium_shows_a_batch_in_a_window(monkeypatch: pytest.MonkeyPatch):
-    """With a stand-in for OpenCV, which only scales here: every second pixel."""
-    pygame = pytest.importorskip("pygame")
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    scaled = types.SimpleNamespace(
-        resize=lambda image, size: image[:: image.shape[0] // size[1], ::2][: size[1], : size[0]]
-    )
-    monkeypatch.setitem(sys.modules, "cv2", scaled)
-    env = wrappers.HumanRendering(
-        make_batch(CORVETTE, 4, autoreset_mode="NextStep", render_mode="rgb_array")
-    )
-    env.reset(seed=0)
-    shown = pygame.surfarray.array3d(env.window)
-    assert shown.shape == (1008, 720, 3)
-    quarters = [shown[i : i + 504, j : j + 360] for i in (0, 504) for j in (0, 360)]
-    assert all(len(np.unique(quarter.reshape(-1, 3), axis=0)) > 50 for quarter in quarters)
-    env.close()
-
-
-@pytest.mark.slow
-def test_a_video_of_an_episode_is_written(tmp_path: Path):
-    pytest.importorskip("pygame")
-    pytest.importorskip("moviepy")
-    import imageio_ffmpeg
-
-    env: Any = make_batch(
-        CORVETTE, 2, autoreset_mode="NextStep", render_mode="rgb_array", max_episode_steps=4
-    )
-    env = wrappers.RecordVideo(
-        env, str(tmp_path / "videos"), episode_trigger=lambda episode: episode == 0
-    )
-    env.reset(seed=0)
-    for _ in range(6):
-        env.step(env.action_space.sample())
-    env.close()
-    (video,) = (tmp_path / "videos").iterdir()
-    assert (
-        imageio_ffmpeg.count_frames_and_secs(str(video))[0] == 5
-    )  # the first observation's and four steps'
-
-
-def test_pictures_outlive_an_environment_that_quits_pygame():
-    pygame = pytest.importorskip("pygame")
-    env = flown(CORVETTE)
-    before = env.render()
-    pygame.quit()  # as Gymnasium's own environments do when they close
-    np.testing.assert_array_equal(env.render(), before)
-
-
 # --- copies ---------------------------------------------------------------------------------------
 
 
@@ -265,59 +138,35 @@ def test_a_copy_goes_on_bit_for_bit(env_id: str, estimator: str):
             assert_same_tree(env.reset(), twin.reset())
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("made", [pickled, copy.deepcopy], ids=["pickle", "deepcopy"])
-def test_copy_shows_whole_episode_and_leaves_original_alone(made: Callable):
-    pytest.importorskip("pygame")
-    for env in (flown("SigmaCorvette-v0"), gym.make("SigmaCorvette-v0", render_mode="rgb_array")):
-        if not isinstance(env, gym.vector.VectorEnv):
-            env.reset(seed=1)
-            env.step(np.zeros(env.action_space.shape, np.float32))
-        twin = made(env)
-        before = env.render()
-        np.testing.assert_array_equal(before, twin.render())
-        twin.step(np.ones(env.action_space.shape, np.float32))
-        np.testing.assert_array_equal(before, env.render())
-        env.step(np.ones(env.action_space.shape, np.float32))
-        np.testing.assert_array_equal(env.render(), twin.render())
-
-
 # --- seeds ----------------------------------------------------------------------------------------
 
 
-def test_np_random_seed_is_seed_of_environment():
-    for env in (gym.make("SigmaCorvette-v0").unwrapped, make_batch("SigmaCorvette-v0", 3)):
-        env.reset(seed=7)
-        assert env.np_random_seed == 7
-        assert env.np_random.random() == seeding.np_random(7)[0].random()
-        env.reset()
-        assert env.np_random_seed == 7
-
-
-def test_np_random_seed_repeats_unseeded_episode():
-    for make in (
-        lambda: gym.make("SigmaCorvette-v0").unwrapped,
-        lambda: make_batch("SigmaCorvette-v0", 3),
-    ):
-        asked, unasked = make(), make()
-        told = asked.np_random_seed
-        first, _ = asked.reset()
-        assert asked.np_random_seed == told
-        assert_same_tree(first, make().reset(seed=told)[0])
-        first, _ = unasked.reset()
-        assert_same_tree(first, make().reset(seed=unasked.np_random_seed)[0])
+@pytest.mark.parametrize(
+    "make", [lambda: gym.make(CORVETTE).unwrapped, lambda: make_batch(CORVETTE, 3)]
+)
+def test_np_random_seed_repeats_an_episode(make: Callable[[], Any]):
+    env = make()
+    env.reset(seed=7)
+    assert env.np_random_seed == 7
+    assert env.np_random.random() == seeding.np_random(7)[0].random()
+    env.reset()
+    assert env.np_random_seed == 7
+    asked, unasked = make(), make()
+    told = asked.np_random_seed
+    first, _ = asked.reset()
+    assert asked.np_random_seed == told
+    assert_same_tree(first, make().reset(seed=told)[0])
+    first, _ = unasked.reset()
+    assert_same_tree(first, make().reset(seed=unasked.np_random_seed)[0])
 
 
 def test_seeds_that_no_one_number_tells_are_minus_one():
-    env = make_batch(CORVETTE, 3)
-    env.reset(seed=[4, 5, 6])
-    assert env.np_random_seed == 4
-    env.reset(seed=[4, 9, 6])
-    assert env.np_random_seed == -1
     one, other = make_batch(CORVETTE, 3), make_batch(CORVETTE, 3)
-    one.reset(seed=[4, 9, 6])
+    for seeds, told in (([4, 5, 6], 4), ([4, 9, 6], -1)):
+        one.reset(seed=seeds)
+        assert one.np_random_seed == told
     other.reset(seed=[4, 9, 7])
-    assert env.np_random.random() == one.np_random.random() != other.np_random.random()
+    assert one.np_random.random() != other.np_random.random()
 
 
 # --- info -----------------------------------------------------------------------------------------

@@ -7,10 +7,7 @@ import numpy as np
 import pytest
 from sensing import assumed
 
-from agents import rollout
-from agents.metrics import scores
-from estimators import LinearModel, NonlinearModel
-from estimators.engine import compiled, jacobian
+from estimators.engine import compiled
 from tests.vessel_gym.contract import make_core
 from vessel_gym.disturbances import Fault, Water
 from vessel_gym.envs.auv import PLANE_WATERS, WATERS
@@ -44,60 +41,40 @@ def without_log(vehicle: Any) -> Sensors:
     )
 
 
-every_kind_of_input = pytest.mark.parametrize(
+@pytest.mark.parametrize(
     "inputs",
     [
         ("q increment", "u increment"),
         ("current east", "v increment"),
     ],
 )
-
-
-@every_kind_of_input
 def test_the_world_moves_by_what_the_model_says_of_d(inputs: tuple[str, ...]):
     """All else that is new is taken away: what is left of a step is f(x, u) + G d, in which flows are nearly linear."""
-    sensors = [s for s in Segorogeni().sensors if s.name != "Doppler log"]
-    water = asked(*inputs)
+    vehicle, water = Segorogeni(), asked(*inputs)
+    sensors = without_log(vehicle).each
     core = make_core(AUV, 6, seed=3, estimator="dead-reckoning", sensors=sensors, disturbance=water)
     core.reset()
-    model, rng = core.config.estimation.filter.model, np.random.default_rng(3)
-    assert isinstance(model, NonlinearModel)
-    assert core.config.estimation.inputs == core.config.estimation.space.inputs == inputs
-    new = core.config.world.space.noise_names
+    config, rng = core.config, np.random.default_rng(3)
+    model, known = config.estimation.filter.model, np.isin(config.world.space.noise_names, inputs)
+    assert config.estimation.inputs == config.estimation.space.inputs == inputs
+    flows = np.isin(inputs, vehicle.ambient_flows)  # others are recorded when they have acted
     for _ in range(10):
-        core.now.noise = np.where([name in inputs for name in new], core.now.noise, 0.0)
-        core.now.exogenous = core.now.exogenous.copy()
-        core.now.exogenous[
-            :,
-            [
-                i
-                for i, name in enumerate(core.config.system.vehicle.increments)
-                if name not in inputs
-            ],
-        ] = 0.0
-        if "current east" not in inputs:
-            assert set(water.names) <= set(
-                core.config.estimation.space.names
-            )  # what is not d is held
-        d, before, where = (
-            core.config.unknown_input.values(core.now),
-            core.config.true_state.in_filter_order(core.truth),
-            core.now.actuators,
+        core.now.noise = np.where(known, core.now.noise, 0.0)
+        acting = np.isin(vehicle.increments + vehicle.ambient_flows, inputs)
+        acting[len(vehicle.increments) :] = True
+        core.now.exogenous = np.where(acting, core.now.exogenous, 0.0)
+        d, before = (
+            config.unknown_input.values(core.now),
+            config.true_state.in_filter_order(core.truth),
         )
-        action = rng.uniform(-1.0, 1.0, (6, 3))
-        u = core.config.system.vehicle.known_input(
-            where, core.config.system.vehicle.actuate(where, action), None
-        )
+        action, actuators = rng.uniform(-1.0, 1.0, (6, 3)), core.now.actuators
+        u = vehicle.known_input(actuators, vehicle.actuate(actuators, action), None)
         core.step(action)
-        ended = [name not in core.config.system.vehicle.ambient_flows for name in inputs]
-        d = np.where(
-            ended, core.config.unknown_input.values(core.now), d
-        )  # increments and changes are recorded when they have acted
+        d = np.where(flows, d, config.unknown_input.values(core.now))
         expected = model.transition(before, u) + np.matvec(model.input_matrix(before, u), d)
         assert np.abs(d).max(0).min() > 1e-4
-        np.testing.assert_allclose(
-            core.config.true_state.in_filter_order(core.truth), expected, rtol=0, atol=1e-12
-        )
+        after = config.true_state.in_filter_order(core.truth)
+        np.testing.assert_allclose(after, expected, rtol=0, atol=1e-12)
 
 
 def test_what_is_not_unknown_input_is_modelled_as_states():
@@ -138,45 +115,16 @@ def test_flow_as_unknown_input_is_no_state():
     )
 
 
-@compiled
-class Straight(Itsunusa):
-    """ITSUNUSA with a linear model about cruising, and what the current does to it."""
-
-    kinds = ("nonlinear", "linear")
-    linear_kinds = ("linear",)
-
-    def linear(self, kind: str) -> tuple[Any, ...]:
-        def slopes(*at: np.ndarray) -> tuple[np.ndarray, ...]:
-            after = self.drift(*at)
-            return tuple(jacobian(after, each) for each in at)
-
-        return compiled(slopes)(*self.cruise, np.zeros(1))
-
-
-@pytest.mark.parametrize("inputs", [(), ("q increment",), ("current",)])
-def test_linear_model_is_the_linearised_nonlinear_one(inputs: tuple[str, ...]):
-    vehicle = Straight()
-    water = asked(*inputs, water=PLANE_WATERS["rough"])
-    sensors = without_log(vehicle)
-    (space, nonlinear), (linear_space, linear) = (
-        assumed(vehicle, kind, water, sensors, "unknown-input") for kind in vehicle.kinds
-    )
-    assert linear_space.names == space.names
-    assert isinstance(linear, LinearModel)
-    x, u = np.zeros(linear.n), vehicle.cruise[1]
-    x[:6] = vehicle.cruise[0]
-    A = linear.linearise_transition(x, u)[1]
-    np.testing.assert_allclose(A, nonlinear.linearise_transition(x, u)[1], rtol=0, atol=1e-9)
-    G = linear.input_matrix(x, u)
-    np.testing.assert_allclose(G, nonlinear.input_matrix(x, u), rtol=0, atol=1e-9)
-    for name in "QRH":
-        np.testing.assert_array_equal(getattr(linear, name), getattr(nonlinear, name))
-    assert ("current" in space.names) == (inputs != ("current",))
-
-
 def test_linear_model_refuses_faults_of_actuators():
-    vehicle = Straight()
-    fault = Fault("stern plane", beside=PLANE_WATERS["rough"])
+    class Straight(Itsunusa):
+        """ITSUNUSA with a linear model, of any matrices."""
+
+        kinds = linear_kinds = ("linear",)
+
+        def linear(self, kind: str) -> tuple[Any, ...]:
+            return np.eye(6), np.zeros((6, 6)), np.zeros((6, 1))
+
+    vehicle, fault = Straight(), Fault("stern plane", beside=PLANE_WATERS["rough"])
     with pytest.raises(ValueError, match="a linear model does not say what a fault does"):
         assumed(vehicle, "linear", fault, without_log(vehicle))
 
@@ -208,17 +156,3 @@ def test_input_that_only_the_filter_assumes_has_no_true_value():
     only_assumed = ["wave" in name for name in core.config.estimation.inputs]
     missing = np.isnan(core.config.unknown_input.values(core.now))
     np.testing.assert_array_equal(missing, [only_assumed] * 2)
-
-
-def test_input_rmse_is_of_ended_step_in_units_of_input_size():
-    options: dict[str, Any] = {"disturbance": asked("q increment"), "estimator": "ekf-ui-wdf"}
-    flight = rollout("autopilot", AUV, range(3), options)
-    h, found = flight.history, scores(flight)["input_rmse"]
-    for i, last in enumerate(flight.length):
-        error = h["input_estimate"][: last + 1, i] - h["unknown_input"][: last + 1, i]
-        assert found[i] == pytest.approx(np.sqrt((error**2).mean()) / 0.010, rel=1e-6)
-    assert np.isnan(
-        scores(rollout("autopilot", AUV, range(2), {"estimator": "ekf"}))["input_rmse"]
-    ).all()
-    oracle = rollout("autopilot", AUV, range(2), options | {"estimator": "truth"})
-    np.testing.assert_array_equal(scores(oracle)["input_rmse"], 0.0)

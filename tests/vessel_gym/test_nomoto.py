@@ -13,7 +13,7 @@ each_ship = pytest.mark.parametrize("ship", SHIPS.values(), ids=SHIPS)
 
 
 @each_ship
-def test_the_linear_figures_are_the_gain_and_the_slope_of_the_ships_transfer_function(
+def test_nomoto_figures_are_those_of_the_transfer_function(
     ship: CorvetteParameters,
 ):
     A, B = sway_yaw_jacobian(np.array([ship.speed, 0.0, 0.0]), np.array(0.0), ship)

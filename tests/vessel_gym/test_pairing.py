@@ -12,7 +12,6 @@ from vessel_gym.sensors import SUITES, Bias, Sensor
 from vessel_gym.simulation.core import Core
 
 SEED, ROWS, STEPS = 5, 3, 12
-AUV = "SegorogeniAUV-v0"
 
 every_environment = pytest.mark.parametrize("env_id", OURS)
 
@@ -26,11 +25,14 @@ def nature(core: Core) -> dict[str, np.ndarray]:
     return drawn | {"exogenous": np.concatenate(read, -1)}
 
 
-def flown(core: Core, injected: int = STEPS + 1) -> list[dict[str, np.ndarray]]:
-    """Every step of the second episode under given actions; every so many steps are without measurements."""
+def flown(core: Core, injected: int = STEPS + 1, actions: int = 0) -> list[dict[str, np.ndarray]]:
+    """Every step of the second episode; every so many steps are without measurements.
+
+    Actions are those of a seed.
+    """
     core.start(SEED)
     core.start()
-    walk, steps = random_walk(0, ROWS, core.config.action_size), [nature(core)]
+    walk, steps = random_walk(actions, ROWS, core.config.action_size), [nature(core)]
     nothing = (
         np.zeros((ROWS, core.config.sensors.size)),
         np.zeros((ROWS, core.config.sensors.size), bool),
@@ -83,9 +85,7 @@ def test_one_sensor_more_moves_the_numbers_of_no_other(env_id: str, place: int):
 
 
 @pytest.mark.parametrize(("env_id", "estimator"), SPREAD)
-def test_nature_is_paired_between_estimators_even_where_sensors_are_not_asked(
-    env_id: str, estimator: str
-):
+def test_nature_is_paired_between_estimators(env_id: str, estimator: str):
     """With one of them measurements are injected at every third step, so that the sensors draw nothing."""
     options = {"sensors": "degraded", "disturbance": "rough", "mismatch": 0.2}
     few = FEW_MEMBERS.get(estimator)
@@ -95,4 +95,15 @@ def test_nature_is_paired_between_estimators_even_where_sensors_are_not_asked(
     )
     for step, (told, beside) in enumerate(zip(one, other, strict=True)):
         for name in told if step == 0 or step % 3 else set(told) - {"y", "available"}:
+            np.testing.assert_array_equal(told[name], beside[name], err_msg=name)
+
+
+@every_environment
+def test_what_is_drawn_does_not_depend_on_actions(env_id: str):
+    """The field of waves about a ship depends on her place, but not its numbers."""
+    options = {"sensors": "degraded", "disturbance": "rough", "mismatch": 0.2}
+    one, other = (flown(make_core(env_id, ROWS, **options), actions=seed) for seed in (0, 1))
+    assert (one[-1]["state"] != other[-1]["state"]).any(-1).all()
+    for told, beside in zip(one, other, strict=True):
+        for name in ("slow", "parameters", "scenario", "available"):
             np.testing.assert_array_equal(told[name], beside[name], err_msg=name)

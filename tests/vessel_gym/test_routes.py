@@ -9,7 +9,7 @@ import pytest
 
 from vessel_gym.envs import SigmaChannelEnv
 from vessel_gym.guidance.geodesy import local
-from vessel_gym.guidance.routes import LONGEST, route
+from vessel_gym.guidance.routes import route
 
 TASK: Any = SigmaChannelEnv.system.task
 RADIUS = TASK.turn * TASK.ship.length
@@ -26,7 +26,7 @@ every_route = pytest.mark.parametrize("waypoints", ROUTES.values(), ids=ROUTES)
 
 
 @every_route
-def test_arcs_join_the_legs_without_a_jump_of_place_or_direction(waypoints: np.ndarray) -> None:
+def test_arcs_join_the_legs_without_a_jump(waypoints: np.ndarray) -> None:
     points, path = route(waypoints, RADIUS)
     np.testing.assert_allclose(points, waypoints - waypoints[0], atol=1e-9)
     for before, after in pairwise(path.segments[:, 4].cumsum()):
@@ -54,14 +54,10 @@ def test_arcs_join_the_legs_without_a_jump_of_place_or_direction(waypoints: np.n
 # --- bad routes -----------------------------------------------------------------------------------
 
 BAD = {
-    "a word": ("abc", "waypoints must be rows"),
-    "three columns": ([[0, 0, 0], [1000, 0, 0]], "waypoints must be rows"),
     "one": ([[0, 0]], "waypoints must be at least 2, got 1"),
     "too many": ([[500.0 * k, 0] for k in range(9)], "waypoints must be 8 at most, got 9: channel_system"),
-    "not finite": ([[0, 0], [np.nan, 0]], "waypoints must be finite"),
     "twice the same": ([[0, 0], [1000, 0], [1000, 0]], "waypoints 2 and 3 are the same place"),
     "back": ([[0, 0], [2000, 0], [0, 1]], "the course changes by 180 degrees at waypoint 2, more than 120"),
-    "short": ([[0, 0], [200, 0], [200, 2000]], "leg 1 of the route is 200 m long and needs 404 m for its arcs"),
     "short in between": (
         [[0, 0], [2000, 0], [2000, 700], [4000, 700]], "leg 2 of the route is 700 m long and needs 809 m",
     ),
@@ -73,14 +69,11 @@ BAD = {
         [[0, 0], [3000, 0], [3000, 1500], [1500, 1500], [1500, 60], [4500, 61]],
         "legs 1 and 4 of the route come within 60 m of each other, nearer than 70 m",
     ),
-    "beyond": ([[0, 0], [1e6, 0]], f"the legs of a route must be {LONGEST:.0f} m together at most"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize(("waypoints", "sentence"), BAD.values(), ids=BAD)
-def test_a_route_that_cannot_be_followed_is_refused_in_one_sentence(
-    waypoints: Any, sentence: str
-) -> None:
+def test_a_route_that_cannot_be_followed_is_refused(waypoints: Any, sentence: str) -> None:
     env = gym.make("SigmaChannel-v0")
     with pytest.raises(ValueError) as caught:  # noqa: PT011
         env.reset(seed=0, options={"waypoints": waypoints})

@@ -1,24 +1,18 @@
 """Vehicles with thrusters: allocation, energy, equilibrium, drag balance, Fossen's equations; their recipe."""
 
 import sys
-from dataclasses import replace
 from importlib import import_module
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from pages import blocks
-from scipy.integrate import solve_ivp
-from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from agents import rollout
 from agents.metrics import scores
 from agents.studies.study import read_study
-from estimators.varying import is_compiled
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.rov import (
-    QUADRATIC,
     ROV,
     UNCERTAIN,
     ROVParameters,
@@ -32,7 +26,6 @@ C = BODY.vector()
 INERTIA = np.array(
     [13.5 + 6.36, 13.5 + 7.12, 13.5 + 18.68, 0.26 + 0.189, 0.23 + 0.135, 0.37 + 0.222]
 )
-STILL = np.zeros(2)  # no current
 RNG = np.random.default_rng(1)
 STATES = RNG.uniform(-1.0, 1.0, (200, 12)) * [1.5, 1, 1, 1.5, 1.5, 1.5, 50, 50, 20, 2.5, 1.3, 4]
 THRUSTS = RNG.uniform(-30.0, 30.0, (200, 8))
@@ -84,41 +77,6 @@ def test_the_equations_are_those_of_fossen_in_matrices():
     np.testing.assert_allclose(rates, np.hstack([moving, turning]), rtol=1e-11, atol=1e-11)
 
 
-def test_the_vehicle_turns_over_as_its_rotation_matrix_does():
-    """Opposed thrusters pitch it head over heels, twice in three seconds, 2 degrees past the pole of Euler angles."""
-    thrusts, flow = np.array([0.0, 0.0, 0.0, 0.0, 24.0, 24.2, -24.0, -24.0]), np.array([0.2, -0.1])
-    start = np.zeros(12)
-    start[[1, 11]] = 0.05, 0.5
-
-    def rates(_: float, y: np.ndarray) -> np.ndarray:
-        matrix = y[9:].reshape(3, 3)
-        turning = matrix @ skew(y[3:6])
-        return np.concatenate(
-            [fossen(y[:6], Rotation.from_matrix(matrix), thrusts, flow), turning.ravel()]
-        )
-
-    times, begun = (
-        ROV.dt * np.arange(31),
-        np.concatenate([start[:9], attitude(start).as_matrix().ravel()]),
-    )
-    exact = solve_ivp(
-        rates, (0.0, 3.0), begun, method="DOP853", rtol=1e-9, atol=1e-9, t_eval=times
-    ).y.T
-    assert (
-        np.count_nonzero(np.diff(np.sign(exact[:, -1]))) == 4
-    )  # upside down and back again, twice
-    turned = Rotation.from_matrix(exact[:, 9:].reshape(-1, 3, 3))
-    for substeps, error in (
-        (ROV.substeps, 2e-3),
-        (16, 1e-6),
-    ):  # of fourth order, from rest to 2 rad/s in a step
-        vehicle, states = ROV(BODY, substeps=substeps), [start]
-        for _ in times[1:]:
-            states.append(vehicle.moved(states[-1], thrusts, thrusts, flow, C))
-        assert (turned.inv() * attitude(np.array(states))).magnitude().max() < error
-        np.testing.assert_allclose(np.array(states)[:, :9], exact[:, :9], rtol=0, atol=error)
-
-
 def test_euler_angles_are_nearest_to_the_previous_ones():
     """At the pole, too, where roll and yaw are not determined alone."""
     states, near = STATES.copy(), STATES + RNG.normal(scale=0.3, size=STATES.shape)
@@ -154,48 +112,6 @@ def test_rov_energy_decreases_and_is_constant_undamped():
     np.testing.assert_allclose(power(undamped), 0.0, atol=1e-10)
 
 
-def test_neutral_upright_rov_rests_and_rights_itself():
-    vehicle = ROV(replace(BODY, buoyancy_excess=0.0))
-    state, thrusts = vehicle.start(np.zeros((1, 12)))
-    c = vehicle.body.vector()[None]
-    np.testing.assert_array_equal(vehicle.moved(state, thrusts, thrusts, STILL[None], c), state)
-    state[0, 9:11] = 0.3, -0.2
-    for _ in range(3000):
-        state = vehicle.moved(state, thrusts, thrusts, STILL[None], c)
-    np.testing.assert_allclose(
-        state[0, 9:11], 0.0, atol=0.02
-    )  # quadratic damping of roll alone dies out slowly
-
-
-def test_rov_sinks_where_drag_balances_excess_weight():
-    vehicle, state = ROV(), np.zeros((1, 12))
-    for _ in range(300):
-        state = vehicle.moved(state, *np.zeros((2, 1, 8)), STILL[None], C[None])
-    assert state[0, 2] == pytest.approx(
-        brentq(lambda w: 33.0 * w + 190.0 * w**2 - 0.98, 0.0, 1.0), rel=1e-9
-    )
-
-
-def test_thrust_follows_its_command_with_its_lag_up_to_its_limit():
-    vehicle = ROV()
-    thrusts = np.zeros((1, 8))
-    for step in range(1, 6):
-        thrusts = vehicle.actuate(thrusts, np.array([[1.0, -1.0, 0.5, 0, 0, 0, 0, 0]]))
-        share = 30.4 * (1.0 - np.exp(-step))
-        np.testing.assert_allclose(thrusts[0, :4], [share, -share, 0.5 * share, 0.0], rtol=1e-12)
-    assert vehicle.action_names == tuple(f"thruster {i}" for i in range(1, 9))
-
-
-def test_mismatch_scales_each_coefficient_on_its_own():
-    normals = np.zeros((2, len(UNCERTAIN)))
-    normals[1, UNCERTAIN.index("X_uu")] = 1.0
-    c = ROV().parameters(0.2, normals)
-    np.testing.assert_array_equal(c[0], C)
-    changed = np.flatnonzero(c[1] != C)
-    assert changed.tolist() == [12 + QUADRATIC.index("X_uu")]
-    assert c[1, changed[0]] == pytest.approx(-1.2 * 141.0)
-
-
 @pytest.fixture(scope="module")
 def recipe(tmp_path_factory) -> str:
     """The environment of the recipe, whose module and study are imported and read as they stand."""
@@ -215,26 +131,3 @@ def test_the_recipe_docks_on_a_consistent_filter(recipe: str, estimator: str):
     figures = scores(flown)
     assert figures["docked"].mean() == 100.0
     assert estimator == "truth" or 0.85 < figures["nees"].mean() < 1.2
-
-
-def test_a_filter_follows_the_vehicle_head_over_heels(recipe: str):
-    """Attitudes are measured to 0.02 rad, so that 0.06 rad are many standard errors of an estimate off."""
-    env, errors, upright = gym.make(recipe, estimator="ekf"), [], []
-    env.reset(seed=1)
-    core = env.unwrapped.core
-    for _ in range(60):
-        env.step(np.array([0.1, 0.0, 0.0, 0.0, 0.9, 0.9, -0.8, -0.8], np.float32))
-        errors.append(
-            (attitude(core.now.state[0]).inv() * attitude(core.now.belief.mean[0])).magnitude()
-        )
-        upright.append(attitude(core.now.state[0]).apply([0.0, 0.0, 1.0])[2])
-    assert min(upright) < -0.9
-    assert max(errors) < 0.06
-
-
-def test_the_filter_of_the_recipe_runs_compiled(recipe: str):
-    env = gym.make(recipe)
-    env.reset(seed=0)
-    model = env.unwrapped.core.config.estimation.filter.model
-    assert is_compiled(model.transition)
-    assert is_compiled(model.measurement)

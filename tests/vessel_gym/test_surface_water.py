@@ -66,15 +66,3 @@ def test_waves_leave_the_rest_of_the_water_unchanged(name):
     one, other = (core.now for core in cores)
     assert (one.slow[:, :k] == other.slow[:, :k]).all()
     assert one.state == pytest.approx(other.state, abs=1e-8)
-
-
-@pytest.mark.parametrize("name", sorted(SYSTEMS))
-def test_a_filter_has_the_waves_as_states(name):
-    water = above(name)
-    core = Core(SYSTEMS[name], 4, disturbance=water)
-    core.start(0)
-    slow = core.config.estimation.space.names[: -core.config.sensors.bias.size or None]
-    assert slow[-8:] == water.modelled.names[-8:]
-    for _ in range(30):
-        core.step(np.zeros((4, core.config.action_size)))
-    assert np.isfinite(core.now.belief.mean).all()

@@ -14,7 +14,6 @@ from contract import (
     SPREAD,
     assert_apart,
     assert_same_tree,
-    assert_sound,
     delivered,
     every_environment,
     make_core,
@@ -22,16 +21,15 @@ from contract import (
     random_walk,
     single_class,
 )
+from gymnasium.vector import AutoresetMode
 from refusals import refusal
 from scipy.stats import chi2
-from test_autoreset import assert_same_in_every_mode
+from test_autoreset import assert_same_as_gymnasium_s_loop
 
-from vessel_gym.models.estimation import LATE
 from vessel_gym.sensor_faults import KINDS, SensorFault
 from vessel_gym.sensors import LONGEST, SUITES, Sensor, Sensors, plain
 from vessel_gym.simulation.core import Core
 from vessel_gym.simulation.state import State
-from vessel_gym.tasks.task import observation_sizes
 
 AUV, ROWS = "SegorogeniAUV-v0", 3
 FIX = "acoustic position"
@@ -172,27 +170,13 @@ def test_late_measurement_as_new_is_as_if_read_when_it_came():
         np.testing.assert_array_equal(one.now.belief.mean, other.now.belief.mean)
 
 
-def test_way_of_late_fusion_moves_no_truth_nor_measurement():
-    names = "ekf", "enkf", "measurement", "dead-reckoning", "truth"
-    chosen = [(name, FEW_MEMBERS.get(name, {}) | {"late": late}) for name in names for late in LATE]
-    each = [
-        make_core(AUV, ROWS, estimator=name, estimator_options=few, **at_sea(AUV))
-        for name, few in chosen
-    ]
-    first, *others = [flown(core, 25) for core in each]
-    for other in others:
-        for (y, available), (same, arrived) in zip(first, other, strict=True):
-            np.testing.assert_array_equal(y, same)
-            np.testing.assert_array_equal(available, arrived)
-    for core in each[1:]:
-        np.testing.assert_array_equal(core.truth, each[0].truth)
-
-
 @pytest.mark.slow
 @every_environment
 @pytest.mark.parametrize("estimator", ["measurement", "enkf"])
 def test_rows_equal_single_environments_with_latency_and_faults(env_id: str, estimator: str):
-    assert_same_in_every_mode(env_id, estimator, **at_sea(env_id))
+    assert_same_as_gymnasium_s_loop(
+        env_id, AutoresetMode.SAME_STEP, estimator=estimator, **at_sea(env_id)
+    )
 
 
 @pytest.mark.slow
@@ -269,47 +253,22 @@ def test_garbage_is_noise_of_its_size_whatever_there_is_to_read():
 
 def test_times_of_fault_are_drawn_in_each_episode():
     fault = SensorFault("gyroscope", "bias", 0.1, begin=(1.0, 2.0), end=(2.5, 4.5))
-    core = make_core(AUV, 400, estimator="truth", sensor_faults=[fault])
-    core.start(0)
-    acting = [core.info()["sensor_faults"][:, 0]]
-    for _ in range(49):
-        core.step(np.zeros((400, 3)))
-        acting.append(core.info()["sensor_faults"][:, 0])
-    begun = np.argmax(acting, 0)
-    ended = len(acting) - np.argmax(acting[::-1], 0)
-    assert (begun >= 10).all()
-    assert (begun <= 20).all()
-    assert (ended >= 25).all()
-    assert (ended <= 45).all()
-    # a uniform number of 1 s in steps of 0.1 s, rounded up; its mean to within 5 standard errors
-    assert abs(begun.mean() - 15.5) < 5.0 * np.sqrt(100.0 / 12.0 / 400.0)
-    assert abs(ended.mean() - 35.5) < 5.0 * np.sqrt(400.0 / 12.0 / 400.0)
+    core, episodes = make_core(AUV, 400, estimator="truth", sensor_faults=[fault]), []
+    for seed in (0, None):
+        core.start(seed)
+        acting = []
+        for _ in range(49):
+            acting.append(core.info()["sensor_faults"][:, 0])
+            core.step(np.zeros((400, 3)))
+        episodes.append((np.argmax(acting, 0), len(acting) - np.argmax(acting[::-1], 0)))
+    (begun, ended), (again, _) = episodes
+    assert (begun != again).any()
     assert abs(np.corrcoef(begun, ended)[0, 1]) < 5.0 / 20.0
-    core.start()
-    core.step(np.zeros((400, 3)))
-    again = [core.info()["sensor_faults"][:, 0]]
-    for _ in range(48):
-        core.step(np.zeros((400, 3)))
-        again.append(core.info()["sensor_faults"][:, 0])
-    assert not np.array_equal(again, acting[1:])
-
-
-@every_environment
-def test_a_fault_that_never_begins_changes_no_bit(env_id: str):
-    idle = [replace(fault, begin=1e9, end=np.inf) for fault in every_fault(env_id)]
-    options = {
-        "estimator_options": FEW_MEMBERS.get(single_class(env_id).system.estimator),
-        "sensors": "degraded",
-    }
-    one, other = (
-        make_core(env_id, ROWS, sensor_faults=idle, **options),
-        make_core(env_id, ROWS, **options),
-    )
-    flown(one, 12)
-    flown(other, 12)
-    info = one.info()
-    assert not info.pop("sensor_faults").any()
-    assert_same_tree(info, other.info())
+    # uniform numbers in steps of 0.1 s, rounded up; their means to within 5 standard errors
+    for steps, low, high in ((begun, 10, 20), (ended, 25, 45)):
+        assert low <= steps.min() <= steps.max() <= high
+        error = (high - low) / np.sqrt(12.0 * 400.0)
+        assert abs(steps.mean() - 0.5 * (low + high + 1)) < 5.0 * error
 
 
 def test_fault_acts_when_measurement_is_taken():
@@ -322,94 +281,51 @@ def test_fault_acts_when_measurement_is_taken():
     assert (np.abs(np.delete(x, 30, 0)) < 50.0).all()
 
 
-@pytest.mark.parametrize("estimator", ["ekf", "huber-kf", "measurement"])
-def test_faults_without_measure_leave_everything_finite(estimator: str):
-    names = [sensor.name for sensor in sensors_of(AUV)]
-    for size in (1e30, 1e308):
-        wrong = [
-            SensorFault(name, kind, size)
-            for name in names
-            for kind in ("bias", "drift", "scale", "garbage")
-        ]
-        core = make_core(
-            AUV, ROWS, estimator=estimator, sensor_faults=wrong, sensors=sensors_of(AUV, latency=2)
-        )
-        core.start(0)
-        for _ in range(15):
-            reward = core.step(np.zeros((ROWS, 3))).reward
-            assert_sound(core, core.observe(), reward, core.info())
-
-
-def test_raw_measurements_show_what_has_come():
-    options = {"observe": "measurement", "guidance": True}
-    env = gym.make(AUV, sensors=sensors_of(AUV, latency=5), disable_env_checker=True, **options)
-    observation, info = env.reset(seed=0)
-    core, p = env.unwrapped.core, env.unwrapped.core.config.sensors.size
-    assert not info["available"].any()
-    system, states = core.config.system, len(core.config.estimation.space.names)
-    guided = observation_sizes(system.task, system.vehicle, p, states)["guided"]
-    for step in range(1, 12):
-        observation, _, _, _, info = env.step(np.zeros(3, np.float32))
-        seen = observation[guided + p : guided + 2 * p]
-        np.testing.assert_array_equal(seen.astype(bool), info["available"])
-        assert info["available"].any() == (step >= 5)
-
-
 # --- what is no such thing ------------------------------------------------------------------------
 
 
-def test_a_latency_that_is_none_is_refused_in_a_sentence():
-    sensor = Sensor("log", ("u",), plain((0,)), (0.1,))
-    for wrong in (-0.1, np.nan, np.inf, "1", None, True):
-        message = refusal(ValueError, replace, sensor, latency=wrong)
-        assert message == f"latency of log must be a number of at least 0, got {wrong!r}"
-    for wrong, sentence in (
-        (0.101, "latency of log is 0.101 s, which is no whole number of steps of 0.1 s"),
-        (1e6, f"latency of log is 1e+07 steps, of {LONGEST} at most"),
-    ):
-        message = refusal(ValueError, Sensors, [replace(sensor, latency=wrong)], ("u",), (), 0.1)
-        assert message.startswith(sentence)
-    Sensors([replace(sensor, latency=0.3)], ("u",), (), 0.1)  # which is 2.9999999999999996 steps
+@pytest.mark.parametrize(
+    ("latency", "sentence"),
+    [(-0.1, "latency of log must be a number of at least 0, got -0.1"),
+     (0.101, "latency of log is 0.101 s, which is no whole number of steps of 0.1 s"),
+     (1e6, f"latency of log is 1e+07 steps, of {LONGEST} at most")],
+)  # fmt: skip
+def test_a_latency_that_is_none_is_refused_in_a_sentence(latency: float, sentence: str):
+    def made(latency: float) -> Sensors:
+        sensor = Sensor("log", ("u",), plain((0,)), (0.1,), latency=latency)
+        return Sensors([sensor], ("u",), (), 0.1)
+
+    assert refusal(ValueError, made, latency).startswith(sentence)
+    made(0.3)  # which is 2.9999999999999996 steps
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "sentence"),
+    [
+        ("of", {}, "unknown kind of sensor fault 'of' (did you mean 'off'?): choose from off, stuck, "),
+        ("bias", {}, "size of the fault 'bias' of gyroscope must be what is added, one for all channels or "),
+        ("garbage", {"size": -1.0}, "size of the fault 'garbage' of gyroscope must be 0 or more, got -1.0"),
+        ("off", {"size": 1.0}, "the fault 'off' of gyroscope has no size, got 1.0"),
+        ("off", {"begin": (2.0, 1.0)}, "begin of the fault 'off' of gyroscope must be 0 s or more, or two "),
+        ("off", {"begin": (1.0, 3.0), "end": (2.0, 4.0)}, "the fault 'off' of gyroscope must begin before "),
+        ("off", {"end": 3.0, "duration": 2.0}, "the fault 'off' of gyroscope has a duration, which fixes its end"),
+        ("off", {"duration": 0.0}, "duration of the fault 'off' of gyroscope must be"),
+    ],
+)  # fmt: skip
+def test_a_fault_that_makes_no_sense_is_refused_in_a_sentence(
+    kind: str, options: dict[str, Any], sentence: str
+):
+    assert refusal(ValueError, SensorFault, "gyroscope", kind, **options).startswith(sentence)
 
 
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        (
-            {"kind": "of"},
-            "unknown kind of sensor fault 'of' (did you mean 'off'?): choose from off, stuck, ",
-        ),
-        (
-            {"kind": "bias"},
-            "size of the fault 'bias' of gyroscope must be what is added, one for all channels or ",
-        ),
-        (
-            {"kind": "garbage", "size": -1.0},
-            "size of the fault 'garbage' of gyroscope must be 0 or more, got -1.0",
-        ),
-        ({"kind": "off", "size": 1.0}, "the fault 'off' of gyroscope has no size, got 1.0"),
-        (
-            {"kind": "off", "begin": (2.0, 1.0)},
-            "begin of the fault 'off' of gyroscope must be 0 s or more, or two ",
-        ),
-        (
-            {"kind": "off", "begin": (1.0, 3.0), "end": (2.0, 4.0)},
-            "the fault 'off' of gyroscope must begin before ",
-        ),
-    ],
-)
-def test_a_fault_that_makes_no_sense_is_refused_in_a_sentence(
-    options: dict[str, Any], sentence: str
-):
-    assert refusal(ValueError, SensorFault, "gyroscope", **options).startswith(sentence)
-
-
-def test_environment_refuses_unknown_faults_and_late():
-    chosen: list[tuple[dict[str, Any], str]] = [
-        *(({"sensor_faults": wrong}, "sensor_faults must be a list of SensorFault objects") for wrong in ("off", [1])),
+        ({"sensor_faults": "off"}, "sensor_faults must be a list of SensorFault objects"),
         ({"sensor_faults": [SensorFault("sextant", "off")]}, "unknown sensor of sensor_faults 'sextant'"),
         ({"sensor_faults": [SensorFault("gyroscope", "bias", (1.0,) * 9)]}, "gyroscope has 3 channels, so size of "),
         ({"estimator_options": {"late": "newest"}}, "unknown value of late 'newest': choose from fused, as new, disc"),
-    ]  # fmt: skip
-    for options, sentence in chosen:
-        assert refusal((TypeError, ValueError), gym.make, AUV, **options).startswith(sentence)
+    ],
+)  # fmt: skip
+def test_environment_refuses_unknown_faults_and_late(options: dict[str, Any], sentence: str):
+    assert refusal((TypeError, ValueError), gym.make, AUV, **options).startswith(sentence)

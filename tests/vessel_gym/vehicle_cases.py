@@ -5,15 +5,12 @@ from typing import Any
 
 import energies
 import numpy as np
-from energies import DRAG
 from scipy.integrate import solve_ivp
 from sensing import UnevenWater, assumed, sensors_of
 from stepping import step
 
 from estimators import Model
-from vessel_gym.envs import ItsunusaAUVEnv, SegorogeniAUVEnv
 from vessel_gym.models.state_space import StateSpace
-from vessel_gym.system import System
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.hydrodynamics import Coefficients
 from vessel_gym.vehicles.itsunusa import Itsunusa
@@ -34,8 +31,6 @@ class Case:
         hard: State, actuators before and after, and flow of a step with all that the vehicle can
             do.
         errors: Of that step by the vehicle's parts, and by 32 times as many.
-        order: An interval [s] and numbers of parts that show the order of the step.
-        kinks: Coefficients of terms without a second derivative, which are left out of the order.
     """
 
     vehicle: Any
@@ -44,8 +39,6 @@ class Case:
     high: tuple[Any, Any, Any]
     hard: tuple[Any, Any, Any, Any]
     errors: tuple[float, float]
-    order: tuple[float, tuple[int, ...]]
-    kinks: tuple[str, ...] = ()
 
     def draw(self, rng: np.random.Generator, *shape: int) -> list[np.ndarray]:
         """States, actuators and flows of a shape."""
@@ -81,7 +74,7 @@ def ship(name: str) -> Case:
         high=([500, 500, 4, 18, 5, 0.08, 0.5, 0.2], [0.61], [1, 1, 2e5, 4e5, 1e7, 5e6, 0.5]),
         hard=([3.0, -4.0, 0.7, 13.0, -1.5, 0.03, -0.1, 0.02], [0.5], [0.54],
               [0.3, -0.5, 1e5, -2e5, 5e6, 1e6, 0.2]),
-        errors=(1e-5, 1e-11), order=(4.0, (8, 16, 32)),
+        errors=(1e-5, 1e-11),
     )  # fmt: skip
 
 
@@ -92,20 +85,20 @@ CASES = {
         high=([2, 1, 1, 2, 1.5, 1.5, 50, 50, 20, 2, 1.3, 4], [0.35, 0.35, 8.0], [0.5, 0.5]),
         hard=([1.0, -0.1, 0.05, 0.2, -0.1, 0.3, 3.0, -4.0, 2.0, 0.1, -0.3, 0.7], [0.30, -0.20, 3.0],
               [0.35, -0.10, 6.0], [0.2, -0.1]),
-        errors=(2e-5, 1e-8), order=(1.0, (40, 80, 160)), kinks=DRAG,
+        errors=(2e-5, 1e-8),
     ),
     "itsunusa": Case(
         Itsunusa(), load("itsunusa").vector(),
         low=(None, [-0.35, 0.0], None), high=([3, 1, 1, 50, 20, 4], [0.35, 40.0], [0.5]),
         hard=([1.5, 0.05, -0.1, 3.0, 2.0, -0.3], [-0.2, 10.0], [-0.1, 20.0], [0.2]),
-        errors=(2e-6, 1e-9), order=(1.0, (40, 80, 160)), kinks=DRAG,
+        errors=(2e-6, 1e-9),
     ),
     "puna": Case(
         Puna(), load("puna").vector(),
         low=([-500, -500, 0, -30, -30, -15, -0.9], [0.0, -0.07, -0.6], None),
         high=([500, 500, 300, 30, 30, 15, 0.9], [16.0, 0.2, 0.6], [5, 5, 2]),
         hard=([3.0, -4.0, 100.0, 14.743, 9.733, 2.877, 0.4], [4.0, 0.02, -0.6], [7.0, 0.07, 0.6], [2.0, -1.0, 0.5]),
-        errors=(5e-4, 1e-8), order=(1.0, (10, 20, 40)),
+        errors=(5e-4, 1e-8),
     ),
     "corvette": ship("corvette"),
     "thesis' corvette": ship("corvette-thesis"),
@@ -118,23 +111,19 @@ class AUV:
 
     Attributes:
         case: The vehicle and what it can meet.
-        system: Its environment.
         axes: Its velocities, ahead of the other states.
         inertia: Of body and added mass, from coefficients.
         energy: From states and coefficients.
         increments: Standard deviations of what the water adds to the velocities in a step.
         currents: Of the components of the current [m/s].
-        sd: Of the measurements.
     """
 
     case: Case
-    system: System
     axes: str
     inertia: Any
     energy: Any
     increments: tuple[float, ...]
     currents: tuple[float, ...]
-    sd: tuple[float, ...]
 
     @property
     def vehicle(self) -> Any:
@@ -177,21 +166,20 @@ class AUV:
             + weights["righting_moment"] * tilt
         )
 
-    def composed(self, noise: float = 1.0, how: str | None = None) -> tuple[StateSpace, Model]:
-        """State space and model of filters in that water, with so many times the sensors' nominal noise."""
+    def composed(self) -> tuple[StateSpace, Model]:
+        """State space and model of filters in that water."""
         water = UnevenWater(self.vehicle, self.increments, self.currents)
-        return assumed(self.vehicle, "nonlinear", water, sensors_of(self.vehicle, noise), how)
+        return assumed(self.vehicle, "nonlinear", water, sensors_of(self.vehicle))
 
 
 AUVS = {
     "segorogeni": AUV(
-        CASES["segorogeni"], SegorogeniAUVEnv.system, "uvwpqr", energies.inertia, energies.energy,
+        CASES["segorogeni"], "uvwpqr", energies.inertia, energies.energy,
         (0.02, 0.01, 0.015, 0.03, 0.025, 0.035), (0.10, 0.15),
-        (0.01, 0.01, 0.01, 0.02, 0.01, 0.01, 0.03, 0.005, 0.005, 0.005, 0.5, 0.5),
     ),
     "itsunusa": AUV(
-        CASES["itsunusa"], ItsunusaAUVEnv.system, "uwq", energies.inertia_in_the_plane, energies.energy_in_the_plane,
-        (0.02, 0.015, 0.025), (0.12,), (0.01, 0.01, 0.02, 0.01, 0.005, 0.5),
+        CASES["itsunusa"], "uwq", energies.inertia_in_the_plane, energies.energy_in_the_plane,
+        (0.02, 0.015, 0.025), (0.12,),
     ),
 }  # fmt: skip
 
