@@ -9,6 +9,8 @@ The last axis holds the components of a vector, every leading axis is a batch::
     belief = kf.init(Gaussian(mean, cov))
     belief = kf.update(kf.predict(belief, u), y)
     belief.mean, belief.cov
+
+This package imports neither `vessel_gym` nor `agents`; its compiler is `estimators.engine`.
 """
 
 from estimators.lazy import public_names

@@ -1,4 +1,4 @@
-"""Controllers that need no training, registered by the kind of task that they fly.
+"""Controllers that need no training, registered by the class of their task.
 
 Each acts on the observation alone, in modes ``"mean"`` and ``"mean+std"``: what it regulates is
 what the estimator believes. Every task of the package has an ``"autopilot"``, by which studies

@@ -2,8 +2,8 @@
 
 See docs/engine.md. `compiled` compiles a function of arrays ``(..., n)``, which can use `along`,
 `lookup`, `sincos` and others in addition to NumPy's functions; `trace` makes programs of filters
-and of whole steps. This package imports only `estimators.checks`. Other code imports the names
-below, from here, and nothing from its modules.
+and of whole steps. This package imports no other module of `estimators`. Other code imports
+the names below, from here, and nothing from its modules.
 """
 
 from estimators.engine import linear

@@ -88,3 +88,14 @@ def test_only_arguments_that_can_be_hashed_share_one_object() -> None:
         assert build(value) is build(value)
     for value in (np.zeros(1), [1], {"a": 1}):
         assert build(value) is not build(value)
+
+
+@pytest.mark.parametrize("rows", [2, 70])  # in one program, and in stages
+def test_filters_with_other_records_share_a_world(rows: int) -> None:
+    system = replace(ItsunusaAUVEnv.system)  # whose stages no other test has traced
+    begun(Core(system, rows, "enkf"), 1).step(np.zeros((rows, 2)))
+    alone = begun(Core(replace(system), rows, "ekf"), 1)
+    shares = begun(Core(system, rows, "ekf"), 1)
+    for step in range(3):
+        for one, other in zip(stepped(alone, step), stepped(shares, step), strict=True):
+            np.testing.assert_array_equal(one, other)

@@ -1,6 +1,7 @@
-"""Disturbances: waves, gusts, turbulence, currents, winds, and faults of actuators.
+"""Disturbances: waves, wind, currents, turbulence, and faults of actuators.
 
-They know vehicles' equations and the ground floor, and nothing of tasks, worlds or filters.
+They may import vehicles, processes and `estimators`, and know no task, world or filter; filters'
+models and simulation import them.
 """
 
 from estimators.lazy import public_names

@@ -1,8 +1,7 @@
-"""The environments: single and vector classes on the batched core, and systems by families.
+"""Environments: single and vector Gymnasium classes, and their systems by families.
 
-They may import all other folders of `vessel_gym`; users create them by `gymnasium.make`. Every
-class, such as `SigmaCorvetteEnv` and `SigmaCorvetteVectorEnv`, and its system are made when first
-asked for.
+They may import all other folders of `vessel_gym` except wrappers; users create them by
+`gymnasium.make`. Each class, such as `SigmaCorvetteEnv`, is made when first asked for.
 """
 
 from importlib import import_module

@@ -1,4 +1,4 @@
 """Guidance: planned paths, and positions relative to them.
 
-This folder may import `estimators`; tasks import it.
+This folder may import `estimators`; tasks and images import it.
 """

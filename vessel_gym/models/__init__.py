@@ -2,5 +2,5 @@
 
 `state_space` < `structure`, `linear` < `assumed` < `input_conditions`, `reference_filters` <
 `estimation`. The world has a state space, too. This folder may import vehicles, disturbances,
-sensors and `estimators`; simulation and environments import it.
+sensors and `estimators`; simulation, images, wrappers and environments import it.
 """

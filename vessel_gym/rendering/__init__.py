@@ -1,8 +1,6 @@
 """Images of an episode with pygame, which is imported when the first image is drawn.
 
-One layout serves every task. `vessel_gym.rendering.surroundings` describes the surroundings of the
-vehicle, and `vessel_gym.rendering.scene` computes the contents of images, also for the pages of
-`agents.episodes`.
-
-This folder may import the core and the tasks; environments import it to render.
+`surroundings` describes what is around a vehicle, and `scene` computes what an image shows, also
+for the pages of `agents.episodes`. This folder may import simulation, filters' models and tasks;
+environments import it.
 """

@@ -3,7 +3,8 @@
 A sensor is one object, from which measurements, raw observations and a filter's R follow. Your own
 sensor is a `Sensor`: docs/own-sensor.md.
 
-This folder may import processes and `estimators`; vehicles, filter models and the loop import it.
+This folder may import processes and `estimators`; vehicles, filters' models and simulation import
+it.
 """
 
 from vessel_gym.sensors.array import Sensors

@@ -16,6 +16,7 @@ from estimators.engine import Compiled
 
 Changes = dict[str, Any]
 """Arrays that a stage fills in, by name."""
+_OF_EVERY_BELIEF = "belief.mean", "belief.cov", "belief.healthy", "belief.input_mean"
 _ONE = np.ones(1, int)  # adding a Python number takes twice as long
 
 
@@ -156,8 +157,9 @@ class Stage:
         return dict(zip(self._program.names, found, strict=True))
 
     def _compile(self, now: State) -> None:
-        """Make a program of the record's arrays."""
-        held = arrays_of(now)
+        """Make a program of the record's arrays; environments share it whose filters differ."""
+        arrays = arrays_of(now).items()
+        held = {k: a for k, a in arrays if "." not in k or k in _OF_EVERY_BELIEF}
 
         def function(*tracers: Any) -> Changes:
             fields, belief = apart(dict(zip(held, tracers, strict=True)))

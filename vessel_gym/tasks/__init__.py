@@ -1,4 +1,4 @@
 """Tasks: missions, observations and scores.
 
-They may import vehicles, sensors and guidance; systems and environments import them.
+They may import vehicles, sensors and guidance; simulation, images and environments import them.
 """

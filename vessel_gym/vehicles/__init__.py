@@ -1,5 +1,5 @@
-"""Vehicles: equations of motion, parameters with their sources, actuators, and filters' models.
+"""Vehicles: equations of motion, parameters with their sources, and actuators.
 
-They may import sensors, processes and `estimators`; disturbances of a ship, filter models and tasks
-import them.
+They may import sensors, processes and `estimators`; disturbances, filters' models and tasks import
+them.
 """

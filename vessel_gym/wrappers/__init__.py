@@ -1,6 +1,6 @@
 """Wrappers that put an estimator into the loop of any Gymnasium environment.
 
-They may import the loop, sensors and `estimators`; no other folder of the package imports them.
+They may import simulation, filters' models, sensors and `estimators`; only `agents` imports them.
 """
 
 from vessel_gym.wrappers.estimated import EstimatedObservation
