@@ -85,7 +85,8 @@ def test_fault_of_size_zero_changes_nothing(env_id: str):
     ]
     sound, fault = (flight.history for flight in flights)
     for key in ("truth", "measurement", "estimate", "covariance", "actuators"):
-        np.testing.assert_array_equal(fault[key], sound[key])
+        size = np.abs(sound[key]).max()  # two programs, whose sums differ in their last bits
+        np.testing.assert_allclose(fault[key], sound[key], rtol=0, atol=1e-9 * size)
     np.testing.assert_array_equal(fault["unknown_input"], 0.0)
 
 
