@@ -94,6 +94,7 @@ MOST = {"vessel_gym": 66, "estimators": 35}
 )
 def test_a_first_make_imports_its_own_family_alone(family: str, env_id: str):
     made = f"gymnasium.make('vessel_gym:{env_id}', estimator='ekf')"
+    loaded(f"import gymnasium; {made}")  # compiles, and keeps the code
     found = loaded(f"import gymnasium; {made}")
     assert not found & HEAVY
     assert {f"vessel_gym.envs.{each}" for each in FAMILIES} & found == {f"vessel_gym.envs.{family}"}

@@ -253,14 +253,9 @@ def is_own(estimator: object) -> bool:
     Raises:
         TypeError: for a filter that is built already, or a class that is no filter.
     """
-    if isinstance(estimator, Filter) or (
-        isinstance(estimator, type) and not issubclass(estimator, Filter)
-    ):
-        kind = (
-            f"an instance of {type(estimator).__name__}"
-            if isinstance(estimator, Filter)
-            else short_repr(estimator)
-        )
+    built = isinstance(estimator, Filter)
+    if built or (isinstance(estimator, type) and not issubclass(estimator, Filter)):
+        kind = f"an instance of {type(estimator).__name__}" if built else short_repr(estimator)
         raise TypeError(
             "estimator must be a name, a Filter class or a function of the model that returns a"
             f" filter, got {kind}"
