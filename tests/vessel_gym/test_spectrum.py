@@ -105,6 +105,40 @@ GOOD: dict[str, Any] = dict(
     frequency=W, direction=THETA, density=DENSITY, frequency_unit="rad/s", direction_unit="radian",
     per="radian", directions="going to",
 )  # fmt: skip
+
+
+def drawn(spectrum: WaveSpectrum) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies [rad/s] and directions [rad] of 24,000 waves."""
+    field = WaveField(spectrum)
+    waves = field.draw(np.random.default_rng(2).uniform(size=(1000, field.uniforms)))
+    w, _, kx, ky = field.constants(waves)
+    return w, np.arctan2(ky, kx)
+
+
+def test_no_wave_is_drawn_where_the_spectrum_is_zero() -> None:
+    """Zeros above the last frequency, and between a swell and a wind sea across it."""
+    inside = (W > 0.35) & (W < 0.6), (W > 1.0) & (W < 2.0)
+    toward = np.deg2rad([100.0, 190.0])[:, None]
+    near = np.abs((THETA - toward + np.pi) % TURN - np.pi) < np.deg2rad(15.0)
+    crossing = inside[0][:, None] * near[0] + 0.3 * inside[1][:, None] * near[1]
+    w, theta = drawn(WaveSpectrum.of_arrays(**GOOD | {"density": crossing}))
+    step = W[1] - W[0]
+    assert w.min() > 0.35 - step
+    assert w.max() < 2.0 + step
+    for some, way in ((w < 0.65, toward[0]), (w > 0.95, toward[1])):
+        off = np.abs((theta[some] - way + np.pi) % TURN - np.pi)
+        assert (off < np.deg2rad(18.0)).mean() > 0.995
+
+
+def test_two_long_crested_systems_have_two_directions() -> None:
+    ways = 0.0, 0.5 * np.pi
+    systems = [WaveSystem(1.0, 8.0, way, "long-crested") for way in ways]
+    _, theta = drawn(WaveSpectrum.of_systems(*systems))
+    off = np.abs(theta[..., None] - ways)
+    assert off.min(-1).max() < 1e-6
+    assert (off[..., 0] < 1e-6).mean() == pytest.approx(0.5, abs=0.01)
+
+
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "unit": ({"frequency_unit": "Hz"}, "hertz"),
     "unit of direction": ({"direction_unit": "deg"}, "degree"),
@@ -125,6 +159,8 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "frequency 0": ({"frequency": W - W[0]}, "above 0"),
     "shape": ({"density": DENSITY.T}, "shape"),
     "NaN": ({"density": DENSITY * np.where(W > 4.0, np.nan, 1.0)[:, None]}, "finite"),
+    "masked": ({"density": np.ma.masked_greater(DENSITY, 0.1)}, "masked values"),
+    "complex": ({"density": DENSITY + 0j}, "density"),
     "negative": ({"density": DENSITY - 1.0}, "negative"),
     "nothing": ({"density": 0.0 * DENSITY}, "energy"),
 }  # fmt: skip

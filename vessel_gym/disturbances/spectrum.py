@@ -5,8 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.checks import finite_array, number
-from vessel_gym.checks import all_are, check_numbers, one_of
+from estimators.checks import as_array, finite_array, number
+from vessel_gym.checks import LARGEST, all_are, check_numbers, one_of
 
 TURN = 2.0 * np.pi
 _RANGE = 0.4, 4.0
@@ -234,14 +234,19 @@ class WaveSpectrum:
 
     def frequency_at(self, share: np.ndarray) -> np.ndarray:
         """Frequency [rad/s] below which a share ``(...)`` of the energy lies."""
-        return np.interp(np.multiply(share, self.below[-1]), self.below, self.frequency)
+        first, last = np.flatnonzero(np.diff(self.below) > 0.0)[[0, -1]]
+        inside = slice(first, last + 2)  # not at frequencies without energy at the ends
+        return np.interp(
+            np.multiply(share, self.below[-1]), self.below[inside], self.frequency[inside]
+        )
 
     def directions_at(self, frequency: float, share: np.ndarray) -> np.ndarray:
         """Direction [rad] below which a share ``(...)`` of the energy of a frequency runs."""
         place = np.interp(frequency, self.frequency, np.arange(len(self.frequency)))
         i = min(int(place), len(self.frequency) - 2)
-        low, high = np.broadcast_to(self.share, (len(self.frequency), len(self.edges)))[i : i + 2]
-        below = low + (place - i) * (high - low)
+        shares = np.broadcast_to(self.share, (len(self.frequency), len(self.edges)))[i : i + 2]
+        weights = self.energy[i : i + 2] * [1.0 - (place - i), place - i]
+        below = weights @ shares / weights.sum() if weights.any() else shares[0]
         inside = np.clip(share, 1e-9, 1.0 - 1e-9)  # not in directions without energy at the ends
         return np.interp(inside, below, self.edges)
 
@@ -286,12 +291,14 @@ def _around(toward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _densities(density: object, shape: tuple[int, int]) -> np.ndarray:
-    values = np.asarray(density, float)
+    if np.ma.is_masked(density):
+        raise ValueError("density of a spectrum has masked values: fill them, with 0 if unknown")
+    values = as_array("density of a spectrum", density)
     if values.shape != shape:
         raise ValueError(
             f"density must have shape {shape}, frequencies by directions, got {values.shape}"
         )
-    if not np.isfinite(values).all():
+    if not (np.abs(values) < LARGEST).all():
         raise ValueError("density of a spectrum must be finite: set 0 where there is no energy")
     if (values < 0.0).any():
         raise ValueError(f"density of a spectrum must not be negative, got {values.min():.4g}")

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators.engine import along, sincos
+from estimators.engine import along, lookup, sincos
 from vessel_gym.checks import check_numbers
 from vessel_gym.disturbances.spectrum import TURN, WaveSpectrum
 from vessel_gym.processes import Process, interpolated
@@ -19,8 +19,9 @@ _EDGES = np.linspace(0.0, 1.0, BANDS + 1)
 """Shares of the energy below the edges of the frequency bands."""
 _DAMPING = 0.05
 """Half the width of a band, in units of its frequency."""
-_FREQUENCIES, _NODES, _DIRECTIONS = 2048, 64, 128
+_FREQUENCIES, _NODES, _DIRECTIONS = 2048, 256, 128
 """Cells between which frequencies are tabled; cells of frequency and direction of directions."""
+_GAP = 0.35  # rad; between directions farther apart than this no waves run
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,7 @@ class WaveField:
 
     @cached_property
     def _directions(self) -> np.ndarray:
-        """Directions [rad] below which shares of the energy run, at frequencies ``(65, 129)``.
+        """Directions [rad] below which shares of the energy run, at frequencies ``(257, 129)``.
 
         The 129 shares ``(1 - cos(angle)) / 2`` lie close where few waves run.
         """
@@ -78,12 +79,27 @@ class WaveField:
             share = (rank + within) * (1.0 / n)
             angle = 2.0 * np.arctan2(np.sqrt(share), np.sqrt(1.0 - share))
             place = _DIRECTIONS / np.pi * angle
-            theta = interpolated(self._directions, _NODES / n * first, place)
+            theta = self._direction(_NODES / n * first, place)
             sin, cos = sincos(theta)
             k = w * w * (1.0 / GRAVITY)
             return [w, TURN * phase, k * cos, k * sin]
 
         return np.concatenate(along(component, np.arange(n) + first, phases, within, order), -1)
+
+    def _direction(self, node: Any, place: Any) -> Any:
+        """Direction [rad] between tabled ones, or the nearest of them if they lie far apart."""
+        row, column = np.minimum(np.floor(node), _NODES - 1.0), np.floor(place)
+        cell = row * _DIRECTIONS + np.minimum(column, _DIRECTIONS - 1.0)
+        nearest = interpolated(self._directions, np.rint(node), np.rint(place))
+        between = interpolated(self._directions, node, place)
+        return np.where(lookup(self._apart, cell) > _GAP, nearest, between)
+
+    @cached_property
+    def _apart(self) -> np.ndarray:
+        """Differences [rad] of the corners of each cell of the table of directions."""
+        table = self._directions
+        corners = np.stack([table[:-1, :-1], table[:-1, 1:], table[1:, :-1], table[1:, 1:]])
+        return np.ptp(corners, axis=0).ravel()
 
     def phases(
         self, drawn: np.ndarray, time: np.ndarray, north: np.ndarray, east: np.ndarray
@@ -117,7 +133,8 @@ class WaveBands:
 
     Each is a complex number ``z+ = exp((j w - b) dt) z + n`` whose variance is 1 at any frequency.
     The two directions of a frequency band lie as far to either side of its mean direction as keeps
-    the variance of the spreading across it. The damping b is constant, because a damping by the
+    the variance of the spreading across it; systems that run against each other in one band are not
+    told apart. The damping b is constant, because a damping by the
     ship's speed through wave groups serves no better.
     """
 
