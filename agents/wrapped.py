@@ -50,7 +50,7 @@ class Wrapped:
         watch = watch_of(env)
         self.name, self.env, self.config, self.system = env.spec.id, env, self, self
         self.task = Episodes(env.spec.max_episode_steps)
-        self.vehicle = SimpleNamespace(dt=time_step(env))
+        self.vehicle = SimpleNamespace(dt=time_step(env), steering=())
         self.estimator = "" if watch is None else watch.filter.name
         names = () if watch is None else watch.sensors.state_names
         filter = SimpleNamespace(name=self.estimator, model=getattr(watch, "model", None))

@@ -32,7 +32,7 @@ def collect(envs: Any) -> dict[str, np.ndarray]:
             # a wrapper around the batch writes beside what each environment's own wrapper wrote
             ended = infos if "episode" in infos else infos["final_info"]
             lengths += ended["episode"]["l"][ended["_episode"]].tolist()
-        for row in np.flatnonzero(truncations):
+        for row in np.flatnonzero(truncations & ~terminations):  # an end at the limit is an end
             rewards[step, row] += GAMMA * value(infos["final_obs"][row])
     targets, carried = np.zeros(shape), 0.0
     for step in reversed(range(STEPS)):

@@ -8,7 +8,6 @@ import pytest
 
 import vessel_gym  # noqa: F401  (registers the environments)
 from estimators import LinearModel, UMVFilter
-from vessel_gym.processes import linear
 from vessel_gym.sensors import Sensor
 from vessel_gym.simulation.core import Core
 from vessel_gym.system import registered
@@ -83,7 +82,7 @@ def test_who_reads_a_mean_over_the_coming_step_is_refused():
         peeping = Sensor(
             "peeping",
             (name,),
-            linear(lambda state, exogenous, i=i: exogenous[..., i : i + 1]),
+            lambda state, exogenous, i=i: exogenous[..., i : i + 1],
             (1.0,),
         )
         with pytest.raises(ValueError, match=f"peeping reads {name}, a mean over the coming step"):
