@@ -146,7 +146,7 @@ def _steps(filter: Filter, prior: Gaussian, u: np.ndarray | None, row: int | Non
     rows = np.arange(_ROWS) if row is None else np.array(row)
     mean = prior.mean + (rows[..., None] - 1.0) * 0.5 * np.sqrt(prior.cov.diagonal(0, -2, -1))
     known = None if u is None else np.broadcast_to(u, (_STEPS, *mean.shape[:-1], len(u)))
-    expected = filter.model.measurement(mean, None if known is None else known[0])
+    expected = _expected(filter.model, mean, None if known is None else known[0])
     R = filter._noise(Gaussian(mean, prior.cov), None if known is None else known[0], None)
     sd = np.sqrt(R.diagonal(0, -2, -1))
     away = np.where(sd > 0.0, np.minimum(0.1, 0.5 * sd), 0.1)  # as particles can explain it
@@ -169,6 +169,28 @@ def _steps(filter: Filter, prior: Gaussian, u: np.ndarray | None, row: int | Non
                 " axes from behind"
             )
         raise ValueError(why) from error
+
+
+def _expected(model: Model, mean: np.ndarray, u: np.ndarray | None) -> np.ndarray:
+    """Measurement ``(..., p)`` that a model expects, tried with one leading axis more, too.
+
+    Raises:
+        ValueError: if it fails, or has another shape.
+    """
+    known = None if u is None else np.stack([u, u])
+    for x, given in (np.stack([mean, mean]), known), (mean, u):
+        wanted = (*x.shape[:-1], model.p)
+        try:
+            expected = np.asarray(model.measurement(x, given))
+            fault = "" if expected.shape == wanted else f"gave shape {expected.shape}"
+        except Exception as error:
+            fault = f"raised {type(error).__name__} ({' '.join(str(error).split())})"
+        if fault:
+            raise ValueError(
+                f"the model's measurement of states of shape {x.shape} {fault}, expected {wanted}:"
+                " take any leading axes, indexing from behind, as by x[..., :1]"
+            )
+    return expected
 
 
 def _check_more(filter: Filter, prior: Gaussian, u: np.ndarray | None, series: Series) -> None:

@@ -18,6 +18,7 @@ from vessel_gym.envs import (
     register_environment,
 )
 from vessel_gym.simulation.core import Core
+from vessel_gym.system import Estimate, registered
 
 
 @pytest.mark.parametrize("env_id", [*OWN, "USV-v0", "Route-v0"])
@@ -119,6 +120,17 @@ def test_a_vehicle_follows_the_waypoints_of_the_page_on_a_filter(env_id: str) ->
             assert (flown.end == "arrived").all()
         shares[estimator] = flown.score.mean()
     assert 0.9 > shares["truth"] > shares["ekf"] > 0.7 > shares["dead-reckoning"]
+
+
+def test_full_turns_of_a_vehicle_do_not_change_what_is_observed() -> None:
+    task = registered("USV-v0").task
+    state = np.array([[20.0, 10.0, 3.0, 1.0, 0.1, 0.1]])
+    seen, turned = (
+        task.observe_state(Estimate(state + turns * np.eye(6)[2], np.zeros((1, 2))), None)
+        for turns in (0.0, 6.0 * np.pi)
+    )
+    np.testing.assert_allclose(turned, seen, atol=1e-12)
+    assert seen[0, 2] == 3.0
 
 
 def test_user_defined_vehicle_is_estimated_consistently() -> None:

@@ -16,7 +16,8 @@ import numpy as np
 from estimators import Gaussian
 from estimators.checks import frozen, short_repr
 from estimators.engine import Compiled, compiled
-from vessel_gym.checks import is_compiled, refuse_other_ends
+from estimators.factory import unknown
+from vessel_gym.checks import check_names, instance, is_compiled, options, refuse_other_ends
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.models.state_space import force_names
 from vessel_gym.system import Estimate, System, Task, Vehicle
@@ -40,8 +41,10 @@ def check_system(system: System) -> None:
 
     Raises:
         ValueError: in one sentence, for the first fault found.
-        TypeError: for a prior that is no `estimators.Gaussian`.
+        TypeError: for no system, names or rates of another type, or a prior that is no
+            `estimators.Gaussian`.
     """
+    instance("system", system, System)
     state, actuators, exogenous = _check_vehicle(system.vehicle, system.task)
     for disturbance in system.disturbances.values():
         _check_disturbance(disturbance, system.vehicle, state)
@@ -63,8 +66,21 @@ def _uniforms(columns: int) -> np.ndarray:
     return np.random.default_rng(0).uniform(size=(_ROWS, columns))
 
 
+def _check_angles(vehicle: Vehicle) -> None:
+    """Refuse angles and rates that are no states of the vehicle."""
+    who, states = type(vehicle).__name__, vehicle.state_names
+    check_names(f"angles of {who}", vehicle.angles)
+    rates = options(f"rates of {who}", vehicle.rates)
+    for attribute, names in ("angles", vehicle.angles), ("rates", (*rates, *rates.values())):
+        for name in {*names} - {*states}:
+            raise ValueError(
+                unknown("state", name, states, f"{attribute} of {who} have the unknown")
+            )
+
+
 def _check_vehicle(vehicle: Vehicle, task: Task) -> tuple[np.ndarray, ...]:
     """Check a vehicle; states, actuators and exogenous inputs of three vehicles."""
+    _check_angles(vehicle)
     cruise, u = (np.asarray(each, float) for each in vehicle.cruise)
     size, width = len(vehicle.state_names), len(vehicle.parameter_names)
     x = cruise + 0.01 * _uniforms(len(cruise))
@@ -144,6 +160,9 @@ def _check_task(
         raise TypeError(f"prior of {who} must give a Gaussian, got {short_repr(prior)}")
     n, what = len(vehicle.estimated(vehicle.kinds[0])), f"the mean of prior of {who}"
     (x,) = _checked(what, lambda scenario: task.prior(scenario).mean, [scenario], (n,))
+    if (size := np.shape(prior.cov)[-1]) != n:
+        raise ValueError(f"prior of {who} must have a covariance of {n} rows, got {size}")
+    x = x + 0.01 * _uniforms(n)  # so that rows differ without a drawn scenario, too
     (reference,) = tried("reference", [scenario, step, x], _ANY)
     if task.commanded(scenario, step) is not None:
         tried("commanded", [scenario, step], _ANY)

@@ -15,6 +15,7 @@ from estimators import (
     Filter,
     KalmanFilter,
     LinearModel,
+    NonlinearModel,
     UMVFilter,
     check_filter,
     compiled,
@@ -236,6 +237,15 @@ def test_a_broken_filter_is_told_what_is_wrong(broken: type[Filter], sentence: s
 
 def test_the_same_filter_unbroken_passes():
     check_filter(Plain)
+
+
+@pytest.mark.parametrize("index", [np.s_[:, :1], np.s_[:1], np.s_[..., :]])
+@pytest.mark.parametrize("name", ["ekf", "enkf"])
+def test_a_measurement_is_of_any_leading_axes(name: str, index: Any):
+    I2 = np.eye(2)
+    model = NonlinearModel(lambda x, u: x, lambda x, u: x[index], I2, I2[:1, :1])
+    with pytest.raises(ValueError, match=r"^the model's measurement of .* as by x\[\.\.\., :1\]$"):
+        check_filter(lambda model: make(name, model), model=model)
 
 
 @pytest.mark.parametrize("given", [KalmanFilter(LinearModel(*4 * [np.eye(1)])), "kf", None])

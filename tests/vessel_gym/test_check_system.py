@@ -15,7 +15,7 @@ from vessel_gym import check_system
 from vessel_gym.envs import register_environment
 from vessel_gym.processes import Process
 from vessel_gym.simulation.core import Core
-from vessel_gym.system import System
+from vessel_gym.system import System, Task
 
 PARTS: dict[str, tuple[type, tuple[str, ...]]] = {
     "vehicle": (Cart, ("start", "actuate", "known_input", "parameters", "step", "drift")),
@@ -168,6 +168,20 @@ def test_a_prior_must_repeat_itself_row_by_row(wrap: Callable[..., Any]) -> None
         check_system(with_part("task", type("Broken", (Post,), {"prior": prior})()))
 
 
+@pytest.mark.parametrize("name", ["reference", "observe", "observe_state"])
+def test_mixed_estimates_are_found_without_a_scenario(name: str) -> None:
+    def mixed(self: Any, *given: Any) -> Any:
+        state = given[-1] if name == "reference" else given[0].state
+        return state - state.mean(0)
+
+    def score(self: Any, state: Any, *others: Any) -> Any:
+        return state[..., 0], 0.0 * state[..., 0], others[-1]
+
+    members = {"vehicle": Cart(), "prior_sd": (0.1, 0.1), "score": score, name: mixed}
+    with pytest.raises(ValueError, match=f"^{name} of Broken gives a vehicle alone other numbers"):
+        check_system(with_part("task", type("Broken", (Task,), members)()))
+
+
 @pytest.mark.parametrize(
     ("wrap", "advice"),
     [(writing, "its arguments may only be read"), (branching, "with np.where for if")],
@@ -203,6 +217,30 @@ def test_a_disturbance_that_contradicts_itself_is_refused(attribute: str, value:
     made = type("Broken", (Breeze,), {attribute: value})()
     with pytest.raises(ValueError, match=f"^{attribute} of Broken "):
         check_system(with_part("disturbance", made))
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value", "sentence"),
+    [("angles", ("phi",), "angles of Broken have the unknown state 'phi': choose from x, u"),
+     ("angles", "x", "angles of Broken must be a tuple of names, got 'x'"),
+     ("rates", {"u": "z"}, "rates of Broken have the unknown state 'z': choose from x, u"),
+     ("rates", "ux", "rates of Broken must be a dictionary of values by name, or None, got 'ux'")],
+)  # fmt: skip
+def test_angles_and_rates_name_states(attribute: str, value: Any, sentence: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=f"^{sentence}$"):
+        check_system(with_part("vehicle", type("Broken", (Cart,), {attribute: value})()))
+
+
+def test_a_prior_has_a_covariance_of_its_mean() -> None:
+    made = type("Broken", (Post,), {"prior_sd": (0.1,)})()
+    with pytest.raises(ValueError, match=r"^prior of Broken must have a covariance of 2 rows, got"):
+        check_system(with_part("task", made))
+
+
+@pytest.mark.parametrize("given", [3, "SigmaCorvette-v0"])
+def test_what_is_no_system_is_refused(given: Any) -> None:
+    with pytest.raises(TypeError, match=r"^system must be of class System, got "):
+        check_system(given)
 
 
 def test_an_effect_that_a_field_does_not_use_is_refused() -> None:

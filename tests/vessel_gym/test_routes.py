@@ -56,7 +56,11 @@ def test_arcs_join_the_legs_without_a_jump(waypoints: np.ndarray) -> None:
 BAD = {
     "one": ([[0, 0]], "waypoints must be at least 2, got 1"),
     "too many": ([[500.0 * k, 0] for k in range(9)], "waypoints must be 8 at most, got 9: channel_system"),
-    "twice the same": ([[0, 0], [1000, 0], [1000, 0]], "waypoints 2 and 3 are the same place"),
+    "twice the same": ([[0, 0], [1000, 0], [1000, 0]], "waypoints 2 and 3 are 0 m apart, less than"),
+    "in degrees": (
+        [[51.0, 3.0], [51.2, 3.1]],
+        "waypoints 1 and 2 are 0.22 m apart, less than 101 m: vessel_gym.guidance.geodesy.local makes",
+    ),
     "back": ([[0, 0], [2000, 0], [0, 1]], "the course changes by 180 degrees at waypoint 2, more than 120"),
     "short in between": (
         [[0, 0], [2000, 0], [2000, 700], [4000, 700]], "leg 2 of the route is 700 m long and needs 809 m",

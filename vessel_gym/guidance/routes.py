@@ -15,6 +15,8 @@ SHARPEST = np.deg2rad(120.0)
 """Greatest change of course at a waypoint [rad]."""
 LONGEST = 1e5
 """Longest route [m]: a larger number is an error of the unit."""
+SHORTEST = 0.25
+"""Shortest leg in radii of the arcs, about a ship length: a shorter one is an error of the unit."""
 
 
 def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.ndarray, Path]:
@@ -26,8 +28,9 @@ def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.
         clearance: Least distance [m] between legs that do not follow each other.
 
     Raises:
-        ValueError: for invalid waypoints, a change of course above `SHARPEST`, a leg too short for
-            its arcs, a route longer than `LONGEST`, or legs within the clearance of each other.
+        ValueError: for invalid waypoints, a change of course above `SHARPEST`, a leg below
+            `SHORTEST` or too short for its arcs, a route longer than `LONGEST`, or legs within the
+            clearance of each other.
     """
     points = _checked(waypoints)
     with np.errstate(over="ignore"):
@@ -39,9 +42,12 @@ def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.
             f"the legs of a route must be {LONGEST:.0f} m together at most, got"
             f" {length.sum():.4g} m"
         )
-    if not length.all():
+    if length.min() < SHORTEST * radius:
         at = int(length.argmin())
-        raise ValueError(f"waypoints {at + 1} and {at + 2} are the same place")
+        raise ValueError(
+            f"waypoints {at + 1} and {at + 2} are {length[at]:.2g} m apart, less than"
+            f" {SHORTEST * radius:.0f} m: vessel_gym.guidance.geodesy.local makes metres of degrees"
+        )
     course = np.arctan2(legs[:, 1], legs[:, 0])
     turn = wrap(np.diff(course))
     if (np.abs(turn) > SHARPEST).any():

@@ -152,10 +152,21 @@ class Task:
     def observe_state(self, estimate: Estimate, scenario: np.ndarray) -> np.ndarray:
         """The estimate ``(B, k)`` in observations without guidance; `observe_mission` follows it.
 
-        Default: the scaled state, and the scaled flow.
+        Default: the scaled state, with the vehicle's angles in (-pi, pi], and the scaled flow.
         """
-        state = (estimate.state - np.array(self.state_offset)) / np.array(self.state_scale)
+        state = estimate.state - np.array(self.state_offset)
+        angular = self._are_angles[: state.shape[-1]]
+        if any(angular):
+            state = np.where(angular, wrapped(state), state)
+        state = state / np.array(self.state_scale)
         return np.concatenate([state, estimate.flow / self.flow_scale], -1)
+
+    @cached_property
+    def _are_angles(self) -> list[bool]:
+        """Which of the vehicle's estimated components are angles; empty without a vehicle."""
+        vehicle: Any = getattr(self, "vehicle", None)
+        names = () if vehicle is None else vehicle.estimated(vehicle.kinds[0])
+        return [name in vehicle.angles for name in names]
 
     def observe_std(self, estimate: Estimate) -> np.ndarray:
         """Part ``"std"`` ``(B, k)``, which mode ``"mean+std"`` appends.
