@@ -37,17 +37,7 @@ def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.
         points = points - points[0]
         legs = np.diff(points, axis=0)
         length = np.hypot(*legs.T)
-    if not length.sum() <= LONGEST:
-        raise ValueError(
-            f"the legs of a route must be {LONGEST:.0f} m together at most, got"
-            f" {length.sum():.4g} m"
-        )
-    if length.min() < SHORTEST * radius:
-        at = int(length.argmin())
-        raise ValueError(
-            f"waypoints {at + 1} and {at + 2} are {length[at]:.2g} m apart, less than"
-            f" {SHORTEST * radius:.0f} m: vessel_gym.guidance.geodesy.local makes metres of degrees"
-        )
+    _refuse_other_units(length, SHORTEST * radius)
     course = np.arctan2(legs[:, 1], legs[:, 0])
     turn = wrap(np.diff(course))
     if (np.abs(turn) > SHARPEST).any():
@@ -74,6 +64,21 @@ def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.
     lengths[::2], lengths[1::2] = straight, radius * np.abs(turn)
     curvatures[1::2] = np.sign(turn) / radius
     return points, path_of(chained(np.array([0.0, 0.0, course[0]]), curvatures, lengths))
+
+
+def _refuse_other_units(length: np.ndarray, least: float) -> None:
+    """Refuse lengths of legs that are no metres, or degrees."""
+    if not length.sum() <= LONGEST:
+        raise ValueError(
+            f"the legs of a route must be {LONGEST:.0f} m together at most, got"
+            f" {length.sum():.4g} m"
+        )
+    if length.min() < least:
+        at = int(length.argmin())
+        raise ValueError(
+            f"waypoints {at + 1} and {at + 2} are {length[at]:.2g} m apart, less than"
+            f" {least:.0f} m: vessel_gym.guidance.geodesy.local makes metres of degrees"
+        )
 
 
 def _checked(waypoints: object) -> np.ndarray:

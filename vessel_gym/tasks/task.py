@@ -163,7 +163,7 @@ class Task:
 
     @cached_property
     def _are_angles(self) -> list[bool]:
-        """Which of the vehicle's estimated components are angles; empty without a vehicle."""
+        """For each of the vehicle's estimated components, is it an angle? Empty without one."""
         vehicle: Any = getattr(self, "vehicle", None)
         names = () if vehicle is None else vehicle.estimated(vehicle.kinds[0])
         return [name in vehicle.angles for name in names]
