@@ -247,22 +247,29 @@ class Seaway(Disturbance):
             sin: Sine of the heading.
             cos: Cosine of the heading.
         """
-        _, directions, energy = self.spectrum.cells
-        by_energy = self.ship.water_density * GRAVITY * self.ship.length * _REFLECTED
         total, turned, twice = (
             np.zeros_like(sin),
             (cos, sin),
             (cos * cos - sin * sin, 2.0 * sin * cos),
         )
-        for m in (1, 3, 5):
-            coefficient = -8.0 / (np.pi * m * (m * m - 4)) * by_energy
-            moment = coefficient * (energy.sum(0) * np.exp(1j * m * directions)).sum()
+        for moment in self._reflected:
             total = total + (moment.imag * turned[0] - moment.real * turned[1])
             turned = (
                 turned[0] * twice[0] - turned[1] * twice[1],
                 turned[0] * twice[1] + turned[1] * twice[0],
             )
         return total
+
+    @cached_property
+    def _reflected(self) -> list[complex]:
+        """Moments [N] of the reflected energy's directions, of the first three odd orders."""
+        _, directions, energy = self.spectrum.cells
+        by_energy = self.ship.water_density * GRAVITY * self.ship.length * _REFLECTED
+        return [
+            -8.0 / (np.pi * m * (m * m - 4)) * by_energy
+            * (energy.sum(0) * np.exp(1j * m * directions)).sum()
+            for m in (1, 3, 5)
+        ]  # fmt: skip
 
     @cached_property
     def hull(self) -> StripTheory | TabledResponse:
