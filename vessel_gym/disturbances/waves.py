@@ -134,8 +134,8 @@ class WaveBands:
     Each is a complex number ``z+ = exp((j w - b) dt) z + n`` whose variance is 1 at any frequency.
     The two directions of a frequency band lie as far to either side of its mean direction as keeps
     the variance of the spreading across it; systems that run against each other in one band are not
-    told apart. The damping b is constant, because a damping by the
-    ship's speed through wave groups serves no better.
+    told apart. The damping b is constant, because a damping by the ship's speed through wave groups
+    serves no better.
     """
 
     spectrum: WaveSpectrum
