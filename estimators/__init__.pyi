@@ -45,6 +45,8 @@ from estimators.robust import RobustKalmanFilter as RobustKalmanFilter
 from estimators.series import Series as Series
 from estimators.series import run as run
 from estimators.smoothers import smooth as smooth
+from estimators.tunable import Linear as Linear
+from estimators.tunable import Log as Log
 from estimators.tuning import Fit as Fit
 from estimators.tuning import fit as fit
 from estimators.ulise import ULISE as ULISE
