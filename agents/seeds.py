@@ -27,13 +27,13 @@ def evaluation_seeds(count: int, first: int = 0) -> list[int]:
     return _seeds("evaluation", _EVALUATION, count, first)
 
 
-def tuning_seeds(count: int) -> list[int]:
-    """``count`` seeds for choosing weights, hyperparameters and policies.
+def tuning_seeds(count: int, first: int = 0) -> list[int]:
+    """``count`` seeds for choosing weights, hyperparameters and policies, from number ``first`` on.
 
     Raises:
         ValueError: if there are none, or they would leave the tuning range.
     """
-    return _seeds("tuning", _TUNING, count)
+    return _seeds("tuning", _TUNING, count, first)
 
 
 def _seeds(kind: str, begin: int, count: int, first: int = 0) -> list[int]:

@@ -1,7 +1,7 @@
 """Beliefs: an immutable record of arrays for each family of filters."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, make_dataclass
 from functools import cache, lru_cache
 from typing import Any, ClassVar, Self, TypeVar
 
@@ -47,6 +47,8 @@ class Belief:
     """``(..., q)`` estimate of the unknown input; None if the filter has none."""
     input_cov: ClassVar[np.ndarray | None] = None
     """``(..., q, q)`` covariance of the unknown input; None if the filter has none."""
+    parameters: ClassVar[np.ndarray | None] = None
+    """``(..., k)`` parameters that `Filter.by_rows` gives each row; None for other filters."""
 
     @property
     def ensemble(self) -> np.ndarray | None:
@@ -58,6 +60,13 @@ class Belief:
     def names(cls) -> tuple[str, ...]:
         """Names of all fields but the known input; a compiled step reads these arrays."""
         return tuple(each.name for each in fields(cls) if each.name != "u")
+
+    @classmethod
+    @cache
+    def with_parameters(cls) -> type[Self]:
+        """The class of these beliefs with a field ``parameters``."""
+        added = [("parameters", np.ndarray, field())]
+        return make_dataclass(cls.__name__, added, bases=(cls,), frozen=True, eq=False, kw_only=True)
 
     @classmethod
     def of(cls, arrays: dict[str, Any]) -> Self:

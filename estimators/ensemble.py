@@ -33,6 +33,7 @@ from estimators.linalg import (
 )
 from estimators.models import LinearModel, NonlinearModel, at_columns
 from estimators.randomness import RandomKeys
+from estimators.tunable import Log
 from estimators.varying import resolve
 
 START, PROCESS, MEASUREMENTS, MOVED, EXPECTED = 0, 1, 2, 4, 5
@@ -71,6 +72,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
 
     record = EnsembleBelief
     random = True
+    tunable: ClassVar = {"inflation": Log(1.0, 1.1)}
     _axes: ClassVar = {"predict": (2, 2), "update": (1, 2, 2)}
 
     def __init__(
@@ -112,7 +114,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
         """Members ``(..., n, N)`` one step on, and a root ``(..., n, r)`` of the process noise."""
-        model, root = self.model, process_root(self, u)
+        model, root = self.model, process_root(self, belief, u)
         if not isinstance(model, LinearModel):
             return at_columns(model, "transition", belief.members, u), root
         after = resolve(model.A, u) @ belief.members
@@ -155,7 +157,8 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         S = inner(Y, Y) / (self.members - 1) + R
         shift, A = self._analysis(belief, e, Y, S, R, available, *more)
         arrived = (1.0 * available).sum(-1) > 0.0
-        inflation = np.where(arrived, self.inflation, 1.0)[..., None, None]
+        inflation = self._option("inflation", belief)
+        inflation = np.where(arrived[..., None], inflation, 1.0)[..., None]
         return _moments((belief.mean + shift)[..., None] + inflation * A) | {"innovation_cov": S}
 
     @abstractmethod
@@ -274,10 +277,14 @@ class EnsembleTransformFilter(EnsembleFilter):
         return shift, A - solve_upper(L.mT, gain).mT @ Y
 
 
-def process_root(filter: Any, u: np.ndarray | None) -> np.ndarray:
+def process_root(filter: Any, belief: Any, u: np.ndarray | None) -> np.ndarray:
     """A root ``(..., n, r)`` of the process noise."""
     kept = filter._noise_root
-    return semidefinite_cholesky(resolve(filter.model.Q, u)) if kept is None else kept
+    if kept is None:
+        return semidefinite_cholesky(filter._process_noise(belief, u))
+    if belief.parameters is None:
+        return kept
+    return np.sqrt(belief.parameters[..., 0, None, None]) * kept
 
 
 def _moments(members: np.ndarray) -> Changes:

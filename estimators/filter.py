@@ -5,10 +5,11 @@ or `Filter.expect` evaluates the model. Filters decorated `@compiled` run as com
 which include the model's functions where these are compiled. All other filters run in NumPy.
 """
 
+import copy
 from abc import ABC, abstractmethod
 from contextlib import suppress
 from functools import lru_cache
-from typing import Any, ClassVar, Generic
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self
 
 import numpy as np
 
@@ -25,6 +26,9 @@ from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import RandomKeys
 from estimators.stepping import in_numpy, in_program
 from estimators.varying import StateNoise, resolve
+
+if TYPE_CHECKING:
+    from estimators.tunable import Linear
 
 Rng = RandomKeys | np.random.Generator | None
 """`RandomKeys` with a key a row, or a Generator for the whole batch; None for no random numbers."""
@@ -70,6 +74,8 @@ class Filter(ABC, Generic[Record]):
     """Kind of `log_likelihood`, which is "exact", "diffuse" or "approximate"."""
     compiled: ClassVar[bool] = False
     """True if the filter runs compiled; its attributes are then constants of the program."""
+    tunable: ClassVar["dict[str, Linear]"] = {}
+    """Options that can be tuned beside Q and R, and the range of each."""
     _axes: ClassVar[dict[str, tuple[int, ...]]] = {"predict": (1, 2, 2, 2), "update": (1, 2, 2, 2)}
     """Number of axes of a row of each array from `propagate` or `expect`; the last is G or H."""
 
@@ -159,7 +165,7 @@ class Filter(ABC, Generic[Record]):
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
         """Next mean ``(..., n)``, Jacobian A, and Q."""
         model = self.model
-        return *model.linearise_transition(belief.mean, u, belief.cov), resolve(model.Q, u)
+        return *model.linearise_transition(belief.mean, u, belief.cov), self._process_noise(belief, u)
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
         """Expected measurement, C, and R: the argument, or the model's if it is None."""
@@ -170,8 +176,34 @@ class Filter(ABC, Generic[Record]):
         """R ``(..., p, p)``: the one that is given, or the model's."""
         if R is not None:
             return R
-        R = self.model.R
-        return resolve(R.function, belief.mean, u) if isinstance(R, StateNoise) else resolve(R, u)
+        R, p = self.model.R, self.model.p
+        R = resolve(R.function, belief.mean, u) if isinstance(R, StateNoise) else resolve(R, u)
+        if belief.parameters is None:
+            return R
+        scale = np.sqrt(belief.parameters[..., 1 : 1 + p])
+        return scale[..., :, None] * scale[..., None, :] * R
+
+    def _process_noise(self, belief: Record, u: np.ndarray | None) -> Any:
+        """Q ``(..., n, n)``."""
+        Q = resolve(self.model.Q, u)
+        return Q if belief.parameters is None else belief.parameters[..., 0, None, None] * Q
+
+    def _option(self, name: str, belief: Record) -> Any:
+        """Value of an option in ``tunable``: a number, or ``(..., 1)`` where rows have their own."""
+        if belief.parameters is None:
+            return getattr(self, name)
+        place = 1 + self.model.p + [*self.tunable].index(name)
+        return belief.parameters[..., place, None]
+
+    def by_rows(self) -> Self:
+        """A copy of the filter whose beliefs hold ``parameters (..., 1 + p + k)`` for each row.
+
+        They are a factor on Q, a factor on R for each measurement, and the values of the k options
+        in ``tunable``. `init` takes those of this filter; `Belief.replace` sets others.
+        """
+        other = copy.copy(self)
+        object.__setattr__(other, "record", self.record.with_parameters())
+        return other
 
     # --- the contract -----------------------------------------------------------------------------
 
@@ -196,6 +228,9 @@ class Filter(ABC, Generic[Record]):
         initial = self._begin(mean, cov, self._numbers(rng, batch) if self.random else None)
         every = {"mean": mean, "cov": cov, "healthy": np.ones(batch, bool)}
         every |= unmeasured(batch, self.model.p)
+        if "parameters" in self.record.names():
+            own = [1.0] * (1 + self.model.p) + [getattr(self, name) for name in self.tunable]
+            every["parameters"] = np.broadcast_to(own, (*batch, len(own))).copy()
         belief: Any = self.record.of(every | initial)
         if self.compiled:
             invoker()  # loads LLVM now, and not in the first step

@@ -132,7 +132,7 @@ class ParticleFilter(Filter[ParticleBelief]):
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
         """Root ``(..., n, r)`` of the process noise; particles themselves move in `predict`."""
-        return (process_root(self, u),)
+        return (process_root(self, belief, u),)
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
         """Weighted mean ``(..., p)`` and deviations ``(..., p, N)`` of measurements, and R."""

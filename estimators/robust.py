@@ -1,7 +1,7 @@
 """Robust filters: one for measurements with outliers, one for a model that is not quite right."""
 
 from functools import reduce
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from estimators.linalg import (
     solve_lower,
     symmetrise,
 )
+from estimators.tunable import Log
 
 
 @compiled
@@ -60,6 +61,7 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
     """
 
     name = "huber-kf"
+    tunable: ClassVar = {"gamma": Log(0.3, 10.0)}
 
     def __init__(self, model: Model, gamma: float = 1.345, iterations: int = 2) -> None:
         super().__init__(model)
@@ -70,25 +72,26 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
     def _update(
         self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any, *_: Any
     ) -> Changes:
-        n = self.model.n
+        n, gamma = self.model.n, self._option("gamma", belief)
         root_P, root_R = semidefinite_cholesky(belief.cov), semidefinite_cholesky(R)
         M = joined([C @ root_P, root_R], -1)
         S = M @ M.mT
-        seen = self._weighted(solve_lower(regular(root_R), e[..., None]))
-        inflation = joined([np.ones((n, 1)), seen], -2)[..., 0]
+        seen = _inflation(solve_lower(regular(root_R), e[..., None])[..., 0], gamma)
+        inflation = joined([np.ones((n, 1)), seen[..., None]], -2)[..., 0]
         for _repeat in range(self.iterations - 1):
             S_weighted = S + (M * (inflation - 1.0)[..., None, :]) @ M.mT
             solved = solve(S_weighted, e[..., None])[..., 0]
-            inflation = self._weighted(inflation * np.matvec(M.mT, solved))
+            inflation = _inflation(inflation * np.matvec(M.mT, solved), gamma)
         # `inflation` is 1 / psi of the last update.
         P = _reweighted(belief.cov, root_P, inflation[..., :n])
         noise = _reweighted(R, root_R, inflation[..., n:])
         mean, cov, _weighted = joseph_update(belief.mean, P, e, C, noise)
         return {"mean": mean, "cov": cov, "innovation_cov": S}
 
-    def _weighted(self, zeta: np.ndarray) -> np.ndarray:
-        """``1 / psi`` of residuals."""
-        return np.maximum(1.0, np.abs(zeta) / self.gamma)
+
+def _inflation(zeta: np.ndarray, gamma: Any) -> np.ndarray:
+    """``1 / psi (..., k)`` of residuals."""
+    return np.maximum(1.0, np.abs(zeta) / gamma)
 
 
 def _reweighted(cov: np.ndarray, root: np.ndarray, inflation: np.ndarray) -> np.ndarray:
@@ -128,6 +131,7 @@ class RobustKalmanFilter(ExtendedKalmanFilter):
 
     name = "robust-kf"
     reversible = True
+    tunable: ClassVar = {"radius": Log(1e-9, 1.0)}
 
     def __init__(self, model: Model, radius: float = 0.01) -> None:
         super().__init__(model)
@@ -136,17 +140,18 @@ class RobustKalmanFilter(ExtendedKalmanFilter):
     def _predict(self, belief: Any, u: Any, mean: Any, A: Any, Q: Any, *_: Any) -> Changes:
         predicted = super()._predict(belief, u, mean, A, Q)
         if self.radius > 0.0:
-            predicted["cov"] = least_favourable_covariance(predicted["cov"], self.radius)
+            radius = self._option("radius", belief)
+            predicted["cov"] = least_favourable_covariance(predicted["cov"], radius)
         return predicted
 
 
-def least_favourable_covariance(cov: np.ndarray, radius: float) -> np.ndarray:
+def least_favourable_covariance(cov: np.ndarray, radius: Any) -> np.ndarray:
     """``V = (I - theta P)^-1 P``, the largest covariance within relative entropy ``radius / 2``.
 
     Args:
         cov: ``(..., n, n)`` P, positive semidefinite; a row that is not finite is returned as it
             is.
-        radius: Twice the relative entropy, positive.
+        radius: Twice the relative entropy, positive: a number, or ``(..., 1)`` of each row.
 
     Returns:
         ``(..., n, n)`` V, with KL(N(0, V) || N(0, P)) = radius / 2.
@@ -159,7 +164,7 @@ def least_favourable_covariance(cov: np.ndarray, radius: float) -> np.ndarray:
     return np.where(finite, V, cov)
 
 
-def _entropy_odds(values: np.ndarray, radius: float) -> np.ndarray:
+def _entropy_odds(values: np.ndarray, radius: Any) -> np.ndarray:
     """``o_i = x_i / (1 - x_i)``, ``x_i = theta l_i``, with ``sum_i [o_i - log(1 + o_i)] = radius``.
 
     Newton's method in ``t = 1 - theta l_max``. The sum is convex and decreasing in t, so from a t
@@ -169,12 +174,12 @@ def _entropy_odds(values: np.ndarray, radius: float) -> np.ndarray:
 
     Args:
         values: ``(..., n)`` eigenvalues, not negative.
-        radius: Positive.
+        radius: Positive number, or ``(..., 1)`` of each row.
     """
     largest = reduce(np.maximum, [values[..., i, None] for i in range(values.shape[-1])])
     ratio = np.where(values < largest, values / np.where(largest > 0.0, largest, 1.0), 1.0)
     rest = 1.0 - ratio
-    start = min(1.0 / (1.0 + radius + np.sqrt(2.0 * radius)), _BELOW_ONE)
+    start = np.minimum(1.0 / (1.0 + radius + np.sqrt(2.0 * radius)), _BELOW_ONE)
     t = start + 0.0 * largest
     for _ in range(_NEWTON_STEPS):
         left = rest + ratio * t  # 1 - x, without cancellation near x = 1

@@ -12,7 +12,6 @@ from estimators.kalman import ExtendedKalmanFilter
 from estimators.linalg import congruence, identity, semidefinite_cholesky, solve_upper, symmetrise
 from estimators.models import LinearModel, NonlinearModel, at_columns
 from estimators.unknown_input import NoFeedthroughFilter
-from estimators.varying import resolve
 
 
 class SigmaPoints(Filter[Any]):
@@ -61,7 +60,7 @@ class SigmaPoints(Filter[Any]):
             return mean, congruence(A, belief.cov), Q
         points, _ = self._spread(belief)
         mean, slopes, excess = self._transform("transition", points, u)
-        return mean, slopes.mT @ slopes + excess, resolve(self.model.Q, u)
+        return mean, slopes.mT @ slopes + excess, self._process_noise(belief, u)
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
         """Expected measurement, its statistical linearisation C, and R with what C leaves out."""

@@ -1,7 +1,7 @@
 """Options of an environment, and the parts that they fix for all episodes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, Self
 
@@ -160,6 +160,7 @@ class Configuration:
     Args:
         system: The environment as data.
         options: Arguments of the environment.
+        by_rows: Has the filter parameters of its own in each row?
 
     Attributes:
         world: True world, with vehicle, sensors and disturbance.
@@ -179,7 +180,7 @@ class Configuration:
         TypeError: as `Options`.
     """
 
-    def __init__(self, system: System, options: Options) -> None:
+    def __init__(self, system: System, options: Options, by_rows: bool = False) -> None:
         self.system, self.options, self.observe_mode = system, options, options.observe
         self.world = world = _world(
             system, options.sensors, options.sensor_faults, options.disturbance
@@ -189,6 +190,9 @@ class Configuration:
         rest = world.sensors, world.disturbance
         choice = system.estimator if options.estimator is None else options.estimator
         self.estimation: Estimation = build(system, choice, options.estimator_options, *rest)
+        if by_rows:
+            by_row = self.estimation.filter.by_rows()
+            self.estimation = replace(self.estimation, filter=by_row)
         self.raw: Estimation | None = None
         if options.guidance and raw:
             wide = {"model": vehicle.kinds[0]}  # raw guidance is equal for all estimators

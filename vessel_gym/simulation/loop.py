@@ -17,6 +17,9 @@ class Estimator:
         estimation: Filter and model.
         field: Field of the record with the belief, ``"belief"`` or ``"raw"``.
         truth: Function of the record that returns the measurement of the oracle.
+
+    Attributes:
+        parameters: ``(B, k)`` of a filter with parameters by rows; None: the filter's own.
     """
 
     def __init__(
@@ -25,6 +28,7 @@ class Estimator:
         self.estimation, self.field = estimation, field
         self.filter, self._random = estimation.delayed, estimation.filter.random
         self._truth = truth if estimation.tells_truth else None
+        self.parameters: np.ndarray | None = None
 
     def begin(self, now: State, prior: Gaussian) -> None:
         """Belief after the first measurements; the prior is that of the filter's state."""
@@ -33,6 +37,8 @@ class Estimator:
             prior = Gaussian(prior.mean, self.estimation.prior * prior.cov)
         y, available = self._measured(now)
         initial = self.filter.init(prior, rng=rng)
+        if self.parameters is not None:
+            initial = initial.replace(parameters=self.parameters)
         belief = self.filter.update(initial, y, rng=rng, available=available, u=now.u)
         setattr(now, self.field, belief)
 

@@ -1,0 +1,177 @@
+"""An arm: an estimator and a controller in an environment, and what can be tuned of both."""
+
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from agents.agent import load_agent
+from agents.controllers import is_controller, make_controller
+from agents.rollouts import batch
+from agents.studies.worlds import environment_options, registered_id, system_of
+from estimators.factory import unknown
+from estimators.tunable import Linear, Log
+from vessel_gym.models.estimation import ENVIRONMENT_ONLY
+from vessel_gym.simulation.configuration import Configuration, Options
+from vessel_gym.system import System
+
+NOISE = Log(0.01, 100.0)
+"""Range of a factor on Q or on a sensor's R."""
+
+Values = dict[str, float]
+"""Values of parameters by name."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """What can be tuned: its range, and its value as delivered."""
+
+    range: Linear
+    value: float
+
+
+@dataclass(frozen=True)
+class Arm:
+    """An estimator and a controller, tuned together for some conditions.
+
+    Attributes:
+        env_id: A registered environment, or ``"module:id"``.
+        agent: As for `agents.load_agent`.
+        options: Options of the environment that all conditions share, among them the estimator.
+        conditions: Further options of each condition; the mean score over all of them is tuned.
+        picked: Names of the parameters to tune, or beginnings of them such as ``"estimator"``.
+            Empty: all but the factor on Q, of which the filter's gain depends only through its
+            ratio to R.
+
+    Raises:
+        ValueError: for parameters that are not there, or an arm that has nothing to tune.
+    """
+
+    env_id: str
+    agent: str = "autopilot"
+    options: dict[str, Any] = field(default_factory=dict)
+    conditions: tuple[dict[str, Any], ...] = ({},)
+    picked: tuple[str, ...] = ()
+
+    @cached_property
+    def worlds(self) -> list[dict[str, Any]]:
+        """Options of the environment in each condition, as it takes them."""
+        return [environment_options(self.env_id, self.options | each) for each in self.conditions]
+
+    @cached_property
+    def plain_worlds(self) -> list[dict[str, Any]]:
+        """`worlds` without factors on Q and R."""
+        options = self.worlds[0].get("estimator_options") or {}
+        assume = {k: v for k, v in options.get("assume", {}).items() if k not in ("Q", "R")}
+        plain = {"estimator_options": {**options, "assume": assume}} if options else {}
+        return [world | plain for world in self.worlds]
+
+    @cached_property
+    def system(self) -> Any:
+        """The environment's system."""
+        return system_of(self.env_id)
+
+    @cached_property
+    def configuration(self) -> Any:
+        """`Configuration` in the first condition; None for an environment of another package."""
+        if not isinstance(self.system, System):
+            return None
+        return Configuration(self.system, Options(**self.worlds[0]))
+
+    @cached_property
+    def by_rows(self) -> bool:
+        """Can candidates share a batch? The filter's parameters are then data of its rows."""
+        config = self.configuration
+        if config is None or config.raw is not None or not is_controller(self.agent, self.system):
+            return False
+        own = type(config.estimation.filter).__module__
+        return own.startswith(("estimators.", "vessel_gym.")) and not config.estimation.fuses
+
+    @cached_property
+    def every(self) -> dict[str, Parameter]:
+        """All that can be tuned, by name."""
+        return self._of_estimator() | self._of_agent()
+
+    @property
+    def delivered(self) -> Values:
+        """Values of all parameters as delivered."""
+        return {name: each.value for name, each in self.every.items()}
+
+    @cached_property
+    def parameters(self) -> dict[str, Parameter]:
+        """What is tuned, by name."""
+        found = self.every
+        if not found:
+            raise ValueError(f"{self.agent} on {self.estimator} has nothing that can be tuned")
+        if not self.picked:
+            return {name: each for name, each in found.items() if name != "estimator.Q"}
+        for name in self.picked:
+            if not any(_begins(each, name) for each in found):
+                raise ValueError(unknown("parameter", name, found))
+        return {n: each for n, each in found.items() if any(_begins(n, p) for p in self.picked)}
+
+    @property
+    def estimator(self) -> str:
+        """Name of the estimator."""
+        chosen = self.options.get("estimator") or self.system.estimator
+        return chosen if isinstance(chosen, str) else chosen.__name__
+
+    def _of_estimator(self) -> dict[str, Parameter]:
+        """Factors on Q and on the R of each sensor, and what the filter's class declares."""
+        if self.configuration is None or self.estimator in ENVIRONMENT_ONLY:
+            return {}
+        filter = self.configuration.estimation.filter
+        sensors = self.configuration.sensors.each
+        given = self.options.get("estimator_options", {}).get("assume", {})
+        R = given.get("R", {})
+        factors = {"Q": given.get("Q", 1.0)} | {
+            f"R.{each.name}": R.get(each.name, 1.0) if isinstance(R, dict) else R
+            for each in sensors
+        }
+        found = {name: Parameter(NOISE, value) for name, value in factors.items()}
+        found |= {n: Parameter(r, getattr(filter, n)) for n, r in filter.tunable.items()}
+        return {f"estimator.{name}": each for name, each in found.items()}
+
+    def _of_agent(self) -> dict[str, Parameter]:
+        """What the controller's class declares."""
+        if not is_controller(self.agent, self.system):
+            return {}
+        made = make_controller(self.agent, self.system)
+        ranges = getattr(made, "tunable", {})
+        return {f"agent.{n}": Parameter(r, getattr(made, n)) for n, r in ranges.items()}
+
+    def estimator_options(self, values: Values) -> dict[str, Any]:
+        """Options of the estimator with some values of its parameters."""
+        options = dict(self.options.get("estimator_options") or {})
+        assume = dict(options.get("assume", {}))
+        for name, value in _under("estimator.", values).items():
+            if name.startswith("R."):
+                R = assume.get("R", {})
+                assume["R"] = (R if isinstance(R, dict) else {}) | {name[2:]: value}
+            elif name == "Q":
+                assume["Q"] = value
+            else:
+                options[name] = value
+        return options | ({"assume": assume} if assume else {})
+
+    def agent_parameters(self, values: Values) -> Values:
+        """Parameters of the controller among some values."""
+        return _under("agent.", values)
+
+    def made_agent(self, values: Values, env: Any = None) -> Any:
+        """The agent with some values of its parameters."""
+        if is_controller(self.agent, self.system):
+            return make_controller(self.agent, self.system, **self.agent_parameters(values))
+        if env is None:
+            with closing(batch(registered_id(self.env_id), 1, self.worlds[0])) as env:
+                return load_agent(self.agent, env)
+        return load_agent(self.agent, env)
+
+
+def _begins(name: str, with_: str) -> bool:
+    return name == with_ or name.startswith(f"{with_}.")
+
+
+def _under(prefix: str, values: Values) -> Values:
+    return {n.removeprefix(prefix): v for n, v in values.items() if n.startswith(prefix)}

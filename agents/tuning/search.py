@@ -1,0 +1,114 @@
+"""Search for the best parameters by a derivative-free trust region: SciPy's COBYQA.
+
+On common random numbers the mean score is nearly a smooth function of the parameters.
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from agents.tuning.arm import Parameter, Values
+
+RADIUS = 0.08
+"""First radius of the trust region, as a share of each range."""
+SPREAD = 0.05
+"""Standard deviation of the start of all searches but the first, as a share of each range."""
+
+
+class Journal:
+    """Evaluations of a search, in a file to which each is appended as soon as it is known.
+
+    A search that begins with a journal of its own takes its scores from there first. It asks for
+    the same points again, so that it ends as it would have without the interruption.
+
+    Args:
+        path: File; None: the journal is kept in memory.
+        made_by: What decides the course of the search, as plain data.
+
+    Attributes:
+        points: Evaluations so far, as points of the unit cube and scores.
+
+    Raises:
+        ValueError: for a file of another search.
+    """
+
+    def __init__(self, path: Path | None, made_by: Any) -> None:
+        self.path, self.points = path, list[tuple[list[float], float]]()
+        head = json.dumps(made_by, sort_keys=True)
+        self._kept: list[Any] = []
+        if path is None:
+            return
+        if path.exists():
+            first, *lines = path.read_text(encoding="utf-8").splitlines()
+            if first != head:
+                raise ValueError(
+                    f"{path} is the journal of another tuning or of another version: remove it, or"
+                    " choose another --out"
+                )
+            self._kept = [json.loads(line) for line in lines if line.endswith("]")]
+        text = "".join(f"{line}\n" for line in (head, *map(json.dumps, self._kept)))
+        path.write_text(text, encoding="utf-8")
+
+    def score(self, point: np.ndarray, evaluate: Callable[[], float]) -> float:
+        """The score of a point: as kept, or else evaluated and kept."""
+        place, asked = len(self.points), point.tolist()
+        if place < len(self._kept) and self._kept[place][0] == asked:
+            found = self._kept[place][1]
+        else:
+            found = evaluate()
+            if self.path is not None:
+                with self.path.open("a", encoding="utf-8") as file:
+                    file.write(f"{json.dumps([asked, found])}\n")
+        self.points.append((asked, found))
+        return found
+
+
+def search(
+    score: Callable[[Values], float],
+    parameters: Mapping[str, Parameter],
+    evaluations: int,
+    seed: int,
+    journal: Journal,
+    progress: Callable[[int, float], None] = lambda done, best: None,
+) -> Values:
+    """The best values of parameters that a search has seen.
+
+    Args:
+        score: Score of some values, to be maximised; finite.
+        parameters: What is searched.
+        evaluations: Largest number of scores.
+        seed: 0: the search begins at the delivered values; else at a point near them that the seed
+            draws.
+        journal: Takes the evaluations.
+        progress: Called after each with the number so far and the best score. A KeyboardInterrupt
+            ends the search, and the best so far is returned.
+    """
+    from scipy.optimize import minimize
+
+    ranges = {name: each.range for name, each in parameters.items()}
+
+    def values(point: np.ndarray) -> Values:
+        return {name: r.from_unit(share) for (name, r), share in zip(ranges.items(), point, strict=True)}
+
+    def loss(point: np.ndarray) -> float:
+        point = np.clip(point, 0.0, 1.0)
+        found = journal.score(point, lambda: score(values(point)))
+        progress(len(journal.points), max(s for _, s in journal.points))
+        return -found
+
+    start = np.array([r.to_unit(parameters[name].value) for name, r in ranges.items()])
+    if seed:
+        start = start + np.random.default_rng(seed).normal(0.0, SPREAD, len(start))
+    try:
+        minimize(
+            loss, np.clip(start, 0.0, 1.0), method="COBYQA", bounds=[(0.0, 1.0)] * len(start),
+            options={"maxfev": evaluations, "initial_tr_radius": RADIUS, "final_tr_radius": 1e-3},
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        if not journal.points:
+            raise
+    best = max(journal.points, key=lambda each: each[1])
+    return values(np.array(best[0]))

@@ -1,0 +1,107 @@
+"""Scores of candidates on equal seeds, side by side in one batch where the filter allows it."""
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from agents.rollouts import rollout
+from agents.studies.worlds import registered_id
+from agents.tuning.arm import Arm, Values
+from vessel_gym.simulation.configuration import Configuration
+from vessel_gym.simulation.core import Core
+
+FAILED = 0.0
+"""Score of a candidate that cannot be designed, and of an episode without a finite score."""
+
+
+class Trials:
+    """Episodes of candidates of an arm, all on the same seeds.
+
+    Args:
+        arm: What is tuned.
+        seeds: N seeds.
+    """
+
+    def __init__(self, arm: Arm, seeds: Sequence[int]) -> None:
+        self.arm, self.seeds = arm, list(seeds)
+        self._cores = cache(self._made_cores)
+
+    def scores(self, candidates: Sequence[Values]) -> np.ndarray:
+        """Scores ``(C, conditions * N)`` of C candidates; `FAILED` where there is none."""
+        agents = [self._agent(values) for values in candidates]
+        found = np.full((len(candidates), len(self.arm.conditions) * len(self.seeds)), FAILED)
+        there = [i for i, agent in enumerate(agents) if agent is not None]
+        if there:
+            chosen = [candidates[i] for i in there], [agents[i] for i in there]
+            found[there] = (self._side_by_side if self.arm.by_rows else self._one_by_one)(*chosen)
+        return np.where(np.isfinite(found), found, FAILED)
+
+    def _agent(self, values: Values) -> Any:
+        """The agent of a candidate; None if its parameters allow no design."""
+        try:
+            return self.arm.made_agent(values)
+        except (ArithmeticError, np.linalg.LinAlgError):
+            return None
+
+    def _one_by_one(self, candidates: Sequence[Values], agents: Sequence[Any]) -> np.ndarray:
+        """Scores ``(C, conditions * N)``, by an environment for each candidate."""
+        arm, env_id, rows = self.arm, registered_id(self.arm.env_id), []
+        for values, agent in zip(candidates, agents, strict=True):
+            own = arm.estimator_options(values)
+            worlds = [world | ({"estimator_options": own} if own else {}) for world in arm.worlds]
+            flown = [rollout(agent, env_id, self.seeds, each, record=False) for each in worlds]
+            rows.append(np.concatenate([each.score for each in flown]))
+        return np.array(rows)
+
+    # --- side by side -----------------------------------------------------------------------------
+
+    def _side_by_side(self, candidates: Sequence[Values], agents: Sequence[Any]) -> np.ndarray:
+        """Scores ``(C, conditions * N)``, by one batch of all candidates for each condition."""
+        found = [
+            _scores(core, agents, self.seeds, self._rows(core, candidates))
+            for core in self._cores(len(candidates))
+        ]
+        return np.concatenate([each.reshape(len(agents), -1) for each in found], 1)
+
+    def _made_cores(self, candidates: int) -> list[Core]:
+        """Cores for so many candidates, one for each condition."""
+        system, rows, cores = self.arm.system, candidates * len(self.seeds), []
+        for world in self.arm.plain_worlds:
+            core = Core(system, rows, **world)
+            core.config = Configuration(system, core.config.options, by_rows=True)
+            cores.append(core)
+        return cores
+
+    def _rows(self, core: Core, candidates: Sequence[Values]) -> np.ndarray:
+        """Parameters ``(C * N, k)`` of the filter in each row."""
+        filter, sensors = core.config.estimation.filter, core.config.sensors
+        names = [f"R.{sensors.of_channel(i).name}" for i in range(sensors.size)]
+        # The oracle's measurement, and that of an input appended to the state, is of another size.
+        names = ["Q", *names[: filter.model.p], *[""] * (filter.model.p - len(names))]
+        names += filter.tunable
+        every = [self.arm.delivered | values for values in candidates]
+        rows = [[values.get(f"estimator.{name}", 1.0) for name in names] for values in every]
+        return np.repeat(np.array(rows), len(self.seeds), 0)
+
+
+def _scores(
+    core: Core, agents: Sequence[Any], seeds: Sequence[int], parameters: np.ndarray
+) -> np.ndarray:
+    """Scores ``(C * N,)`` of one episode for each seed with each of C agents."""
+    core.config.estimators[0].parameters = parameters
+    core.start([*seeds] * len(agents))
+    rows = [slice(i * len(seeds), (i + 1) * len(seeds)) for i in range(len(agents))]
+    for agent in agents:
+        agent.reset(len(seeds))
+    alive, score = np.ones(core.num_envs, bool), np.full(core.num_envs, np.nan)
+    horizon = core.config.system.task.horizon
+    while alive.any():
+        observations = core.observe()
+        actions = np.concatenate([a.act(observations[own]) for a, own in zip(agents, rows, strict=True)])
+        core.advance(actions, core.action_shape, ended=~alive, info=False)
+        done = alive & ((core.last.end != 0) | (core.last.steps >= horizon))
+        if done.any():
+            score[done], alive = core.score[done], alive & ~done
+    return score

@@ -1,0 +1,134 @@
+"""Tune an arm: search on tuning seeds, set the scale of Q and R, compare on fresh seeds."""
+
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import vessel_gym
+from agents.metrics import scores
+from agents.rollouts import rollout
+from agents.seeds import tuning_seeds
+from agents.source import source_digest
+from agents.statistics import mean_interval
+from agents.studies.worlds import registered_id
+from agents.tuning.arm import Arm, Values
+from agents.tuning.search import Journal, search
+from agents.tuning.trials import Trials
+from agents.tuning.tuned import Tuned
+
+FRESH = 500_000
+"""Number of the first tuning seed on which tuned and delivered parameters are compared."""
+MATTERS = 0.002
+"""Largest change of the score that counts as none."""
+_SCALINGS = 2
+NEAR = 0.01
+"""Share of a range from its end at which a parameter counts as being at its bound."""
+
+
+def tune(
+    arm: Arm,
+    evaluations: int = 100,
+    episodes: int = 40,
+    seed: int = 0,
+    fresh: int = 100,
+    journal: Path | None = None,
+    progress: Callable[[int, float], None] = lambda done, best: None,
+) -> Tuned:
+    """Tune estimator and controller together for the highest mean score, in closed loop.
+
+    All candidates meet the same ``episodes`` tuning seeds in each condition. Then Q and R are
+    multiplied by one factor such that the NEES of the position is 1 per component, if that hardly
+    changes the score. Tuned and delivered parameters are compared on other seeds.
+
+    Args:
+        arm: What is tuned, and for which conditions.
+        evaluations: Largest number of candidates.
+        episodes: Seeds of a candidate in each condition.
+        seed: Number of the tuning. Each has its own tuning seeds and its own start of the search;
+            number 0 starts at the delivered values.
+        fresh: Seeds of the comparison.
+        journal: File to which each evaluation is appended, and from which an interrupted tuning
+            goes on; None: none.
+        progress: As for `agents.tuning.search.search`.
+
+    Raises:
+        ValueError: for an arm without parameters, a journal of another tuning, or seeds that are
+            not there.
+    """
+    began = time.process_time()
+    trials = Trials(arm, tuning_seeds(episodes, first=seed * episodes))
+    made_by = {
+        "version": vessel_gym.__version__, "source": source_digest("agents.tuning.tune"),
+        "first_seed": trials.seeds[0], "episodes": episodes, "evaluations": evaluations,
+        "seed": seed,
+    }  # fmt: skip
+    described = [made_by, arm.env_id, arm.agent, str(arm.options), str(arm.conditions)]
+    kept = Journal(journal, [*described, sorted(arm.parameters)])
+    values = search(
+        lambda values: float(trials.scores([values]).mean()), arm.parameters, evaluations, seed,
+        kept, progress,
+    )  # fmt: skip
+    bound = _at_bound(arm, values)
+    values, nees = _scaled(arm, trials, values)
+    best = np.maximum.accumulate([score for _, score in kept.points]).tolist()
+    found = {
+        "before": kept.points[0][1] if not seed else float(trials.scores([{}]).mean()),
+        "after": float(trials.scores([values]).mean()), "best_so_far": best,
+        "position_nees": nees, "at_bound": bound,
+    }  # fmt: skip
+    found |= _compared(arm, values, tuning_seeds(fresh, first=FRESH))
+    return Tuned(arm, values, made_by, found | {"cpu_seconds": time.process_time() - began})
+
+
+def _scaled(arm: Arm, trials: Trials, values: Values) -> tuple[Values, float]:
+    """Values with a common factor on Q and R, and the NEES of the position per component.
+
+    The gain of a Kalman filter depends on the ratio of Q and R alone, and so does the score. The
+    factor brings the NEES to 1 unless that changes the score by `MATTERS` or more.
+    """
+    nees, names = _nees(arm, trials.seeds, values), [n for n in arm.every if _is_noise(n)]
+    if arm.picked or not names or not np.isfinite(nees):
+        return values, nees
+    scaled, scaled_nees = values, nees
+    for _ in range(_SCALINGS):  # the share of the prior and of biases does not scale
+        scaled = scaled | {name: scaled_nees * (arm.delivered | scaled)[name] for name in names}
+        scaled_nees = _nees(arm, trials.seeds, scaled)
+    before, after = trials.scores([values, scaled]).mean(1)
+    return (values, nees) if abs(after - before) >= MATTERS else (scaled, scaled_nees)
+
+
+def _is_noise(name: str) -> bool:
+    return name == "estimator.Q" or name.startswith("estimator.R.")
+
+
+def _nees(arm: Arm, seeds: Sequence[int], values: Values) -> float:
+    """Mean NEES of the position per component; NaN for an estimator without a covariance."""
+    own, env_id, found = arm.estimator_options(values), registered_id(arm.env_id), []
+    for world in arm.worlds:
+        flown = rollout(arm.made_agent(values), env_id, seeds, world | {"estimator_options": own})
+        found.append(scores(flown).get("position_nees", np.array([np.nan])))
+    return float(np.mean(found))
+
+
+def _at_bound(arm: Arm, values: Values) -> list[str]:
+    """Names of the parameters at an end of their range."""
+    shares = {name: p.range.to_unit(values[name]) for name, p in arm.parameters.items()}
+    return [name for name, share in shares.items() if not NEAR < share < 1.0 - NEAR]
+
+
+def _compared(arm: Arm, values: Values, seeds: Sequence[int]) -> dict[str, Any]:
+    """Comparison of tuned and delivered parameters on other seeds.
+
+    For each parameter the score is also that of all others tuned and this one as delivered.
+    """
+    left_out = [{n: v for n, v in values.items() if n != name} for name in arm.parameters]
+    delivered, tuned, *others = Trials(arm, seeds).scores([{}, values, *left_out])
+    gains = [mean_interval(tuned - each) for each in (delivered, *others)]
+    gain, *each = [[g.mean, g.low, g.high] for g in gains if g is not None]
+    return {
+        "fresh_delivered": float(delivered.mean()), "fresh_tuned": float(tuned.mean()),
+        "gain": gain, "gain_of": dict(zip(arm.parameters, each, strict=True)),
+    }  # fmt: skip

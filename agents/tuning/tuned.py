@@ -1,0 +1,116 @@
+"""Tuned parameters as a file: what was tuned, for what, by which seeds, and what it gained."""
+
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from agents.files import replacing
+from agents.tuning.arm import Arm, Values
+from estimators.checks import short_repr
+from vessel_gym.toml_file import TomlFile
+
+_ARM = {"env_id": str, "agent": str, "options": dict, "conditions": list, "picked": list}
+"""Keys of the table ``arm``, and their types."""
+_CHECKED = ("sensors", "estimator")
+"""Options that decide whether tuned parameters are used for what they were tuned for."""
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """Parameters of an estimator and a controller that were tuned together.
+
+    Attributes:
+        arm: What was tuned.
+        values: Value of each parameter, by name.
+        made_by: Versions, source, seeds and evaluations.
+        found: Scores and other results of the tuning.
+    """
+
+    arm: Arm
+    values: Values
+    made_by: dict[str, Any] = field(default_factory=dict)
+    found: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def env_options(self) -> dict[str, Any]:
+        """Estimator and its options, as keywords of `gymnasium.make`."""
+        own = self.arm.estimator_options(self.values)
+        options = {"estimator_options": own} if own else {}
+        return {"estimator": self.arm.estimator} | options
+
+    def agent(self) -> Any:
+        """The controller with its tuned parameters, for `agents.rollout`."""
+        return self.arm.made_agent(self.values)
+
+    def options_for(self, env_id: str, given: dict[str, Any]) -> dict[str, Any]:
+        """Options of an environment with the tuned estimator.
+
+        Args:
+            env_id: Environment.
+            given: Its other options.
+
+        Raises:
+            ValueError: for another environment, other sensors or another estimator.
+        """
+        arm = self.arm
+        if env_id != arm.env_id:
+            raise ValueError(f"these parameters were tuned for {arm.env_id}, not for {env_id}")
+        known = {
+            "sensors": [(arm.options | each).get("sensors", "nominal") for each in arm.conditions],
+            "estimator": [arm.estimator],
+        }
+        for key in _CHECKED:
+            chosen = given.get(key) or known[key][0 if key == "estimator" else -1]
+            chosen = given.get(key, "nominal") if key == "sensors" else chosen
+            if chosen not in known[key]:
+                raise ValueError(
+                    f"these parameters were tuned for {key} {' or '.join(map(str, known[key]))}, not"
+                    f" for {short_repr(chosen)}: tune for that, or leave the tuned file out"
+                )
+        return dict(given) | self.env_options
+
+    def write(self, path: Path) -> None:
+        """Write the file.
+
+        Raises:
+            OSError: if it cannot be written.
+        """
+        arm = {key: getattr(self.arm, key) for key in _ARM}
+        tables = {"arm": arm, "values": self.values, "made_by": self.made_by, "found": self.found}
+        lines = ["# Written by `vessel-gym tune`; see [made_by] for what it follows from."]
+        for name, table in tables.items():
+            lines += ["", f"[{name}]", *(f"{_key(k)} = {_toml(v)}" for k, v in table.items())]
+        with replacing(path) as temporary:
+            temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
+
+
+def load_tuned(path: str | Path) -> Tuned:
+    """The tuned parameters in a file that `vessel-gym tune` has written.
+
+    Raises:
+        ValueError: for a file that is no such file, or is of an environment that is not there.
+        OSError: if it cannot be read.
+    """
+    file = TomlFile(Path(path))
+    tables = {name: file.data.get(name) for name in ("arm", "values", "made_by", "found")}
+    whole = all(isinstance(each, dict) for each in tables.values())
+    arm, values = tables["arm"] or {}, tables["values"] or {}
+    whole = whole and all(isinstance(arm.get(key), kind) for key, kind in _ARM.items())
+    if not whole or not all(isinstance(each, float) for each in values.values()):
+        raise ValueError(f"{path} is no file of tuned parameters, as vessel-gym tune writes it")
+    arm |= {key: tuple(arm[key]) for key in ("conditions", "picked")}
+    return Tuned(Arm(**{key: arm[key] for key in _ARM}), values, tables["made_by"], tables["found"])
+
+
+def _key(name: str) -> str:
+    return name if name.isidentifier() else json.dumps(name)
+
+
+def _toml(value: Any) -> str:
+    """A value in TOML."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_key(k)} = {_toml(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return json.dumps(value, ensure_ascii=False)
