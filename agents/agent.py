@@ -54,6 +54,7 @@ def load_agent(name: str | Path, env: Any) -> Agent:
             - ``"ppo"``, which comes with the package, trained on the environment's default
               estimates;
             - ``"random"``;
+            - the path of a file of tuned parameters (``.toml``) of `vessel-gym tune`;
             - the path of a policy (``.npz``) that `agents.save_agent` or ``vessel-gym train``
               wrote, or of the stable-baselines3 model (``.zip``) beside it;
             - ``"module:object"``, a controller of your own: the object is called with the
@@ -85,6 +86,10 @@ def load_agent(name: str | Path, env: Any) -> Agent:
         if not env.core.config.options.guidance:
             raise ValueError(f"the {name} goes by guidance: leave out guidance")
         return make_controller(str(name), env.system)
+    if Path(name).suffix == ".toml":
+        from agents.tuning.tuned import load_tuned  # which loads agents
+
+        return load_tuned(name).agent()
     path = policy_path(name)
     if os.path.isfile(path):  # which takes any name; pathlib raises for one that is too long
         return TrainedAgent(path, given)

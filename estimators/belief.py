@@ -66,7 +66,9 @@ class Belief:
     def with_parameters(cls) -> type[Self]:
         """The class of these beliefs with a field ``parameters``."""
         added = [("parameters", np.ndarray, field())]
-        return make_dataclass(cls.__name__, added, bases=(cls,), frozen=True, eq=False, kw_only=True)
+        return make_dataclass(
+            cls.__name__, added, bases=(cls,), frozen=True, eq=False, kw_only=True
+        )
 
     @classmethod
     def of(cls, arrays: dict[str, Any]) -> Self:

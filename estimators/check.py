@@ -147,7 +147,8 @@ def _steps(filter: Filter, prior: Gaussian, u: np.ndarray | None, row: int | Non
     mean = prior.mean + (rows[..., None] - 1.0) * 0.5 * np.sqrt(prior.cov.diagonal(0, -2, -1))
     known = None if u is None else np.broadcast_to(u, (_STEPS, *mean.shape[:-1], len(u)))
     expected = _expected(filter.model, mean, None if known is None else known[0])
-    R = filter._noise(Gaussian(mean, prior.cov), None if known is None else known[0], None)
+    before = Belief.of({"mean": mean, "cov": prior.cov})
+    R = filter._noise(before, None if known is None else known[0], None)
     sd = np.sqrt(R.diagonal(0, -2, -1))
     away = np.where(sd > 0.0, np.minimum(0.1, 0.5 * sd), 0.1)  # as particles can explain it
     y = expected + away * np.arange(1.0, _STEPS + 1.0).reshape(-1, *(1,) * expected.ndim)

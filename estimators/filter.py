@@ -165,7 +165,9 @@ class Filter(ABC, Generic[Record]):
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
         """Next mean ``(..., n)``, Jacobian A, and Q."""
         model = self.model
-        return *model.linearise_transition(belief.mean, u, belief.cov), self._process_noise(belief, u)
+        return *model.linearise_transition(belief.mean, u, belief.cov), self._process_noise(
+            belief, u
+        )
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
         """Expected measurement, C, and R: the argument, or the model's if it is None."""

@@ -4,6 +4,7 @@ from contextlib import closing
 from typing import Any
 
 from agents.commands.console import asked, print_table, progress
+from agents.commands.options import acting
 
 DEFAULT = "default"
 """Stands for the environment's own estimator."""
@@ -30,6 +31,7 @@ def main(
     from agents.seeds import evaluation_seeds
     from agents.studies.worlds import environment_options, registered_id, system_of
 
+    agent = acting(agent, options)
     with asked():
         default = system_of(env_id := registered_id(env_id)).estimator or "no estimator"
         seeds = evaluation_seeds(episodes, first_seed)
@@ -37,7 +39,8 @@ def main(
         for name in estimator:
             chosen = options if name == DEFAULT else options | {"estimator": name}
             world = environment_options(env_id, chosen)
-            worlds[default if name == DEFAULT else name] = world
+            label = world.get("estimator", default) if name == DEFAULT else name
+            worlds[label] = world
             with closing(batch(env_id, 1, world)) as env:
                 load_agent(agent, env)
     given = "".join(f", {name}={value}" for name, value in options.items())

@@ -14,6 +14,11 @@ from typing import Any, NoReturn, get_args, get_origin, get_type_hints
 from agents.refusal import Refusal
 
 
+def acting(agent: str, options: dict[str, Any]) -> str:
+    """The agent of a command: with a tuned file its controller, unless another one is named."""
+    return options.get("tuned", agent) if agent == "autopilot" else agent
+
+
 def _assignment(word: str) -> tuple[str, Any]:
     """A word as name=value; the value is TOML, or else a text."""
     name, _, text = word.partition("=")
@@ -40,6 +45,7 @@ ENVIRONMENT: dict[str, tuple[Any, str]] = {
         "who ends a mission: belief or task; the environment's default if not given",
     ),
     "guidance": (bool, "observe the mission relative to the reference, or the state alone"),
+    "tuned": (str, "file of vessel-gym tune, whose estimator and controller are used"),
     "vessel": (
         str,
         "vehicle file, or the name of one that comes with the package, for environments that take"

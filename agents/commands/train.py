@@ -51,6 +51,7 @@ def main(
     from agents.policies.checkpoint import npz_path
     from agents.studies.worlds import environment_id
     from agents.training.algorithms import read_settings
+    from agents.tuning.tuned import load_tuned
 
     algorithm = algorithm.lower()
     out = npz_path(out or Path("results") / algorithm)
@@ -62,6 +63,8 @@ def main(
                 f"{out} is there already: give --force to replace it, or another --out"
             )
         env_id = environment_id(env_id)
+        if "tuned" in options:
+            options = load_tuned(options.pop("tuned")).options_for(env_id, options)
         settings = read_settings(hyperparameters, env_id)[1] if hyperparameters else {}
         _tell_settings(algorithm, env_id)
         given = {"settings": settings | set_, "steps": steps, "algorithm": algorithm}

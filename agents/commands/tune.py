@@ -50,8 +50,10 @@ def main(
 
     journal = out.with_suffix(".jsonl")
     if not (resume or force) and (out.exists() or journal.exists()):
-        raise Refusal(f"{out if out.exists() else journal} is there already: give --resume to go on,"
-                      " --force to replace it, or another --out")
+        raise Refusal(
+            f"{out if out.exists() else journal} is there already: give --resume to go on,"
+            " --force to replace it, or another --out"
+        )
     if force and not resume:
         journal.unlink(missing_ok=True)
     chosen = {} if estimator == "default" else {"estimator": estimator}
@@ -75,8 +77,15 @@ def _print(tuned: Any, out: Path) -> None:
         gain, low, high = found["gain_of"][name]
         note = "at its bound" if name in found["at_bound"] else ""
         note = note or ("no effect" if max(-low, high) < 0.002 else "")
-        rows.append([name, f"{parameter.value:.3g}", f"{tuned.values[name]:.3g}",
-                     f"{gain:+.3f} ± {0.5 * (high - low):.3f}", note])
+        rows.append(
+            [
+                name,
+                f"{parameter.value:.3g}",
+                f"{tuned.values[name]:.3g}",
+                f"{gain:+.3f} ± {0.5 * (high - low):.3f}",
+                note,
+            ]
+        )
     gain, low, high = found["gain"]
     title = f"{arm.env_id}, {arm.estimator}, {arm.agent}: gain of each parameter on fresh seeds"
     print_table(title, ["parameter", "delivered", "tuned", "gain", ""], [rows])

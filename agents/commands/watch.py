@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from agents.commands.console import asked, progress
+from agents.commands.options import acting
 
 FPS = 12
 """Frames a second of a GIF or MP4."""
@@ -43,6 +44,7 @@ def main(
     from agents.files import check_file
     from agents.studies.worlds import environment_options, registered_id
 
+    agent = acting(agent, options)
     with asked():
         check_kind(out)
         options = environment_options(env_id := registered_id(env_id), options)

@@ -10,6 +10,10 @@ from agents.metrics import SCORE, consistency, scores
 from agents.rollouts import rollout
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import environment_options, import_own, registered_id, system_of
+from agents.tuning.tuned import load_tuned
+
+NEEDED = "checkpoint"
+"""Stands for an agent that another job makes."""
 
 
 def fly(
@@ -27,13 +31,13 @@ def fly(
     Args:
         environment: As in the study.
         options: Of the environment.
-        agent: As `agents.load_agent` takes it, or ``"checkpoint"``: the one that is needed.
+        agent: As `agents.load_agent` takes it, or `NEEDED`: what is needed.
         first_seed: See `agents.seeds.evaluation_seeds`.
         episodes: Number of seeds.
         own: Source digests of the user's own modules, by name: part of the job, and imported for
             what they register.
         metrics: Compute all metrics; else the score alone, for which no history is recorded.
-        needs: The checkpoint, if there is one.
+        needs: The checkpoint or the file of tuned parameters, if there is one.
 
     Returns:
         ``episodes``: columns of a table with a row for each seed: ``end``; ``completed``, where the
@@ -42,8 +46,13 @@ def fly(
         chi-square band, NaN without a covariance.
     """
     import_own(own)
+    acting: Any = str(needs[0]) if agent == NEEDED else agent
+    if agent == NEEDED and needs[0].suffix == ".toml":
+        tuned = load_tuned(needs[0])
+        acting = tuned.agent()
+        options = options | {"estimator_options": tuned.arm.estimator_options(tuned.values)}
     flown = rollout(
-        str(needs[0]) if agent == "checkpoint" else agent,
+        acting,
         registered_id(environment),
         evaluation_seeds(episodes, first_seed),
         environment_options(environment, options),

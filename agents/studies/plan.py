@@ -8,7 +8,18 @@ from typing import Any
 
 from agents.controllers import is_controller, unknown_controller
 from agents.jobs import Job
-from agents.studies.records import DEFAULT, RAW, Agent, Condition, Estimator, Study
+from agents.studies.flying import NEEDED
+from agents.studies.records import (
+    DEFAULT,
+    EACH,
+    FLOOR,
+    RAW,
+    Agent,
+    Condition,
+    Estimator,
+    Study,
+    Tuning,
+)
 from agents.studies.worlds import digests, environment_id, refusal, system_of
 from agents.training.algorithms import describe
 
@@ -126,6 +137,38 @@ class _EnvironmentPlan:
                         job = self._fly(agent, condition, each, training)
                         at = env, condition.name, policy, each.name, run, each.name == home
                         yield Flight(*at, job)
+            if self.study.tune and is_controller(agent.kind, self.system):
+                yield from self._tuned_flights(agent, self.study.tune, conditions)
+
+    def _tuned_flights(
+        self, agent: Agent, tuning: Tuning, conditions: list[Condition]
+    ) -> Iterator[Flight]:
+        """Flights of a classical agent that is tuned with each estimator."""
+        floor = [each for each in self.estimators.values() if each.name != FLOOR]
+        for estimator, run in product(floor, range(tuning.tunings)):
+            once = [c for c in conditions if c.name in tuning.conditions] or conditions[:1]
+            for condition in conditions:
+                given = [condition] if EACH in tuning.conditions else once
+                needed = self._tune(agent, tuning, given, estimator, run)
+                job = self._fly(agent, condition, estimator, needed)
+                at = self.environment, condition.name, agent.tuned, estimator.name, run
+                yield Flight(*at, estimator.name == self.system.estimator, job)
+
+    def _tune(
+        self, agent: Agent, tuning: Tuning, conditions: list[Condition], estimator: Estimator,
+        seed: int,
+    ) -> Job:  # fmt: skip
+        """The tuning of a classical agent with an estimator."""
+        arguments = self._world(agent, conditions[0], estimator, agent.kind)
+        shared = {
+            k: v for k, v in arguments.pop("options").items() if k not in conditions[0].options
+        }
+        arguments |= {
+            "agent": agent.kind, "options": shared, "conditions": [c.options for c in conditions],
+            "evaluations": tuning.evaluations, "episodes": tuning.episodes, "seed": seed,
+        }  # fmt: skip
+        label = f"tune {agent.name} on {estimator.name} in {self.environment}"
+        return Job("agents.studies.tuning:tune_arm", arguments, label, artifact=".toml")
 
     def _policies(self, agent: Agent) -> Iterator[tuple[str, str, int, Job | None]]:
         """Name, home estimator, run and training of every policy of an agent."""
@@ -164,7 +207,7 @@ class _EnvironmentPlan:
     def _fly(
         self, agent: Agent, condition: Condition, estimator: Estimator, training: Job | None
     ) -> Job:
-        controller = "checkpoint" if training else agent.kind
+        controller = NEEDED if training else agent.kind
         arguments = self._world(agent, condition, estimator, controller) | {
             "agent": controller,
             "first_seed": self.study.first_seed,

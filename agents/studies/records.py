@@ -94,6 +94,11 @@ class Agent(_Somewhere):
         return self.name if self.raw else f"{self.name} trained on {trained_on}"
 
     @property
+    def tuned(self) -> str:
+        """Its name after a tuning."""
+        return f"{self.name}, {TUNED}"
+
+    @property
     def policies(self) -> list[str]:
         """Names of its learned policies, one for each estimator that it is trained on."""
         trained_on = ("",) if self.raw else self.trained_on
@@ -135,6 +140,30 @@ class Condition(_Somewhere):
 
 
 @dataclass(frozen=True)
+class Tuning:
+    """Tuning of the classical agents with every estimator, before they are compared.
+
+    Attributes:
+        evaluations: Largest number of candidates, the same for every arm.
+        episodes: Tuning seeds of a candidate in each condition.
+        tunings: Tunings of each arm, with their own seeds: the unit of resampling.
+        conditions: Names of the conditions for whose mean score an arm is tuned once, to be used in
+            all conditions; ``"each"``: it is tuned for each condition.
+    """
+
+    evaluations: int = 100
+    episodes: int = 40
+    tunings: int = 3
+    conditions: tuple[str, ...] = ()
+
+
+EACH = "each"
+"""Stands for the tuning for each condition."""
+TUNED = "tuned"
+"""End of the name of an agent that is tuned."""
+
+
+@dataclass(frozen=True)
 class Study:
     """A study: environments, estimators, agents and conditions.
 
@@ -150,6 +179,7 @@ class Study:
         margin: Of equivalence: differences of the share kept that are smaller do not matter.
         termination: One of `vessel_gym.simulation.configuration.TERMINATIONS`: what ends a
             mission, for all agents and both ends of the scale alike.
+        tune: How classical agents and estimators are tuned together; None: not at all.
     """
 
     title: str
@@ -162,6 +192,7 @@ class Study:
     first_seed: int = 0
     margin: float = 0.01
     termination: str = "belief"
+    tune: Tuning | None = None
 
     @property
     def seeds(self) -> list[int]:

@@ -8,7 +8,18 @@ from typing import Any
 from agents.controllers import AUTOPILOT, PPO, controller_names, is_controller, make_controller
 from agents.seeds import evaluation_seeds
 from agents.studies.plan import plan
-from agents.studies.records import DEFAULT, FLOOR, ORACLE, RAW, Agent, Condition, Estimator, Study
+from agents.studies.records import (
+    DEFAULT,
+    EACH,
+    FLOOR,
+    ORACLE,
+    RAW,
+    Agent,
+    Condition,
+    Estimator,
+    Study,
+    Tuning,
+)
 from agents.studies.worlds import (
     environment_id,
     environment_options,
@@ -53,7 +64,7 @@ def read_study(path: Path | str) -> Study:
     return study
 
 
-_SECTIONS = ("environments", "estimators", "agents", "conditions")
+_SECTIONS = ("environments", "estimators", "agents", "conditions", "tune")
 _OBSERVED = ("mean", "mean+std", "measurement")
 _LEARNED = {"observe", "memory", "trained_on", "flown_on", "steps", "settings"}
 """Keys of agents that learn."""
@@ -91,6 +102,9 @@ _KEYS: dict[str, tuple[Any, ...]] = {
         lambda value: all(type(n) is int and 1 <= n <= _MOST for n in value.values()),
     ),
     "settings": (dict, "a table"),
+    "evaluations": (int, "a whole number of at least 1", lambda value: value >= 1),
+    "tunings": (int, "a whole number from 1 to 1000", lambda value: 1 <= value <= 1000),
+    "conditions": _LIST,
 }
 """Type in TOML of each key, its description, and perhaps a test; other keys take a name."""
 
@@ -128,13 +142,14 @@ class _Reader:
         conditions = self.conditions()
         estimators = self.estimators()
         agents = self.agents(estimators)
+        tune = self.tuning(conditions)
         self.place = ()
         values = self.values(self.data, [key for key in keys if key not in _SECTIONS])
         # Measurements contain no belief: where an agent sees them, the truth ends a mission.
         values.setdefault("termination", "task" if any(a.raw for a in agents) else "belief")
         title = values.pop("title", "What does the estimator cost?")
         found = tuple(estimators.values())
-        study = Study(title, tuple(self.ids), found, agents, conditions, **values)
+        study = Study(title, tuple(self.ids), found, agents, conditions, tune=tune, **values)
         self.accepts("episodes", evaluation_seeds, study.episodes, study.first_seed)
         alone = plan(replace(study, environments=tuple(self.worlds), agents=()))
         for name, estimator in estimators.items():
@@ -260,6 +275,21 @@ class _Reader:
     def here(self, record: Any) -> list[str]:
         """The environments of an estimator, agent or condition."""
         return [world for world in self.worlds if record.is_in(world)]
+
+    def tuning(self, conditions: Sequence[Condition]) -> Tuning | None:
+        """How agents and estimators are tuned together, if they are."""
+        self.place, table = ("tune",), self.data.get("tune")
+        if table is None:
+            return None
+        if not isinstance(table, dict):
+            self.wrong("tune must be a table: [tune] with evaluations, tunings and others")
+            return None
+        keys = [each.name for each in fields(Tuning)]
+        self.known("key in tune", table, keys)
+        tuning = Tuning(**self.values(table, keys))
+        names = [each.name for each in conditions]
+        self.known("condition", tuning.conditions, (*names, EACH), "conditions")
+        return tuning
 
     def tables(self, section: str, keys: Sequence[str]) -> Iterator[tuple[str, dict[str, Any]]]:
         """Names and tables of a section, each while it is the entry."""

@@ -104,9 +104,14 @@ def environment_options(environment: str, options: dict[str, Any]) -> dict[str, 
     """Options of a study or a command as an environment takes them.
 
     Estimator, sensors and disturbance of one's own are imported; of late sensors and faults those
-    are taken that the environment has.
+    are taken that the environment has. ``tuned`` is a file of tuned parameters, whose estimator is
+    taken.
     """
     system, made = system_of(environment), dict(options)
+    if path := made.pop("tuned", None):
+        from agents.tuning.tuned import load_tuned  # which looks up environments here
+
+        made = load_tuned(path).options_for(environment, made)
     for key in ("estimator", "sensors", "disturbance"):
         if isinstance(name := made.get(key), str) and ":" in name:
             made[key] = named_object(name)

@@ -91,7 +91,9 @@ def search(
     ranges = {name: each.range for name, each in parameters.items()}
 
     def values(point: np.ndarray) -> Values:
-        return {name: r.from_unit(share) for (name, r), share in zip(ranges.items(), point, strict=True)}
+        return {
+            name: r.from_unit(share) for (name, r), share in zip(ranges.items(), point, strict=True)
+        }
 
     def loss(point: np.ndarray) -> float:
         point = np.clip(point, 0.0, 1.0)

@@ -99,7 +99,9 @@ def _scores(
     horizon = core.config.system.task.horizon
     while alive.any():
         observations = core.observe()
-        actions = np.concatenate([a.act(observations[own]) for a, own in zip(agents, rows, strict=True)])
+        actions = np.concatenate(
+            [a.act(observations[own]) for a, own in zip(agents, rows, strict=True)]
+        )
         core.advance(actions, core.action_shape, ended=~alive, info=False)
         done = alive & ((core.last.end != 0) | (core.last.steps >= horizon))
         if done.any():

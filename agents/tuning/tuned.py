@@ -7,13 +7,10 @@ from typing import Any
 
 from agents.files import replacing
 from agents.tuning.arm import Arm, Values
-from estimators.checks import short_repr
 from vessel_gym.toml_file import TomlFile
 
 _ARM = {"env_id": str, "agent": str, "options": dict, "conditions": list, "picked": list}
 """Keys of the table ``arm``, and their types."""
-_CHECKED = ("sensors", "estimator")
-"""Options that decide whether tuned parameters are used for what they were tuned for."""
 
 
 @dataclass(frozen=True)
@@ -37,36 +34,37 @@ class Tuned:
         """Estimator and its options, as keywords of `gymnasium.make`."""
         own = self.arm.estimator_options(self.values)
         options = {"estimator_options": own} if own else {}
-        return {"estimator": self.arm.estimator} | options
+        chosen = self.arm.worlds[0].get("estimator", self.arm.estimator)
+        return {"estimator": chosen} | options
 
     def agent(self) -> Any:
         """The controller with its tuned parameters, for `agents.rollout`."""
         return self.arm.made_agent(self.values)
 
     def options_for(self, env_id: str, given: dict[str, Any]) -> dict[str, Any]:
-        """Options of an environment with the tuned estimator.
+        """Options of an environment with the tuned estimator in place of its own.
 
         Args:
             env_id: Environment.
             given: Its other options.
 
         Raises:
-            ValueError: for another environment, other sensors or another estimator.
+            ValueError: for an environment, sensors or an estimator that were not tuned.
         """
-        arm = self.arm
-        if env_id != arm.env_id:
-            raise ValueError(f"these parameters were tuned for {arm.env_id}, not for {env_id}")
-        known = {
-            "sensors": [(arm.options | each).get("sensors", "nominal") for each in arm.conditions],
-            "estimator": [arm.estimator],
+        suites = [
+            (self.arm.options | each).get("sensors", "nominal") for each in self.arm.conditions
+        ]
+        asked = {
+            "environment": (env_id, [self.arm.env_id]),
+            "sensors": (given.get("sensors", "nominal"), suites),
+            "estimator": (given.get("estimator", self.arm.estimator), [self.arm.estimator]),
         }
-        for key in _CHECKED:
-            chosen = given.get(key) or known[key][0 if key == "estimator" else -1]
-            chosen = given.get(key, "nominal") if key == "sensors" else chosen
-            if chosen not in known[key]:
+        for what, (chosen, known) in asked.items():
+            if chosen not in known:
+                names = " or ".join(map(str, dict.fromkeys(map(str, known))))
                 raise ValueError(
-                    f"these parameters were tuned for {key} {' or '.join(map(str, known[key]))}, not"
-                    f" for {short_repr(chosen)}: tune for that, or leave the tuned file out"
+                    f"these parameters were tuned for {what} {names}, not for {chosen}: tune for"
+                    " that, or leave out the tuned file"
                 )
         return dict(given) | self.env_options
 

@@ -99,7 +99,9 @@ class Assumptions:
             if key not in given:
                 continue
             if key == "R" and isinstance(given[key], dict):
-                given[key] = *((name, _factor(f"R of {name}", f)) for name, f in given[key].items()),
+                given[key] = (
+                    *((name, _factor(f"R of {name}", f)) for name, f in given[key].items()),
+                )
             else:
                 given[key] = _factor(f"{key} of assume", given[key])
         if "as" in given:

@@ -1,0 +1,206 @@
+"""Estimator and controller are tuned together, in closed loop, on common random numbers."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents import rollout
+from agents.seeds import tuning_seeds
+from agents.tuning.arm import NOISE, Arm, Parameter
+from agents.tuning.search import Journal, search
+from agents.tuning.trials import Trials
+from agents.tuning.tune import tune
+from agents.tuning.tuned import Tuned, load_tuned
+from estimators import ExtendedKalmanFilter, Log
+
+CORVETTE = "SigmaCorvette-v0"
+SEEDS = tuning_seeds(3)
+CANDIDATES: list[dict[str, float]] = [
+    {},
+    {"estimator.Q": 3.0, "estimator.R.gyro compass": 5.0},
+    {"estimator.R.gyro compass": 0.2, "estimator.R.receiver": 4.0},
+]
+
+
+class Inflated(ExtendedKalmanFilter):
+    """An EKF of one's own, in NumPy, whose predicted covariance grows by a factor."""
+
+    tunable = {"factor": Log(1.0, 2.0)}  # noqa: RUF012
+
+    def __init__(self, model: Any, factor: float = 1.01) -> None:
+        super().__init__(model)
+        self.factor = factor
+
+    def _predict(self, *arguments: Any) -> dict[str, Any]:
+        predicted = super()._predict(*arguments)
+        return predicted | {"cov": self.factor * predicted["cov"]}
+
+
+def by_environments(arm: Arm, candidates: list[dict[str, float]]) -> np.ndarray:
+    """Scores ``(C, conditions * N)`` by an environment for each candidate."""
+    found = []
+    for values in candidates:
+        options = {"estimator_options": arm.estimator_options(values)}
+        flown = [
+            rollout(arm.made_agent(values), arm.env_id, SEEDS, world | options, record=False)
+            for world in arm.worlds
+        ]
+        found.append(np.concatenate([each.score for each in flown]))
+    return np.array(found)
+
+
+@pytest.mark.parametrize(
+    ("env_id", "options", "own"),
+    [
+        (CORVETTE, {"estimator": "ekf"}, {}),
+        (CORVETTE, {"estimator": "huber-kf-nonlinear"}, {"estimator.gamma": 2.5}),
+        (CORVETTE, {"estimator": "enkf"}, {"estimator.inflation": 1.02}),
+        (CORVETTE, {"estimator": "truth"}, {}),
+        (CORVETTE, {"estimator": "measurement"}, {}),
+        (CORVETTE, {"estimator": Inflated}, {"estimator.factor": 1.05}),
+    ],
+    ids=lambda each: str(each.get("estimator")) if isinstance(each, dict) else each,
+)  # fmt: skip
+def test_candidates_side_by_side_score_as_alone(env_id: str, options: Any, own: dict[str, float]):
+    conditions = ({"disturbance": "rough"}, {"sensors": "budget"})
+    arm = Arm(env_id, options=options, conditions=conditions)
+    candidates = [each | own for each in CANDIDATES]
+    if options["estimator"] in ("truth", "measurement"):
+        candidates = [{}, {}]
+    found = Trials(arm, SEEDS).scores(candidates)
+    # The root of Q is scaled in one way and computed anew in the other; members magnify rounding.
+    atol = 1e-6 if options["estimator"] == "enkf" else 1e-10
+    np.testing.assert_allclose(found, by_environments(arm, candidates), rtol=0.0, atol=atol)
+
+
+def test_factors_given_to_the_environment_are_delivered():
+    given = {"assume": {"Q": 3.0, "R": {"gyro compass": 5.0}}}
+    plain, own = Arm(CORVETTE, options={"estimator": "ekf"}), {"estimator_options": given}
+    scored = Trials(Arm(CORVETTE, options={"estimator": "ekf"} | own), SEEDS).scores([{}])
+    np.testing.assert_allclose(scored, Trials(plain, SEEDS).scores(CANDIDATES[1:2]), atol=1e-12)
+
+
+def test_a_candidate_without_a_design_scores_as_failed():
+    class Undesigned(Trials):
+        def _agent(self, values: Any) -> Any:
+            return None if values else super()._agent(values)
+
+    found = Undesigned(Arm(CORVETTE, options={"estimator": "ekf"}), SEEDS).scores([{}, {"a": 1.0}])
+    assert (found[0] > 0.0).all()
+    assert (found[1] == 0.0).all()
+
+
+# --- search ---------------------------------------------------------------------------------------
+
+PARAMETERS = {name: Parameter(NOISE, 1.0) for name in ("a", "b", "c")}
+OPTIMUM = {"a": 3.0, "b": 0.2, "c": 1.5}
+
+
+def hill(values: dict[str, float]) -> float:
+    """A smooth score with its maximum, 1, at `OPTIMUM`."""
+    away = [np.log(values[name] / best) for name, best in OPTIMUM.items()]
+    return float(np.exp(-0.5 * np.square(away).sum()))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_search_finds_the_top_of_a_smooth_hill(seed: int):
+    found = search(hill, PARAMETERS, 100, seed, Journal(None, {}))
+    assert {name: pytest.approx(best, rel=0.1) for name, best in OPTIMUM.items()} == found
+
+
+def test_an_interrupted_search_ends_at_the_same_bits(tmp_path: Path):
+    whole = tmp_path / "whole.jsonl"
+    expected = search(hill, PARAMETERS, 40, 1, Journal(whole, {"made": "by"}))
+    lines = whole.read_text().splitlines(keepends=True)
+    cut = tmp_path / "cut.jsonl"
+    cut.write_text("".join(lines[:12]) + lines[12][:9])  # killed in the middle of a line
+    asked: list[float] = []
+
+    def counted(values: dict[str, float]) -> float:
+        asked.append(values["a"])
+        return hill(values)
+
+    assert search(counted, PARAMETERS, 40, 1, Journal(cut, {"made": "by"})) == expected
+    assert len(asked) == len(lines) - 12
+    assert cut.read_text() == whole.read_text()
+
+
+def test_an_interrupt_keeps_the_best_so_far():
+    asked: list[float] = []
+
+    def stopped(values: dict[str, float]) -> float:
+        if len(asked) == 12:
+            raise KeyboardInterrupt
+        asked.append(hill(values))
+        return asked[-1]
+
+    found = search(stopped, PARAMETERS, 40, 0, Journal(None, {}))
+    assert hill(found) == max(asked)
+
+
+# --- tunings and their files ----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def tuned() -> Tuned:
+    """The EKF's factors on R, tuned in a few evaluations."""
+    arm = Arm(CORVETTE, options={"estimator": "ekf"}, picked=())
+    return tune(arm, evaluations=12, episodes=4, fresh=8)
+
+
+def test_what_is_tuned_is_what_the_file_gives(tuned: Tuned, tmp_path: Path):
+    tuned.write(path := tmp_path / "tuned.toml")
+    read = load_tuned(path)
+    assert (read.values, read.made_by) == (tuned.values, tuned.made_by)
+    assert json.dumps(read.found) == json.dumps(tuned.found)
+    ours, theirs = (
+        rollout(each.agent(), CORVETTE, SEEDS, each.env_options).score for each in (tuned, read)
+    )
+    np.testing.assert_array_equal(ours, theirs)
+    by_name = rollout(str(path), CORVETTE, SEEDS, read.env_options).score
+    np.testing.assert_array_equal(ours, by_name)
+
+
+def test_the_scale_of_Q_and_R_makes_NEES_one(tuned: Tuned):
+    gained = tuned.found["after"] - max(tuned.found["best_so_far"])
+    assert abs(gained) < 0.002
+    assert 0.5 < tuned.found["position_nees"] < 2.0
+
+
+def test_a_tuned_file_is_refused_elsewhere(tuned: Tuned):
+    assert tuned.options_for(CORVETTE, {"disturbance": "rough"})["disturbance"] == "rough"
+    for env_id, given, said in (
+        ("SigmaChannel-v0", {}, "tuned for environment SigmaCorvette-v0, not for SigmaChannel"),
+        (CORVETTE, {"sensors": "budget"}, "tuned for sensors nominal, not for budget: tune"),
+        (CORVETTE, {"estimator": "ukf"}, "tuned for estimator ekf, not for ukf"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            tuned.options_for(env_id, given)
+
+
+@pytest.mark.parametrize("text", ["", "[arm]\nenv_id = 3", "x = ["])
+def test_other_files_hold_no_tuned_parameters(text: str, tmp_path: Path):
+    (path := tmp_path / "other.toml").write_text(text)
+    with pytest.raises(ValueError, match="other.toml"):
+        load_tuned(path)
+
+
+@pytest.mark.parametrize(
+    ("arm", "said"),
+    [
+        (Arm(CORVETTE, picked=("estimator.S",)), "unknown parameter 'estimator.S'.*estimator.Q"),
+        (Arm(CORVETTE, "random", {"estimator": "truth"}), "nothing that can be tuned"),
+    ],
+)
+def test_an_arm_without_the_parameters_is_refused(arm: Arm, said: str):
+    with pytest.raises(ValueError, match=said):
+        arm.parameters  # noqa: B018
+
+
+def test_a_journal_of_another_tuning_is_refused(tmp_path: Path):
+    Journal(tmp_path / "a.jsonl", {"seed": 0})
+    with pytest.raises(ValueError, match="the journal of another tuning"):
+        Journal(tmp_path / "a.jsonl", {"seed": 1})
