@@ -1,6 +1,7 @@
 """Agents: batches of observations in, batches of actions out."""
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -12,6 +13,8 @@ from agents.policies.agent import TrainedAgent
 from agents.policies.checkpoint import packaged, policy_path
 from agents.wrapped import core_of
 from estimators.checks import short_repr
+from estimators.tunable import check_parameters
+from vessel_gym.checks import options
 
 
 @runtime_checkable
@@ -43,7 +46,7 @@ class RandomAgent:
         return self._rng.uniform(-1.0, 1.0, (len(observations), self._size)).astype(np.float32)
 
 
-def load_agent(name: str | Path, env: Any) -> Agent:
+def load_agent(name: str | Path, env: Any, parameters: Mapping[str, float] | None = None) -> Agent:
     """An agent by name, or a trained one from its file.
 
     Args:
@@ -60,18 +63,26 @@ def load_agent(name: str | Path, env: Any) -> Agent:
             - ``"module:object"``, a controller of your own: the object is called with the
               environment's `System`. The module is imported, which runs its code.
         env: The environment in which the agent will act, single or vector, wrapped or not.
+        parameters: Parameters of a controller by name, of those in its attribute ``tunable``; the
+            others have their defaults.
 
     Raises:
         ValueError: if the name is none of these, or if the policy is damaged or was trained on
-            another observation or vehicle.
-        TypeError: for what is neither a name nor a path, or if ``"module:object"`` makes no agent.
+            another observation or vehicle; for an unknown parameter, or one that is not a finite
+            number or not above 0 where it must be.
+        numpy.linalg.LinAlgError: if no controller stabilises the vehicle with these parameters.
+        TypeError: for what is neither a name nor a path, for parameters that are no dictionary, or
+            if ``"module:object"`` makes no agent.
     """
     if not isinstance(name, str | os.PathLike):
         raise TypeError(
             "load_agent takes a name, autopilot or random, or the path of a checkpoint, got"
             f" {short_repr(name)}"
         )
-    given, env = env, env.unwrapped
+    given, env, path = env, env.unwrapped, policy_path(name)
+    parameters = options("parameters", parameters)
+    if name in (RANDOM, PPO) or os.path.isfile(path):  # pathlib raises for a name too long
+        check_parameters(str(name), {}, parameters)
     if name == RANDOM:
         space = getattr(env, "single_action_space", env.action_space)
         if not isinstance(space, Box):
@@ -85,16 +96,15 @@ def load_agent(name: str | Path, env: Any) -> Agent:
             raise ValueError(f'the {name} needs estimates: use observe="mean" or "mean+std"')
         if not env.core.config.options.guidance:
             raise ValueError(f"the {name} goes by guidance: leave out guidance")
-        return make_controller(str(name), env.system)
+        return make_controller(str(name), env.system, **parameters)
     if Path(name).suffix == ".toml":
         from agents.tuning.tuned import load_tuned  # which loads agents
 
         return load_tuned(name).agent()
-    path = policy_path(name)
-    if os.path.isfile(path):  # which takes any name; pathlib raises for one that is too long
+    if os.path.isfile(path):
         return TrainedAgent(path, given)
     if isinstance(name, str) and ":" in name:
-        return make_controller(name, core_of(given).config.system)
+        return make_controller(name, core_of(given).config.system, **parameters)
     if Path(name).suffix in (".zip", ".npz") or len(Path(name).parts) > 1:
         raise ValueError(f"there is no checkpoint {str(name)!r}")
     if not ours:

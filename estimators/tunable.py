@@ -51,7 +51,7 @@ class Log(Linear):
         super().__post_init__()
 
     def to_unit(self, value: float) -> float:
-        """Share of the range at which a value lies, in logarithms: 0 for ``low``, 1 for ``high``."""
+        """Share of the range, in logarithms, at which a value lies: 0 for low, 1 for high."""
         return float(np.log(value / self.low) / np.log(self.high / self.low))
 
     def from_unit(self, share: float) -> float:

@@ -14,6 +14,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from agents.named import named_object
+from estimators.tunable import check_parameters
 from vessel_gym.registry import Registry
 from vessel_gym.system import System
 
@@ -25,8 +26,8 @@ PPO = "ppo"
 """The name of the trained agent that comes with the package; in studies, of one trained anew."""
 _TAKEN = (RANDOM, PPO, "checkpoint")  # what else agents are called, by commands and in studies
 
-Factory = Callable[[System], Any]
-"""Makes an `agents.agent.Agent` for a system."""
+Factory = Callable[..., Any]
+"""Makes an `agents.agent.Agent` for a system, and for parameters by name."""
 F = TypeVar("F", bound=Factory)
 
 
@@ -76,16 +77,19 @@ def is_controller(name: str, system: System) -> bool:
     return ":" in name or name in CONTROLLERS.of(system.task)
 
 
-def make_controller(name: str, system: System) -> Any:
+def make_controller(name: str, system: System, **parameters: float) -> Any:
     """The controller of a system.
 
     Args:
         name: As registered; or ``"module:object"``, a user's own, which is imported and called with
-            the system.
+            the system and the parameters.
         system: What is flown.
+        parameters: Parameters that the controller's attribute ``tunable`` names.
 
     Raises:
-        ValueError: if there is no such controller, or it does not fly this system.
+        ValueError: if there is no such controller, or it does not fly this system; for an unknown
+            parameter, or one that is not a finite number or not above 0 where it must be.
+        numpy.linalg.LinAlgError: if no controller stabilises the vehicle with these parameters.
         TypeError: if what is named makes no agent.
     """
     controllers = CONTROLLERS.of(system.task)
@@ -96,7 +100,8 @@ def make_controller(name: str, system: System) -> Any:
         raise TypeError(
             f"{name!r} makes no agent: it cannot be called with the environment's system"
         )
-    made = factory(system)
+    check_parameters(name, getattr(factory, "tunable", {}), parameters)
+    made = factory(system, **parameters)
     if not all(callable(getattr(made, method, None)) for method in ("reset", "act")):
         raise TypeError(f"an agent has reset and act, but {name!r} makes {type(made).__name__}")
     return made

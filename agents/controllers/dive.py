@@ -10,51 +10,56 @@ from scipy.optimize import root
 
 from agents.controllers import AUTOPILOT, register_controller
 from agents.controllers.loops import Control, Controller, bryson, jacobian, regulator_gains
-from estimators import wrap
+from estimators import Log, wrap
 from estimators.engine import compiled
 from vessel_gym.processes import interpolated
+from vessel_gym.system import System
 from vessel_gym.tasks.dive import Dive
 from vessel_gym.vehicles.auv import AUV
 
-# Deviations that count alike in the quadratic costs (Bryson's rule): weights are 1 / tolerance^2.
-DIRECTION = 0.06  # rad, of course and flight path
-RATE = 0.4  # rad/s, of yaw and pitch
-FIN = 0.3  # rad
-SPEED = 2.0  # s, time constant in which an error of speed is to vanish
-AHEAD = 1.0  # vehicle lengths to the point that the guidance aims at
 
-
-class Regulator(NamedTuple):
-    """A regulator about steady motions, tabulated over commands -c to c in equal steps ``(m,)``.
+class SteadyMotions(NamedTuple):
+    """Steady motions in a plane, for commands -c to c in equal steps ``(m,)``.
 
     Attributes:
-        gains: ``(k,)`` of the fin on the plane's states, of which the last is the direction.
         command: flight-path angle [rad] or yaw rate [rad/s].
         drift: velocity through the water across the body [m/s].
         fin: rad.
         thrust: N.
+        A: ``(k, k)`` of the plane's states after a step, about the one straight ahead; the middle
+            one is the angular velocity, the last one the angle.
+        B: ``(k, 1)`` of the fin.
+        direction: ``(k,)`` of motion, by states.
     """
 
-    gains: np.ndarray
     command: np.ndarray
     drift: np.ndarray
     fin: np.ndarray
     thrust: np.ndarray
+    A: np.ndarray
+    B: np.ndarray
+    direction: np.ndarray
 
-    def steady(self, command: np.ndarray) -> list[np.ndarray]:
+    def at(self, command: np.ndarray) -> list[np.ndarray]:
         """Drift, fin and thrust of the steady motions with commands ``(...)``."""
         share = np.clip(command / self.command[-1], -1.0, 1.0)
-        at = 0.5 * (len(self.command) - 1.0) * (1.0 + share)
-        return [interpolated(each, at) for each in self[2:]]
+        place = 0.5 * (len(self.command) - 1.0) * (1.0 + share)
+        return [interpolated(each, place) for each in self[1:4]]
 
-    def feedback(self, *deviation: np.ndarray) -> np.ndarray:
-        """Fin [rad] against deviations of the states, ``(...)`` each."""
-        return np.stack(deviation, -1) @ self.gains
+    def gains(self, direction: float, rate: float) -> np.ndarray:
+        """Gains ``(k,)`` of the fin on the states, for tolerances of the direction and its rate.
+
+        Only ratios of tolerances matter, so the fin's is fixed.
+        """
+        Q = np.outer(self.direction, self.direction) / direction**2
+        middle = len(Q) // 2
+        Q[middle, middle] += rate**-2
+        return regulator_gains(self.A, self.B, Q, bryson(0.3))[0]
 
 
 @cache
-def regulator(vehicle: AUV, lateral: bool) -> Regulator:
-    """The regulator of a plane of motion.
+def steady_motions(vehicle: AUV, lateral: bool) -> SteadyMotions:
+    """The steady motions of a vehicle in a plane.
 
     The stern plane acts on heave, pitch rate and flight path, about steady dives and climbs of up
     to 45 deg; the rudder on sway, roll, yaw rate and course, about steady level turns.
@@ -89,9 +94,11 @@ def regulator(vehicle: AUV, lateral: bool) -> Regulator:
         state[index], actuators[fin] = x[:-1], x[-1]
         return _after(vehicle, state, actuators)[index]
 
-    AB = jacobian(step, np.append(state[index], actuators[fin]))
-    gains = _gains(AB[:, :-1], AB[:, -1:], side / speed, rate)
-    return Regulator(gains, command, table[:, 0], table[:, 2], table[:, 3])
+    AB, direction = jacobian(step, np.append(state[index], actuators[fin])), np.zeros(len(index))
+    direction[[0, -1]] = side / speed, 1.0
+    return SteadyMotions(
+        command, table[:, 0], table[:, 2], table[:, 3], AB[:, :-1], AB[:, -1:], direction
+    )
 
 
 def _after(vehicle: AUV, state: np.ndarray, actuators: np.ndarray) -> np.ndarray:
@@ -115,19 +122,6 @@ def _steady_motions(
     return table
 
 
-def _gains(A: np.ndarray, B: np.ndarray, drift: float, rate: int) -> np.ndarray:
-    """Gains ``(k,)`` of a plane's regulator.
-
-    Its states move by ``A (k, k)`` and ``B (k, 1)``: the first moves the direction by ``drift``
-    [rad per m/s], number ``rate`` is the angular velocity, the last the angle.
-    """
-    direction = np.zeros(len(A))
-    direction[[0, -1]] = drift, 1.0
-    Q = np.outer(direction, direction) / DIRECTION**2
-    Q[rate, rate] += RATE**-2
-    return regulator_gains(A, B, Q, bryson(FIN))[0]
-
-
 @register_controller(Dive, AUTOPILOT)
 class DiveAutopilot(Controller):
     """Line-of-sight guidance onto the path; regulators of the course and flight path it asks for.
@@ -135,59 +129,88 @@ class DiveAutopilot(Controller):
     It acts on the observation alone. The guidance aims at a point on the path's tangent a
     look-ahead distance on (Fossen 2011, sec. 10.3) and adds the turn that the path makes; the
     regulators act on deviations from the steady dive and turn that fit, so that the righting moment
-    and the buoyancy need no integral.
+    and the buoyancy need no integral. The ``numbers`` are the look-ahead distance [m], the thrust
+    for an error of speed [N s/m], and the gains of the stern plane and, in space, of the rudder.
+
+    Args:
+        system: The environment's system.
+        direction: Tolerance of course and flight path [rad], where that of a fin is 0.3 rad.
+        rate: Tolerance of the rates of yaw and pitch [rad/s].
+        speed: Time constant in which an error of speed is to vanish [s].
+        ahead: Distance to the point that the guidance aims at, in vehicle lengths.
     """
 
     kind, vehicle = Dive, AUV
+    tunable = {
+        "direction": Log(6e-4, 6.0), "rate": Log(0.004, 40.0), "speed": Log(0.02, 200.0),
+        "ahead": Log(0.01, 100.0),
+    }  # fmt: skip
 
-    def _design(self) -> None:
-        self._body, turns = self._vehicle.body, "rudder" in self._vehicle.action_names
-        self._ahead = AHEAD * self._body.length
-        self._vertical = regulator(self._vehicle, lateral=False)
-        self._lateral = regulator(self._vehicle, lateral=True) if turns else None
+    def __init__(
+        self, system: System, direction: float = 0.06, rate: float = 0.4, speed: float = 2.0,
+        ahead: float = 1.0,
+    ) -> None:  # fmt: skip
+        super().__init__(system)
+        body = self._vehicle.body
+        planes = [False, True] if _turns(self._vehicle) else [False]
+        gains = [steady_motions(self._vehicle, each).gains(direction, rate) for each in planes]
+        self.numbers = np.array([ahead * body.length, body.mass / speed, *np.concatenate(gains)])
 
+    @staticmethod
     @compiled
-    def control(self, observation: np.ndarray, state: np.ndarray) -> Control:
+    def control(
+        observation: np.ndarray, state: np.ndarray, numbers: np.ndarray, *, task: Any, vehicle: Any
+    ) -> Control:
         """Actions ``(..., a)``, fins and thrust; there is no state."""
-        o, body = self._observed(observation), self._body
-        heave, stern, thrust = self._vertical.steady(o["wanted climb"])
+        o, body = _observed(observation, numbers[..., 0], task, vehicle), vehicle.body
+        heave, stern, thrust = steady_motions(vehicle, False).at(o["wanted climb"])
         drift = o["heave"] - heave
         climb = o["climb"] - o["wanted climb"] + drift / body.cruise_speed
-        fins = [stern - self._vertical.feedback(drift, o["pitch rate"], climb)]
-        if self._lateral is not None:
-            sway, rudder, turning = self._lateral.steady(o["turning"])
+        deviation = np.stack([drift, o["pitch rate"], climb], -1)
+        fins = [stern - (numbers[..., 2:5] * deviation).sum(-1)]
+        if _turns(vehicle):
+            sway, rudder, turning = steady_motions(vehicle, True).at(o["turning"])
             drift = o["sway"] - sway
             rates = o["roll rate"], o["yaw rate"] - o["turning"]
             course = -o["course error"] - drift / body.cruise_speed
-            feedback = self._lateral.feedback(drift, *rates, o["roll"], course)
-            fins.insert(0, rudder - feedback)
+            deviation = np.stack([drift, *rates, o["roll"], course], -1)
+            fins.insert(0, rudder - (numbers[..., 5:] * deviation).sum(-1))
             thrust = thrust + turning - body.cruise_thrust
-        thrust = thrust - body.mass / SPEED * o["surge error"]
+        thrust = thrust - numbers[..., 1] * o["surge error"]
         shares = [fin / body.fin_limit for fin in fins]
-        return np.stack([*shares, 2.0 * thrust / body.thrust_limit - 1.0], -1), state
+        actions = np.stack([*shares, 2.0 * thrust / body.thrust_limit - 1.0], -1)
+        return np.clip(actions, -1.0, 1.0), state
 
-    def _observed(self, observation: np.ndarray) -> dict[str, Any]:
-        """Observed quantities in SI, ``(...)`` each, and what the guidance makes of them.
 
-        Beside the names of the task: ``climb``, the flight-path angle over ground, and the wanted
-        one; ``course error``; ``turning`` [rad/s] of the path.
-        """
-        o, speed = defaultdict(float, self._task.named(observation)), self._body.cruise_speed
-        attitude, turn = (o["roll"], o["pitch"]), o["heading error"]
-        ahead, aside, below = _levelled(
-            o["surge error"] + speed + o["current ahead"],
-            o["sway"] + o["current to starboard"],
-            o["heave"] + o["current below"],
-            *attitude,
-        )
-        path = _levelled(o["path ahead"], o["path to starboard"], o["path below"], *attitude)
-        aside_of_path = path[0] * np.sin(turn) - path[1] * np.cos(turn)
-        o["climb"] = np.arctan2(-below, np.hypot(ahead, aside))
-        o["turning"] = o["curvature"] * speed
-        o["wanted climb"] = o["pitch error"] + o["pitch"] - np.arctan(path[2] / self._ahead)
-        sight = np.arctan(aside_of_path / self._ahead)
-        o["course error"] = wrap(turn - sight - np.arctan2(aside, ahead))
-        return o
+def _turns(vehicle: AUV) -> bool:
+    """Has the vehicle a rudder?"""
+    return "rudder" in vehicle.action_names
+
+
+def _observed(
+    observation: np.ndarray, look_ahead: np.ndarray, task: Any, vehicle: AUV
+) -> dict[str, Any]:
+    """Observed quantities in SI, ``(...)`` each, and what the guidance makes of them.
+
+    Beside the names of the task: ``climb``, the flight-path angle over ground, and the wanted
+    one; ``course error``; ``turning`` [rad/s] of the path.
+    """
+    o, speed = defaultdict(float, task.named(observation)), vehicle.body.cruise_speed
+    attitude, turn = (o["roll"], o["pitch"]), o["heading error"]
+    ahead, aside, below = _levelled(
+        o["surge error"] + speed + o["current ahead"],
+        o["sway"] + o["current to starboard"],
+        o["heave"] + o["current below"],
+        *attitude,
+    )
+    path = _levelled(o["path ahead"], o["path to starboard"], o["path below"], *attitude)
+    aside_of_path = path[0] * np.sin(turn) - path[1] * np.cos(turn)
+    o["climb"] = np.arctan2(-below, np.hypot(ahead, aside))
+    o["turning"] = o["curvature"] * speed
+    o["wanted climb"] = o["pitch error"] + o["pitch"] - np.arctan(path[2] / look_ahead)
+    sight = np.arctan(aside_of_path / look_ahead)
+    o["course error"] = wrap(turn - sight - np.arctan2(aside, ahead))
+    return o
 
 
 def _levelled(

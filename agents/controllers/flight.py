@@ -1,33 +1,25 @@
 """Controllers of flights: bank, altitude and airspeed loops from the linearised aircraft."""
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from agents.controllers import AUTOPILOT, register_controller
 from agents.controllers.loops import Control, Controller, bryson, jacobian, regulator_gains
+from estimators import Log
 from estimators.engine import compiled
 from vessel_gym.processes import interpolated
+from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.puna import Puna, trim
 
-# Deviations that count alike in the quadratic costs, by Bryson's rule: weights are 1 / tolerance^2.
-CROSS_TRACK = 2.0  # m
-COURSE = 0.15  # rad
-BANK = 0.25  # rad, of the command
-ALTITUDE = 1.0  # m
-CLIMB = 0.7  # m/s
-AIRSPEED = 1.0  # m/s
-THRUST = 3.0  # N
-ALPHA = 0.007  # rad
-APPROACH = 0.8  # rad, course at which the vector field meets the path from afar
 
-
-@cache
-def lateral_gains(vehicle: Puna) -> np.ndarray:
+def lateral_gains(vehicle: Puna, cross_track: float, course: float) -> np.ndarray:
     """Gains ``(3,)`` of the commanded bank in level flight.
 
-    They act on cross-track error [m], course error and bank [rad].
+    They act on cross-track error [m], course error and bank [rad]. The first two have tolerances,
+    by Bryson's rule; only ratios of tolerances matter, so that of the command is fixed.
     """
     body, dt = vehicle.body, vehicle.dt
     speed, rate = body.cruise_speed, body.bank_rate
@@ -42,16 +34,15 @@ def lateral_gains(vehicle: Puna) -> np.ndarray:
     ])  # fmt: skip
     third = (0.5 * dt**2 - second) / rate
     B = np.array([[speed * turn * rate * third], [turn * rate * second], [rate * first]])
-    Q = bryson(CROSS_TRACK, COURSE, np.inf)
-    return regulator_gains(A, B, Q, bryson(BANK))[0]
+    return regulator_gains(A, B, bryson(cross_track, course, np.inf), bryson(0.25))[0]
 
 
 @cache
-def longitudinal_gains(vehicle: Puna) -> np.ndarray:
-    """Gains ``(2, 5)`` of commanded thrust [N] and angle of attack [rad].
+def longitudinal_model(vehicle: Puna) -> np.ndarray:
+    """Derivatives ``(5, 7)`` of the longitudinal motion after a step about level flight.
 
-    On altitude [m], airspeed [m/s], flight-path angle [rad], thrust and angle of attack, by central
-    differences of the vehicle's step about level flight.
+    The motion is altitude [m], airspeed [m/s], flight-path angle [rad], thrust [N] and angle of
+    attack [rad]. The derivatives are by it and by the commanded thrust and angle of attack.
     """
     body = vehicle.body
     steady, c = trim(body.cruise_speed, body), body.vector()
@@ -68,11 +59,28 @@ def longitudinal_gains(vehicle: Puna) -> np.ndarray:
         return np.array([*motion, thrust_after, alpha_command])
 
     level = np.array([0.0, body.cruise_speed, 0.0] + 2 * [steady.thrust, steady.alpha])
-    AB = jacobian(after, level)
-    slope = CLIMB / body.cruise_speed
-    Q = bryson(ALTITUDE, AIRSPEED, slope, np.inf, np.inf)
-    R = bryson(THRUST, ALPHA)
-    return regulator_gains(AB[:, :5], AB[:, 5:], Q, R)
+    return jacobian(after, level)
+
+
+def longitudinal_gains(
+    vehicle: Puna, altitude: float, climb: float, airspeed: float, thrust: float
+) -> np.ndarray:
+    """Gains ``(2, 5)`` of commanded thrust [N] and angle of attack [rad].
+
+    They act on the motion of `longitudinal_model`, for tolerances in m, m/s, m/s and N. Only ratios
+    of tolerances matter, so that of the angle of attack is fixed.
+    """
+    AB, slope = longitudinal_model(vehicle), climb / vehicle.body.cruise_speed
+    Q = bryson(altitude, airspeed, slope, np.inf, np.inf)
+    return regulator_gains(AB[:, :5], AB[:, 5:], Q, bryson(thrust, 0.007))
+
+
+@cache
+def banked_trims(vehicle: Puna) -> np.ndarray:
+    """Thrust [N] and angle of attack [rad] ``(20, 2)`` of level flight at banks up to the limit."""
+    body, banks = vehicle.body, np.linspace(0.0, vehicle.body.bank_limit, 20)
+    steady = [trim(body.cruise_speed, body, bank=bank) for bank in banks]
+    return np.array([[each.thrust, each.alpha] for each in steady])
 
 
 @register_controller(Flight, AUTOPILOT)
@@ -82,37 +90,59 @@ class FlightAutopilot(Controller):
     It acts on the observation alone. Far from the path the vector field (Nelson et al. 2007) points
     to it at a steep course, near it along it, with the slope that is best for small errors; the
     bank that the path needs is added. In a turn the trim is that of the banked aircraft. Altitude
-    is held by the climb over ground, which a gust does not change at once.
+    is held by the climb over ground, which a gust does not change at once. The ``numbers`` are the
+    vector field's slope [1/m] and course from afar, the gains of course and bank, and those of
+    `longitudinal_gains`.
+
+    Args:
+        system: The environment's system.
+        cross_track: Tolerance [m], where that of the bank is 0.25 rad.
+        course: Tolerance [rad].
+        approach: Share 2 / pi of the course at which the vector field meets the path from afar
+            [rad].
+        altitude: Tolerance [m], where that of the angle of attack is 0.007 rad.
+        climb: Tolerance [m/s].
+        airspeed: Tolerance [m/s].
+        thrust: Tolerance [N].
     """
 
     kind, vehicle = Flight, Puna
+    tunable = {
+        "cross_track": Log(0.02, 200.0), "course": Log(0.0015, 15.0), "approach": Log(0.1, 1.5),
+        "altitude": Log(0.01, 100.0), "climb": Log(0.007, 70.0), "airspeed": Log(0.01, 100.0),
+        "thrust": Log(0.03, 300.0),
+    }  # fmt: skip
 
-    def _design(self) -> None:
-        body = self._body = self._vehicle.body
-        self._lateral = lateral_gains(self._vehicle)
-        self._longitudinal = longitudinal_gains(self._vehicle)
-        self._slope = self._lateral[0] / self._lateral[1] / APPROACH
-        steady = [
-            trim(body.cruise_speed, body, bank=bank)
-            for bank in np.linspace(0.0, body.bank_limit, 20)
-        ]
-        self._trims = np.array([[s.thrust, s.alpha] for s in steady])
+    def __init__(
+        self, system: System, cross_track: float = 2.0, course: float = 0.15,
+        approach: float = 0.8, altitude: float = 1.0, climb: float = 0.7, airspeed: float = 1.0,
+        thrust: float = 3.0,
+    ) -> None:  # fmt: skip
+        super().__init__(system)
+        lateral = lateral_gains(self._vehicle, cross_track, course)
+        along = longitudinal_gains(self._vehicle, altitude, climb, airspeed, thrust)
+        slope = lateral[0] / lateral[1] / approach
+        self.numbers = np.array([slope, approach, *lateral[1:], *along.ravel()])
 
+    @staticmethod
     @compiled
-    def control(self, observation: np.ndarray, state: np.ndarray) -> Control:
+    def control(
+        observation: np.ndarray, state: np.ndarray, numbers: np.ndarray, *, task: Any, vehicle: Any
+    ) -> Control:
         """Actions ``(..., 3)``, thrust, angle of attack and bank; there is no state."""
-        o, body = self._task.named(observation), self._body
+        o, body = task.named(observation), vehicle.body
+        slope, approach, by_course, by_bank = (numbers[..., i] for i in range(4))
         needed = o["bank of the path"]
-        field = APPROACH * np.arctan(self._slope * o["cross-track"])  # to the left of the path
+        field = approach * np.arctan(slope * o["cross-track"])  # to the left of the path
         astray = field - np.arctan2(o["course sine"], o["course cosine"])
         # The faster over ground, the less a bank turns the course.
         faster = np.maximum(1.0 + o["ground speed error"] / body.cruise_speed, 0.5)
-        bank = needed - faster * self._lateral[1] * astray - self._lateral[2] * (o["bank"] - needed)
-        bank = np.clip(bank, -body.bank_limit, body.bank_limit)
+        bank = needed - faster * by_course * astray - by_bank * (o["bank"] - needed)
 
-        banked = np.minimum(np.abs(o["bank"]) / body.bank_limit, 1.0) * (len(self._trims) - 1.0)
-        trims = interpolated(self._trims, banked)  # thrust, angle of attack
-        first = len(self._task.observed)
+        table = banked_trims(vehicle)
+        banked = np.minimum(np.abs(o["bank"]) / body.bank_limit, 1.0) * (len(table) - 1.0)
+        trims = interpolated(table, banked)  # thrust, angle of attack
+        first = len(task.observed)
         actuators = body.commands(observation[..., first : first + 3])
         motion = np.stack([
             np.clip(o["altitude error"], -10.0, 10.0),
@@ -120,5 +150,6 @@ class FlightAutopilot(Controller):
             o["climb"] / body.cruise_speed,
         ], -1)  # fmt: skip
         deviation = np.concatenate([motion, actuators[..., :2] - trims], -1)
-        commands = trims - deviation @ self._longitudinal.T
-        return body.actions(np.concatenate([commands, bank[..., None]], -1)), state
+        K = numbers[..., 4:].reshape(*numbers.shape[:-1], 2, 5)
+        commands = np.concatenate([trims - np.matvec(K, deviation), bank[..., None]], -1)
+        return np.clip(body.actions(commands), -1.0, 1.0), state

@@ -1,11 +1,11 @@
 """Regulators: loops of proportional, integral and derivative action, and linear-quadratic gains."""
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, ClassVar
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
+from estimators import Linear
 from vessel_gym.system import System
 
 Control = tuple[np.ndarray, np.ndarray]
@@ -13,12 +13,17 @@ Control = tuple[np.ndarray, np.ndarray]
 
 
 class Controller:
-    """A controller of a kind of task, which it is designed for.
+    """A controller of a kind of task; subclasses take its parameters as keywords.
 
-    Its law, `control`, is a pure function. One in NumPy serves; the package's are compiled.
+    Its law, `control`, is a pure function, which is compiled once for a task and a vehicle. All
+    that depends on parameters is in ``numbers``, so that new parameters compile nothing.
 
     Args:
         system: The environment's system.
+
+    Attributes:
+        numbers: An argument of `control`, ``(n,)`` or, for rows of a batch with different
+            parameters, ``(B, n)``; subclasses set it.
 
     Raises:
         ValueError: if the system's task or vehicle is of another kind.
@@ -28,6 +33,9 @@ class Controller:
     vehicle: type = object
     state_size = 0
     """Length m of the state of `control`."""
+    tunable: ClassVar[Mapping[str, Linear]] = {}
+    """Ranges of the parameters, by name."""
+    numbers: np.ndarray
 
     def __init__(self, system: System) -> None:
         if not isinstance(system.task, self.kind) or not isinstance(system.vehicle, self.vehicle):
@@ -37,11 +45,7 @@ class Controller:
             )
         self._task: Any = system.task
         self._vehicle: Any = system.vehicle
-        self._design()
         self.reset(1)
-
-    def _design(self) -> None:
-        """Compute gains and tables."""
 
     def reset(self, num_envs: int) -> None:
         """Set the state to zero."""
@@ -49,64 +53,72 @@ class Controller:
 
     def act(self, observations: np.ndarray) -> np.ndarray:
         """Actions ``(B, a)`` in [-1, 1] for observations ``(B, k)``."""
-        actions, self._state = self.control(observations.astype(float), self._state)
-        return actions.clip(-1.0, 1.0).astype(np.float32)
+        actions, self._state = self.control(
+            observations.astype(float), self._state, self.numbers,
+            task=self._task, vehicle=self._vehicle,
+        )  # fmt: skip
+        return actions.astype(np.float32)
 
-    def control(self, observation: np.ndarray, state: np.ndarray) -> Control:
-        """Actions ``(..., a)`` without their limits, and the next state ``(..., m)``.
+    @staticmethod
+    def control(
+        observation: np.ndarray, state: np.ndarray, numbers: np.ndarray, *, task: Any, vehicle: Any
+    ) -> Control:
+        """Actions ``(..., a)`` in [-1, 1], and the next state ``(..., m)``.
 
         Args:
             observation: ``(..., k)``.
             state: ``(..., m)``, such as an integral; zeros at an episode's start.
+            numbers: ``(..., n)``, gains and others that follow from parameters.
+            task: The system's.
+            vehicle: The system's.
         """
         raise NotImplementedError
 
 
-class Loop:
-    """A PID loop about the plant ``x'' + damping x' = response u``.
+def pid_gains(
+    response: float, damping: float, proportional: float, integral: float, damped: float
+) -> tuple[float, float, float, float]:
+    """Gains of a PID loop about the plant ``x'' + damping x' = response u``.
 
-    No gain is chosen by hand. The proportional one asks for the tolerated actuation at the
-    tolerated error (Bryson's ratio); with it the plant has the natural frequency w, and the
-    derivative one damps it critically; the integral one is w / 10 of the proportional one (Fossen
+    With the proportional gain the plant has the natural frequency w. The derivative gain gives it
+    the wanted damping, and the integral one is a share of the proportional one times w (Fossen
     2011, sec. 12.2, pole placement).
 
     Args:
         response: Of the second derivative to the actuation.
         damping: Of the plant [1/s].
-        error: What is tolerated of the error.
-        actuation: And of the actuator.
+        proportional: Proportional gain.
+        integral: Integral gain, as a share of w times the proportional gain.
+        damped: Damping ratio of the loop; 1 is critical.
+
+    Returns:
+        Proportional, integral and derivative gain, and w [rad/s].
+    """
+    frequency = float(np.sqrt(response * proportional))
+    derivative = max(2.0 * damped * frequency - damping, 0.0) / response
+    return proportional, integral * frequency * proportional, derivative, frequency
+
+
+def pid(
+    gains: np.ndarray, error: np.ndarray, rate: np.ndarray, integral: np.ndarray, limit: float,
+    feedforward: np.ndarray, dt: float,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """The actuation of a PID loop within its limits, and the next integral, ``(...)`` each.
+
+    The integral waits where the actuator is at a limit, so that it cannot wind up.
+
+    Args:
+        gains: Proportional, integral and derivative ``(..., 3)``.
+        error: What is wanted less what is, ``(...)``.
+        rate: Of the error ``(...)``.
+        integral: Of the error ``(...)``.
+        limit: Largest actuation, to either side.
+        feedforward: Actuation that is known to be needed, ``(...)``.
         dt: Time step [s].
     """
-
-    def __init__(
-        self, response: float, damping: float, error: float, actuation: float, dt: float
-    ) -> None:
-        self.proportional = actuation / error
-        self.frequency = np.sqrt(response * self.proportional)
-        self.derivative = max(2.0 * self.frequency - damping, 0.0) / response
-        self.integral = 0.1 * self.frequency * self.proportional
-        self._dt = dt
-
-    def act(
-        self, error: np.ndarray, rate: np.ndarray, integral: np.ndarray, limit: float,
-        ahead: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-        """The actuation within its limits, and the next integral, ``(...)`` each.
-
-        The integral waits where the actuator is at a limit, so that it cannot wind up.
-
-        Args:
-            error: What is wanted less what is, ``(...)``.
-            rate: Of the error ``(...)``.
-            integral: Of the error ``(...)``.
-            limit: Largest actuation, to either side.
-            ahead: Actuation that is known to be needed, ``(...)``.
-        """
-        wanted = (
-            ahead + self.proportional * error + self.integral * integral + self.derivative * rate
-        )
-        integral = integral + self._dt * error * (np.abs(wanted) < limit)
-        return np.clip(wanted, -limit, limit), integral
+    wanted = feedforward + (gains * np.stack([error, integral, rate], -1)).sum(-1)
+    integral = integral + dt * error * (np.abs(wanted) < limit)
+    return np.clip(wanted, -limit, limit), integral
 
 
 def jacobian(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:
@@ -141,15 +153,26 @@ def bryson(*tolerances: float) -> np.ndarray:
 
 
 def regulator_gains(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Gains K ``(m, n)`` of ``u = -K x`` for ``x+ = A x + B u``.
+    """Gains K ``(..., m, n)`` of ``u = -K x`` for ``x+ = A x + B u``.
 
-    They minimise the sum of ``x' Q x + u' R u``.
+    They minimise the sum of ``x' Q x + u' R u``. Riccati's equation is solved by doubling (Anderson
+    & Moore 1979, sec. 6.7): each round doubles the number of steps to go, of which P is the cost
+    and F the transition of the regulated system.
 
     Args:
-        A: ``(n, n)``.
-        B: ``(n, m)``.
+        A: ``(..., n, n)``.
+        B: ``(..., n, m)``.
         Q: ``(n, n)`` cost of deviations.
         R: ``(m, m)`` cost of the input.
+
+    Raises:
+        numpy.linalg.LinAlgError: if no gains make the system stable at a finite cost.
     """
-    P = solve_discrete_are(A, B, Q, R)
-    return np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+    F, G, P = A, B @ np.linalg.solve(R, B.mT), Q
+    with np.errstate(all="ignore"):
+        for _ in range(40):
+            W = np.linalg.inv(np.eye(len(Q)) + G @ P)
+            P, G, F = P + F.mT @ P @ W @ F, G + F @ W @ G @ F.mT, F @ W @ F
+            if np.abs(F).max() < 1e-16:
+                return np.linalg.solve(R + B.mT @ P @ B, B.mT @ P @ A)
+    raise np.linalg.LinAlgError("no regulator stabilises this system with these costs")

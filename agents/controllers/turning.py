@@ -3,8 +3,8 @@
 All are designed from the ship's linear models.
 """
 
-from dataclasses import dataclass, replace
-from functools import cache
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -12,215 +12,287 @@ from agents.controllers import AUTOPILOT, register_controller
 from agents.controllers.loops import (
     Control,
     Controller,
-    Loop,
     bryson,
     first_order,
+    pid,
+    pid_gains,
     regulator_gains,
 )
-from estimators.engine import compiled, lookup
+from estimators import Log
+from estimators.engine import compiled
+from vessel_gym.system import System
 from vessel_gym.tasks.track import Track
-from vessel_gym.tasks.turning import TurningTrial
+from vessel_gym.tasks.turning import Steering, TurningTrial
 from vessel_gym.vehicles.corvette import secant_models, steady_turns
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.corvette_thesis import ThesisCorvette
 
 
-@dataclass(frozen=True)
-class Tolerances:
-    """Deviations that count alike in the quadratic cost (Bryson's rule).
+def gains(
+    ship: CorvetteParameters, dt: float, tolerances: Sequence[float], rudder_rate: float
+) -> np.ndarray:
+    """LQ gains of the rudder rate as polynomials ``(7, 6)`` of the commanded yaw rate.
 
-    Each weight is 1 / tolerance^2: what is infinite does not count.
+    `numpy.polyval` takes them, at a yaw rate that is 1 for the tightest of `steady_turns`. They
+    interpolate the gains for seven turns, at Chebyshev's nodes. The states are deviations from the
+    steady turn in (v, r, psi, rudder), the distance from a track and an integral, of that or else
+    of psi. The design model is the filters' secant model of the commanded turn.
+
+    Args:
+        ship: Parameters of the ship.
+        dt: Time step [s].
+        tolerances: Deviations of the states that count alike in the quadratic cost (Bryson's rule).
+            An infinite one does not count; a distance or an integral without it has no gain.
+        rudder_rate: Share of the full rate that counts as much.
+
+    Raises:
+        numpy.linalg.LinAlgError: if there are no such gains.
     """
-
-    sway: float = np.inf  # m/s
-    yaw_rate: float = 0.02  # rad/s
-    heading: float = 0.05  # rad, the task's own tolerance
-    rudder: float = np.inf  # rad
-    distance: float = np.inf  # from the track, in `Track.track_scale`; infinite: there is none
-    integral: float = 1.0  # rad s of heading or, on a track, s of distance; infinite: none
-    integral_limit: float = 4.0
-    rudder_rate: float = 0.5  # of the full rate
-
-
-ON_TRACK = Tolerances(
-    sway=1000.0,
-    rudder=1000.0,
-    distance=0.5,
-    integral=50.0,
-    integral_limit=100.0,
-    rudder_rate=0.7,
-)
+    turns, per_step = steady_turns(ship), ship.rudder_rate * dt
+    last = len(turns.speed) - 1
+    nodes = np.rint(0.5 * last * (1.0 - np.cos(np.linspace(0.0, np.pi, 7)))).astype(int)
+    (a, b), speed = (table[nodes] for table in secant_models(ship, dt)), turns.speed[nodes]
+    there = np.isfinite(tolerances) | (np.arange(6) < 4)
+    A, B = np.tile(np.eye(6), (len(nodes), 1, 1)), np.zeros((len(nodes), 6, 1))
+    A[:, :3, :3], A[:, :3, 3] = a, b[..., 0]
+    A[:, 4, 0], A[:, 4, 1], A[:, 4, 2] = dt, 0.5 * dt**2 * speed, dt * speed
+    A[:, 5, 4 if there[4] else 2] = dt
+    # the rudder moves linearly within the step
+    B[:, :3], B[:, 3] = 0.5 * per_step * b, per_step
+    K, Q = np.zeros((len(nodes), 6)), bryson(*tolerances)[there][:, there]
+    found = regulator_gains(A[:, there][..., there], B[:, there], Q, bryson(rudder_rate))
+    K[:, there] = found[:, 0]
+    return np.polyfit(nodes / last, K, len(nodes) - 1)
 
 
-@cache
-def gains(ship: CorvetteParameters, dt: float, tolerances: Tolerances) -> np.ndarray:
-    """LQ gains ``(k, 6)`` of the rudder rate for each of `steady_turns`; 0 for what is not there.
+def _action(observation: np.ndarray, rate: np.ndarray, task: Steering, vehicle: Any) -> np.ndarray:
+    """Action ``(..., 1)`` for a share ``(...)`` of the full rudder rate.
 
-    The states are deviations from the steady turn in (v, r, psi, rudder), the distance from a track
-    and an integral, of that or else of psi. The design model is the filters' secant model of the
-    commanded turn.
+    For a `ThesisCorvette` it asks for the angle that follows.
     """
-    t, per_step, turns = tolerances, ship.rudder_rate * dt, steady_turns(ship)
-    scales = np.array([t.sway, t.yaw_rate, t.heading, t.rudder, t.distance, t.integral])
-    there = np.isfinite(scales) | (np.arange(6) < 4)
-    Q, R = np.diag((1.0 / scales[there]) ** 2), bryson(t.rudder_rate)
-    K = np.zeros((len(turns.speed), 6))
-    for i, (speed, a, b) in enumerate(zip(turns.speed, *secant_models(ship, dt), strict=True)):
-        A, B = np.eye(6), np.zeros((6, 1))
-        A[:3, :3], A[:3, 3] = a, b[:, 0]
-        A[4, :3] = dt * np.array([1.0, 0.5 * dt * speed, speed])
-        A[5, 4 if there[4] else 2] = dt
-        # the rudder moves linearly within the step
-        B[:3, 0], B[3, 0] = 0.5 * per_step * b[:, 0], per_step
-        K[i, there] = regulator_gains(A[there][:, there], B[there], Q, R)[0]
-    return K
+    action = np.clip(rate, -1.0, 1.0)
+    if isinstance(vehicle, ThesisCorvette):
+        turn = task.ship.rudder_rate * vehicle.dt / task.ship.rudder_limit
+        action = np.clip(observation[..., 4] + turn * action, -1.0, 1.0)
+    return action[..., None]
 
 
-class _Helm(Controller):
-    """A controller of the rudder; for a `ThesisCorvette` it asks for the angle that follows."""
-
-    kind: type = TurningTrial
-    state_size = 1  # the integral
-    tolerances = Tolerances()  # of the design
-
-    def _design(self) -> None:
-        self._ship, self._turns = self._task.ship, steady_turns(self._task.ship)
-
-    def _action(self, observation: np.ndarray, rate: np.ndarray) -> np.ndarray:
-        """Action ``(..., 1)`` for a share ``(...)`` of the full rudder rate, without its limits."""
-        rate = np.clip(rate, -1.0, 1.0)
-        if isinstance(self._vehicle, ThesisCorvette):
-            turn = self._ship.rudder_rate * self._vehicle.dt / self._ship.rudder_limit
-            rate = observation[..., 4] + turn * rate
-        return rate[..., None]
-
-    def _steady(self, observation: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Values of the steady turns, interpolated at the commanded yaw rate ``(...)``."""
-        commanded = self._task.command_scale * observation[..., 5]
-        return np.sign(commanded) * self._turns.interpolated(values, commanded)
+def _steady(observation: np.ndarray, values: np.ndarray, task: Steering) -> np.ndarray:
+    """Values of the steady turns, interpolated at the commanded yaw rate ``(...)``."""
+    commanded = task.command_scale * observation[..., 5]
+    return np.sign(commanded) * steady_turns(task.ship).interpolated(values, commanded)
 
 
-@register_controller(TurningTrial, AUTOPILOT)
-class TurningAutopilot(_Helm):
-    """Linear-quadratic regulator with integral action about the commanded steady turn.
+class _Regulator(Controller):
+    """Linear-quadratic regulator about the commanded steady turn.
 
     It acts on the observation alone: what it regulates is what the estimator believes. No gain is
-    chosen by hand: they follow from the linear model and the task's own tolerances.
+    chosen by hand: they follow from the linear model and from tolerances. Only ratios of these
+    matter, so that of the rudder's rate is fixed. The ``numbers (10, 6)`` are the limits of the
+    deviations, and `gains`.
+
     """
 
-    def _design(self) -> None:
-        super()._design()
-        self._gains = gains(self._ship, self._vehicle.dt, self.tolerances)
+    state_size = 1  # the integral
 
+    def _design(self, tolerances: Sequence[float], rudder_rate: float, limit: float) -> None:
+        """Set the numbers, by the tolerances of `gains` and a limit of the integral in its own."""
+        limits = 6.0 * tolerances[4], limit * tolerances[5]
+        K = gains(self._task.ship, self._vehicle.dt, tolerances, rudder_rate)
+        self.numbers = np.array([*limits, *K.flat])
+
+    @staticmethod
     @compiled
-    def control(self, observation: np.ndarray, state: np.ndarray) -> Control:
+    def control(
+        observation: np.ndarray, state: np.ndarray, numbers: np.ndarray, *, task: Any, vehicle: Any
+    ) -> Control:
         """Share ``(..., 1)`` of the full rudder rate, or in a trial of the limit of the angle."""
-        task, turns, t = self._task, self._turns, self.tolerances
+        turns, farthest, most = steady_turns(task.ship), numbers[..., 0], numbers[..., 1]
         heading = integrated = -task.HEADING_SCALE * observation[..., 0]
         off = np.zeros_like(heading)
-        if np.isfinite(t.distance):
+        if isinstance(task, Track):
             integrated = task.track_scale * observation[..., 7]
-            off = np.clip(integrated, -6.0 * t.distance, 6.0 * t.distance)
+            off = np.clip(integrated, -farthest, farthest)
+        sway, rudder = (_steady(observation, each, task) for each in (turns.sway, turns.rudder))
         deviation = np.stack([
-            task.SWAY_SCALE * observation[..., 2] - self._steady(observation, turns.sway),
+            task.SWAY_SCALE * observation[..., 2] - sway,
             -task.rate_scale * observation[..., 1],
             heading,
-            self._ship.rudder_limit * observation[..., 4] - self._steady(observation, turns.rudder),
+            task.ship.rudder_limit * observation[..., 4] - rudder,
             off,
             state[..., 0],
         ], -1)  # fmt: skip
-        turn = np.abs(task.command_scale * observation[..., 5]) / turns.yaw_rate[1]
-        wanted = -(lookup(self._gains, np.rint(turn)) * deviation).sum(-1)
+        turn = np.abs(task.command_scale * observation[..., 5:6]) / turns.yaw_rate[-1]
+        polynomials = numbers[..., 2:].reshape(*numbers.shape[:-1], -1, 6)
+        K = np.polyval(np.moveaxis(polynomials, -2, 0), np.minimum(turn, 1.0))
+        wanted = -(K * deviation).sum(-1)
         # The integral waits while the steering gear is saturated, so that it cannot wind up.
-        grown = state[..., 0] + self._vehicle.dt * integrated * (np.abs(wanted) < 1.0)
-        integral = np.clip(grown, -t.integral_limit, t.integral_limit)
-        return self._action(observation, wanted), integral[..., None]
+        grown = state[..., 0] + vehicle.dt * integrated * (np.abs(wanted) < 1.0)
+        integral = np.clip(grown, -most, most)
+        return _action(observation, wanted, task, vehicle), integral[..., None]
+
+
+@register_controller(TurningTrial, AUTOPILOT)
+class TurningAutopilot(_Regulator):
+    """Linear-quadratic regulator with integral action about the commanded steady turn.
+
+    Args:
+        system: The environment's system.
+        yaw_rate: Tolerance [rad/s].
+        heading: Tolerance [rad], by default the task's own.
+        integral: Tolerance of the integral of the heading error [rad s]; it stays within four.
+    """
+
+    kind = TurningTrial
+    tunable = {
+        "yaw_rate": Log(2e-4, 2.0), "heading": Log(5e-4, 5.0), "integral": Log(0.01, 100.0)
+    }  # fmt: skip
+
+    def __init__(
+        self, system: System, yaw_rate: float = 0.02, heading: float = 0.05, integral: float = 1.0
+    ) -> None:
+        super().__init__(system)
+        self._design((np.inf, yaw_rate, heading, np.inf, np.inf, integral), 0.5, 4.0)
 
 
 @register_controller(TurningTrial, "lqg")
 class TurningRegulator(TurningAutopilot):
     """The autopilot's regulator without its integral: no memory, and a bias under steady loads."""
 
-    tolerances = replace(Tolerances(), integral=np.inf)
+    tunable = {name: TurningAutopilot.tunable[name] for name in ("yaw_rate", "heading")}
 
-
-@register_controller(TurningTrial, "pid")
-class TurningPID(_Helm):
-    """A heading PID: the rudder by the errors of heading and yaw rate, and what the turn needs.
-
-    Its plant is Nomoto's, the ship's linear model on a straight course reduced to first order; the
-    rudder that the commanded steady turn needs is added. The steering gear follows with a tenth of
-    the loop's time. On a track it heads for a point two ship lengths ahead (line of sight: Fossen
-    2021, ch. 12).
-    """
-
-    AHEAD = 2.0  # ship lengths
-
-    def _design(self) -> None:
-        super()._design()
-        dt, (A, B) = self._vehicle.dt, (m[0] for m in secant_models(self._ship, self._vehicle.dt))
-        # one for one, as usual on ships: at an error of the heading the rudder is put as far over
-        self._loop = Loop(*first_order(A[:2, :2], B[:2, 0], 1, dt), 1.0, 1.0, dt)
-        self._gear = max(0.1 / self._loop.frequency, dt) * self._ship.rudder_rate
-
-    @compiled
-    def control(self, observation: np.ndarray, state: np.ndarray) -> Control:
-        """Share ``(..., 1)`` of the full rudder rate, or in a trial of the limit of the angle."""
-        task, limit, ahead = self._task, self._ship.rudder_limit, self.AHEAD * self._ship.length
-        heading = task.HEADING_SCALE * observation[..., 0]
-        if isinstance(task, Track):
-            heading = heading - np.arctan2(task.track_scale * observation[..., 7], ahead)
-        needed = self._steady(observation, self._turns.rudder)
-        rate = task.rate_scale * observation[..., 1]
-        rudder, integral = self._loop.act(heading, rate, state[..., 0], limit, needed)
-        wanted = (rudder - limit * observation[..., 4]) / self._gear
-        return self._action(observation, wanted), integral[..., None]
+    def __init__(self, system: System, yaw_rate: float = 0.02, heading: float = 0.05) -> None:
+        super().__init__(system, yaw_rate, heading, np.inf)
 
 
 @register_controller(Track, AUTOPILOT)
-class TrackAutopilot(TurningAutopilot):
+class TrackAutopilot(_Regulator):
     """Linear-quadratic regulator with integral action about the commanded turn, on its track.
 
-    It acts on the observation alone: what it regulates is what the estimator believes, the current
-    included, in which the observation's heading error already crabs.
+    It counters the current, too, in which the observation's heading error already crabs.
+
+    Args:
+        system: The environment's system.
+        yaw_rate: Tolerance [rad/s].
+        heading: Tolerance [rad], by default the task's own.
+        distance: Tolerance from the track, in `Track.track_scale`; at most six count.
+        integral: Tolerance of the integral of the distance, in `Track.track_scale` seconds; it
+            stays within two.
     """
 
-    kind, tolerances = Track, ON_TRACK
+    kind = Track
+    tunable = {
+        "yaw_rate": Log(2e-4, 2.0), "heading": Log(5e-4, 5.0), "distance": Log(0.005, 50.0),
+        "integral": Log(0.5, 5000.0),
+    }  # fmt: skip
 
-    def _design(self) -> None:
-        t, scale = self.tolerances, self._task.track_scale
-        self.tolerances = replace(
-            t, distance=scale * t.distance, integral=scale * t.integral,
-            integral_limit=scale * t.integral_limit,
-        )  # fmt: skip
-        super()._design()
+    def __init__(
+        self, system: System, yaw_rate: float = 0.02, heading: float = 0.05, distance: float = 0.5,
+        integral: float = 50.0,
+    ) -> None:  # fmt: skip
+        super().__init__(system)
+        off = self._task.track_scale * np.array([distance, integral])
+        self._design((1000.0, yaw_rate, heading, 1000.0, *off), 0.7, 2.0)
 
 
 @register_controller(Track, "lqg")
 class TrackRegulator(TrackAutopilot):
     """The autopilot's regulator without its integral: no memory, and a bias under steady loads."""
 
-    tolerances = replace(ON_TRACK, integral=np.inf)
+    tunable = {name: TrackAutopilot.tunable[name] for name in ("yaw_rate", "heading", "distance")}
+
+    def __init__(
+        self, system: System, yaw_rate: float = 0.02, heading: float = 0.05, distance: float = 0.5
+    ) -> None:
+        super().__init__(system, yaw_rate, heading, distance, np.inf)
+
+
+@register_controller(TurningTrial, "pid")
+class TurningPID(Controller):
+    """A heading PID: the rudder by the errors of heading and yaw rate, and what the turn needs.
+
+    Its plant is Nomoto's, the ship's linear model on a straight course reduced to first order; the
+    rudder that the commanded steady turn needs is added. The steering gear follows with a tenth of
+    the loop's time. The ``numbers`` are the gains, the change of the rudder angle for the full
+    rate, and the look-ahead distance [m].
+
+    Args:
+        system: The environment's system.
+        proportional: Rudder for an error of the heading; on ships it is usually one for one.
+        integral: Integral gain, as a share; see `pid_gains`.
+        damping: Damping ratio.
+        ahead: Distance of the point on a track for which she heads, in ship lengths.
+    """
+
+    kind: type = TurningTrial
+    state_size = 1  # the integral
+    tunable = {
+        "proportional": Log(0.01, 100.0), "integral": Log(0.001, 10.0), "damping": Log(0.1, 10.0)
+    }  # fmt: skip
+
+    def __init__(
+        self, system: System, proportional: float = 1.0, integral: float = 0.1,
+        damping: float = 1.0, ahead: float = np.inf,
+    ) -> None:  # fmt: skip
+        super().__init__(system)
+        ship, dt = self._task.ship, self._vehicle.dt
+        A, B = (table[0] for table in secant_models(ship, dt))
+        plant = first_order(A[:2, :2], B[:2, 0], 1, dt)
+        *found, frequency = pid_gains(*plant, proportional, integral, damping)
+        gear = max(0.1 / frequency, dt) * ship.rudder_rate
+        self.numbers = np.array([*found, gear, ahead * ship.length])
+
+    @staticmethod
+    @compiled
+    def control(
+        observation: np.ndarray, state: np.ndarray, numbers: np.ndarray, *, task: Any, vehicle: Any
+    ) -> Control:
+        """Share ``(..., 1)`` of the full rudder rate, or in a trial of the limit of the angle."""
+        limit, rate = task.ship.rudder_limit, task.rate_scale * observation[..., 1]
+        heading = task.HEADING_SCALE * observation[..., 0]
+        if isinstance(task, Track):
+            off = task.track_scale * observation[..., 7]
+            heading = heading - np.arctan2(off, numbers[..., 4])
+        needed = _steady(observation, steady_turns(task.ship).rudder, task)
+        rudder, integral = pid(
+            numbers[..., :3], heading, rate, state[..., 0], limit, needed, vehicle.dt
+        )
+        wanted = (rudder - limit * observation[..., 4]) / numbers[..., 3]
+        return _action(observation, wanted, task, vehicle), integral[..., None]
 
 
 @register_controller(Track, "pid")
 class TrackPID(TurningPID):
-    """A heading PID behind a line of sight."""
+    """A heading PID behind a line of sight (Fossen 2021, ch. 12)."""
 
     kind = Track
+    tunable = TurningPID.tunable | {"ahead": Log(0.02, 200.0)}
+
+    def __init__(
+        self, system: System, proportional: float = 1.0, integral: float = 0.1,
+        damping: float = 1.0, ahead: float = 2.0,
+    ) -> None:  # fmt: skip
+        super().__init__(system, proportional, integral, damping, ahead)
 
 
 @register_controller(TurningTrial, "constant-rudder")
 class ConstantRudder(Controller):
     """The rudder of the trial, whatever is observed.
 
-    It is the reference agent of ``ThesisCorvette-v0``.
+    It is the reference agent of ``ThesisCorvette-v0``. Its one number is the rudder angle as a
+    share of its limit.
     """
 
     kind = TurningTrial
 
+    def __init__(self, system: System) -> None:
+        super().__init__(system)
+        self.numbers = np.array([self._task.helm / self._task.ship.rudder_limit])
+
+    @staticmethod
     @compiled
-    def control(self, observation: np.ndarray, state: np.ndarray) -> Control:
+    def control(
+        observation: np.ndarray, state: np.ndarray, numbers: np.ndarray, *, task: Any, vehicle: Any
+    ) -> Control:
         """Rudder angle ``(..., 1)`` as a share of its limit."""
-        share = self._task.helm / self._task.ship.rudder_limit
-        return np.zeros_like(observation[..., :1]) + share, state
+        return np.zeros_like(observation[..., :1]) + numbers, state

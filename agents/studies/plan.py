@@ -22,6 +22,7 @@ from agents.studies.records import (
 )
 from agents.studies.worlds import digests, environment_id, refusal, system_of
 from agents.training.algorithms import describe
+from agents.tuning.arm import Arm
 
 _RAW_MEASUREMENTS = Estimator(RAW, "measurement")
 
@@ -144,28 +145,47 @@ class _EnvironmentPlan:
         self, agent: Agent, tuning: Tuning, conditions: list[Condition]
     ) -> Iterator[Flight]:
         """Flights of a classical agent that is tuned with each estimator."""
-        floor = [each for each in self.estimators.values() if each.name != FLOOR]
-        for estimator, run in product(floor, range(tuning.tunings)):
-            once = [c for c in conditions if c.name in tuning.conditions] or conditions[:1]
-            for condition in conditions:
-                given = [condition] if EACH in tuning.conditions else once
-                needed = self._tune(agent, tuning, given, estimator, run)
+        once = [c for c in conditions if c.name in tuning.conditions] or conditions[:1]
+        for estimator in self.estimators.values():
+            if estimator.name == FLOOR:
+                continue
+            if reason := self._untunable(agent, estimator, once):
+                self._skip(f"{agent.tuned} on {estimator.name}", reason)
+                continue
+            home = estimator.name == self.system.estimator
+            for condition, run in product(conditions, range(tuning.tunings)):
+                chosen = [condition] if EACH in tuning.conditions else once
+                needed = self._tune(agent, tuning, chosen, estimator, run)
                 job = self._fly(agent, condition, estimator, needed)
                 at = self.environment, condition.name, agent.tuned, estimator.name, run
-                yield Flight(*at, estimator.name == self.system.estimator, job)
+                yield Flight(*at, home, job)
+
+    def _arm(
+        self, agent: Agent, estimator: Estimator, conditions: list[Condition]
+    ) -> dict[str, Any]:
+        """Arguments of an `agents.tuning.arm.Arm`."""
+        given = options(self.study, conditions[0], estimator, self.environment)
+        shared = {k: v for k, v in given.items() if k not in conditions[0].options}
+        each = [condition.options for condition in conditions]
+        return {"agent": agent.kind, "options": shared, "conditions": each}
+
+    def _untunable(self, agent: Agent, estimator: Estimator, conditions: list[Condition]) -> str:
+        """Reason why an agent cannot be tuned with an estimator; empty if it can be."""
+        try:
+            Arm(self.environment, **self._arm(agent, estimator, conditions)).parameters  # noqa: B018
+        except ValueError as error:
+            return str(error)
+        return ""
 
     def _tune(
         self, agent: Agent, tuning: Tuning, conditions: list[Condition], estimator: Estimator,
         seed: int,
     ) -> Job:  # fmt: skip
         """The tuning of a classical agent with an estimator."""
-        arguments = self._world(agent, conditions[0], estimator, agent.kind)
-        shared = {
-            k: v for k, v in arguments.pop("options").items() if k not in conditions[0].options
-        }
-        arguments |= {
-            "agent": agent.kind, "options": shared, "conditions": [c.options for c in conditions],
-            "evaluations": tuning.evaluations, "episodes": tuning.episodes, "seed": seed,
+        own = self._world(agent, conditions[0], estimator, agent.kind)["own"]
+        arguments = self._arm(agent, estimator, conditions) | {
+            "environment": self.environment, "own": own, "seed": seed,
+            "evaluations": tuning.evaluations, "episodes": tuning.episodes,
         }  # fmt: skip
         label = f"tune {agent.name} on {estimator.name} in {self.environment}"
         return Job("agents.studies.tuning:tune_arm", arguments, label, artifact=".toml")

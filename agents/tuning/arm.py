@@ -1,9 +1,9 @@
 """An arm: an estimator and a controller in an environment, and what can be tuned of both."""
 
-from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import cached_property
+from inspect import signature
 from typing import Any
 
 from agents.agent import load_agent
@@ -16,7 +16,7 @@ from vessel_gym.models.estimation import ENVIRONMENT_ONLY
 from vessel_gym.simulation.configuration import Configuration, Options
 from vessel_gym.system import System
 
-NOISE = Log(0.01, 100.0)
+NOISE = Log(0.001, 1000.0)
 """Range of a factor on Q or on a sensor's R."""
 
 Values = dict[str, float]
@@ -138,8 +138,8 @@ class Arm:
         if not is_controller(self.agent, self.system):
             return {}
         made = make_controller(self.agent, self.system)
-        ranges = getattr(made, "tunable", {})
-        return {f"agent.{n}": Parameter(r, getattr(made, n)) for n, r in ranges.items()}
+        ranges, given = getattr(made, "tunable", {}), signature(type(made)).parameters
+        return {f"agent.{n}": Parameter(r, given[n].default) for n, r in ranges.items()}
 
     def estimator_options(self, values: Values) -> dict[str, Any]:
         """Options of the estimator with some values of its parameters."""

@@ -91,14 +91,14 @@ def load_tuned(path: str | Path) -> Tuned:
         OSError: if it cannot be read.
     """
     file = TomlFile(Path(path))
-    tables = {name: file.data.get(name) for name in ("arm", "values", "made_by", "found")}
-    whole = all(isinstance(each, dict) for each in tables.values())
-    arm, values = tables["arm"] or {}, tables["values"] or {}
+    tables: list[Any] = [file.data.get(name) for name in ("arm", "values", "made_by", "found")]
+    whole = all(isinstance(each, dict) for each in tables)
+    arm, values, *rest = tables
     whole = whole and all(isinstance(arm.get(key), kind) for key, kind in _ARM.items())
     if not whole or not all(isinstance(each, float) for each in values.values()):
         raise ValueError(f"{path} is no file of tuned parameters, as vessel-gym tune writes it")
     arm |= {key: tuple(arm[key]) for key in ("conditions", "picked")}
-    return Tuned(Arm(**{key: arm[key] for key in _ARM}), values, tables["made_by"], tables["found"])
+    return Tuned(Arm(**{key: arm[key] for key in _ARM}), values, *rest)
 
 
 def _key(name: str) -> str:
@@ -111,4 +111,6 @@ def _toml(value: Any) -> str:
         return "{" + ", ".join(f"{_key(k)} = {_toml(v)}" for k, v in value.items()) + "}"
     if isinstance(value, list | tuple):
         return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, float):
+        return str(value)  # also nan, which JSON spells otherwise
     return json.dumps(value, ensure_ascii=False)
