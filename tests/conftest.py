@@ -2,8 +2,9 @@
 
 Hypothesis draws the same examples every time; ``--hypothesis-profile thorough`` draws ten thousand.
 Of a test's cases ``make test`` runs so many that every value of every parameter occurs, of a slow
-test's one, elsewhere for every test. ``make quick`` runs one of each test that is not slow, ``make
-nightly`` all, and optimises what it compiles.
+test's one, elsewhere for every test. Environments and their estimators take turns: three cases do,
+if other parameters have no more values. ``make quick`` runs one of each test that is not slow,
+``make nightly`` all, and optimises what it compiles.
 """
 
 import gc
@@ -16,12 +17,13 @@ from zlib import crc32
 import pytest
 from hypothesis import settings
 
-settings.register_profile("default", derandomize=True, deadline=None)
+settings.register_profile("default", derandomize=True, deadline=None, max_examples=50)
 settings.register_profile("thorough", settings.get_profile("default"), max_examples=10_000)
 settings.load_profile("default")
 
 gc.set_threshold(20_000)  # tracing makes many objects and little garbage
 CASES = 1
+IN_TURNS, TURNS = {"env_id", "estimator"}, 3
 os.environ.setdefault(
     "VESSEL_GYM_OPTIMISE", "0"
 )  # of other processes, too: compiling took half of the time
@@ -48,7 +50,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def covering(cases: Sequence[Mapping[str, Any]], names: Sequence[str]) -> set[int]:
-    """Indices of few cases that hold every value of every parameter.
+    """Indices of few cases that hold every value of every parameter, but for those in turns.
 
     The next case has the most new values; of several, the one whose name comes first in a random
     order.
@@ -63,6 +65,8 @@ def covering(cases: Sequence[Mapping[str, Any]], names: Sequence[str]) -> set[in
         best = max(left, key=lambda i: len(values[i] - seen))
         kept.add(best)
         seen |= values[best]
+        if len(kept) == TURNS and "env_id" in cases[best]:
+            seen |= {each for case in values for each in case if each[0] in IN_TURNS}
     return kept
 
 

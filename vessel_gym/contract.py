@@ -166,7 +166,7 @@ def _check_task(
     (reference,) = tried("reference", [scenario, step, x], _ANY)
     if task.commanded(scenario, step) is not None:
         tried("commanded", [scenario, step], _ANY)
-    if hasattr(task, "exogenous"):
+    if task.exogenous(scenario, step) is not None:
         tried("exogenous", [scenario, step], exogenous.shape[1:])
     (score_state,) = tried("initial_score_state", [state, scenario], _ANY)
     (over,) = tried("over", [scenario, reference], _NUMBER)

@@ -33,33 +33,19 @@ def check_task(task: Task) -> None:
         TypeError: for an object that is no task.
         ValueError: for an invalid value, naming the attribute.
     """
-    if isinstance(task, type):
-        raise TypeError(
-            f"task of a system must be an object, not its class: write {task.__name__}()"
-        )
-    missing = [
-        name
-        for name in ("horizon", "uniforms", "end_reasons", "success", "score")
-        if not hasattr(task, name)
-    ]
-    if missing:
-        raise TypeError(
-            f"task of a system must have {missing[0]}, as vessel_gym.system.Task has, got"
-            f" {short_repr(task)}"
-        )
+    instance("task of a system", task, Task)
     title = type(task).__name__
     integer(f"horizon of {title}", task.horizon, 1)
     integer(f"uniforms of {title}", task.uniforms, 0)
     _check_end_reasons(title, task.end_reasons, task.success)
-    if hasattr(task, "perfect"):
-        check_numbers(title, {"perfect": task.perfect}, positive="perfect")
+    check_numbers(title, {"perfect": task.perfect}, positive="perfect")
     for name in ("prior_sd", "state_scale", "std_scale"):
         sizes = getattr(task, name, ())
         if (finite_array(f"{name} of {title}", sizes, "n") < 0.0).any():
             raise ValueError(
                 f"{name} of {title} must be numbers of at least 0, got {short_repr(sizes)}"
             )
-    needed = ("vehicle", "prior_sd") if getattr(type(task), "prior", None) is Task.prior else ()
+    needed = ("vehicle", "prior_sd") if type(task).prior is Task.prior else ()
     unset = [name for name in needed if not hasattr(task, name)]
     if unset:
         raise TypeError(

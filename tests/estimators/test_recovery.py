@@ -58,9 +58,9 @@ def _singular(name: str, seed: int) -> tuple[LinearModel | NonlinearModel, np.nd
 
 @pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "huber-kf", "kf-umv-ui", "ulise", "enkf"])
 def test_singular_systems_leave_no_nan_and_other_rows_alone(name: str):
-    """36,000 predictions and updates, some of absurd measurements and inputs; a few rows alone give the same bits."""
+    """18,000 predictions and updates, some of absurd measurements and inputs; a few rows alone give the same bits."""
     rows, some, lost, keys = 36, slice(0, 36, 7), 0, RandomKeys.seeded(range(36))
-    for seed in range(12):
+    for seed in range(6):
         model, P = _singular(name, seed)
         filter, rng = make(name, model), np.random.default_rng(seed)
         belief = filter.init(Gaussian(rng.normal(size=(rows, 3)), P), rng=keys)
@@ -83,7 +83,7 @@ def test_singular_systems_leave_no_nan_and_other_rows_alone(name: str):
                 assert (values[..., 0] >= -1e-9 * values[..., -1]).all()
                 lost += (~each.healthy).sum()
             assert_same(belief[some], alone)
-    assert lost > 1000
+    assert lost > 500
 
 
 @pytest.mark.parametrize("name", ["kf-umv-ui", "ulise"])

@@ -139,7 +139,7 @@ def profile(found: Fit, name: str, value: float, y: np.ndarray) -> float:
     return found.log_likelihood + min(best, *costs)
 
 
-@pytest.mark.parametrize("count", [5, pytest.param(69, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("count", [2, pytest.param(69, marks=pytest.mark.nightly)])
 def test_what_is_said_of_a_variance_is_true_of_its_profile(count: int):
     rng, said = np.random.default_rng(0), 0
     for _ in range(count):
@@ -182,7 +182,7 @@ def test_a_maximum_that_bends_in_the_small_alone_is_none():
     assert found == pytest.approx(smooth, rel=0.05)
 
 
-@pytest.mark.parametrize("unit", [1e-9, 1e-6, 1e-3, 1e9])
+@pytest.mark.parametrize("unit", [1e-6, 1e9])
 @pytest.mark.parametrize("known", [0.0, 1.0])
 def test_a_start_in_other_units_finds_the_same(unit: float, known: float):
     """Measurements of this seed have two maxima, the lower one where r is small."""

@@ -18,6 +18,7 @@ from vessel_gym.models.estimation import estimator_names
 from vessel_gym.sensors import SensorSuite
 from vessel_gym.simulation.configuration import observed
 from vessel_gym.simulation.core import Core
+from vessel_gym.simulation.delivery import Delivery
 from vessel_gym.simulation.state import State
 
 OURS = [
@@ -155,6 +156,27 @@ class AlteredCore(Core):
         world.begin, self.config.world = altered, world
 
 
+class Replay(Delivery):
+    """Delivers ``given`` in place of what sensors sample: measurements, their mask, and both by age."""
+
+    given: tuple[Any, ...]
+
+    def __call__(self, now: State) -> None:
+        now.y, now.available, now.arrived = self.given
+
+
+def replayed(core: Core) -> Replay:
+    """The new delivery of a core; no program has it, so the stages of a step run one by one."""
+    core._together, core.config.delivery = False, Replay(core.config.sensors)
+    return core.config.delivery
+
+
+def delivered(core: Core, rows: Any = slice(None)) -> tuple[Any, ...]:
+    """What a core's filters were given in some rows; see `Replay`."""
+    now = core.now
+    return now.y[rows], now.available[rows], now.arrived and tuple(a[rows] for a in now.arrived)
+
+
 def assert_same_tree(one: Any, other: Any, where: str = "", atol: float = 0.0) -> None:
     """Equal keys, types, dtypes and shapes all the way down; values to ``atol`` (0: bit for bit).
 
@@ -216,8 +238,10 @@ def observations_when_truth_is_altered(
     other = AlteredCore(single_class(env_id).system, rows, **(options | {"mismatch": 0.25}))
     other.seed(5)
     rng = np.random.default_rng(9)
+    replay = replayed(other)
     true.reset()
-    other.reset(measurements=delivered(true))
+    replay.given = delivered(true)
+    other.reset()
     walk = random_walk(5, rows, true.config.action_size)
     seen = [observations(true)], [observations(other)]
     distance = [apart(true, other)]
@@ -227,13 +251,15 @@ def observations_when_truth_is_altered(
             for core in (true, other):
                 core.seed(None, some)
             true.reset(some)
-            other.reset(some, measurements=tuple(values[some] for values in delivered(true)))
+            replay.given = delivered(true, some)
+            other.reset(some)
             seen[0].append(observations(true))
             seen[1].append(observations(other))
         scramble(other, rng)
         actions = next(walk)
         true.step(actions)
-        other.step(actions, measurements=delivered(true))
+        replay.given = delivered(true)
+        other.step(actions)
         seen[0].append(observations(true))
         seen[1].append(observations(other))
         distance.append(apart(true, other))
@@ -242,11 +268,6 @@ def observations_when_truth_is_altered(
         for frames in (*seen, distance)
     )
     return one, two, parts
-
-
-def delivered(core: Core) -> tuple[np.ndarray, np.ndarray]:
-    """Measurements and their mask; of late sensors, by age."""
-    return core.now.arrived or (core.now.y, core.now.available)
 
 
 def apart(one: Core, other: Core) -> dict[str, np.ndarray]:

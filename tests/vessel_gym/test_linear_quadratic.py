@@ -247,6 +247,7 @@ def deviation(values: np.ndarray, expected: float) -> float:
 # --- laws -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ESTIMATORS)
 def test_variances_of_a_linear_ship_solve_the_lyapunov_equation(estimator: str):
     """Within three standard errors, of 1 to 3 % each: false alarm 0.27 % a figure, 1.6 % for the six of all three."""

@@ -63,7 +63,7 @@ def test_one_program_gives_the_bits_of_the_stages(env_id: str, estimator: str | 
         core.now = apart
         moment = core.config.whole_steps[1](apart, action[0] if rows == 1 else action)
         assert moment is not None
-        together, apart = moment.record(), core._stages(action, None, None)
+        together, apart = moment.record(), core._stages(action, None)
         core.now = apart
         expected = core.happened()
         for name, shown in moment.info().items():

@@ -166,14 +166,6 @@ def test_waves_are_remembered_as_long_as_their_spectrum_says(channel):
     assert compared >= 8
 
 
-def test_a_sea_of_components_has_its_significant_height():
-    """At 4,000 places; phases are random, so that the variance of 200 episodes is known to 0.1 %."""
-    drawn, along = drawn_seas(ROUGH, 200)[:, None], 40.0 * np.arange(4000.0)
-    time = np.full(along.shape, 17.0)
-    surface = ROUGH.waves.elevation(drawn, time, 0.8 * along, 0.6 * along)
-    assert 4.0 * surface.std() == pytest.approx(ROUGH.spectrum.height, rel=0.02)
-
-
 @pytest.mark.parametrize(("north", "east"), [(50.0, 0.0), (0.0, 50.0)], ids=["along", "across"])
 def test_crests_are_as_long_as_the_spectrum_says(north, east):
     """Correlation of elevations 50 m apart, of 1,000 episodes and of the spectrum."""
@@ -508,6 +500,6 @@ def test_filters_assume_a_sea_without_direction():
     assert space.inputs == ("yaw increment",)
     assert space.names == ("x", "y", "psi", "u", "v", "r", "current north", "current east")
     assert space.disturbance == MODERATE.believed
-    psi = np.linspace(0.0, 2.0 * np.pi, 90, endpoint=False)
+    psi = np.linspace(0.0, 2.0 * np.pi, 18, endpoint=False)
     rms = np.sqrt((MODERATE.yaw_rate(psi, 0.8 * SHIP.speed) ** 2).mean())
     assert np.sqrt(space.cov[0, 0]) == pytest.approx(0.5 * rms, rel=0.05)

@@ -5,11 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vessel_gym.disturbances.seaway import Seaway
 from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem, jonswap
 from vessel_gym.disturbances.waves import WaveField
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters
-from vessel_gym.vehicles.files import load
 
 DEG, TURN = np.pi / 180.0, 2.0 * np.pi
 WIND_SEA, SWELL = WaveSystem(1.5, 6.0, 0.5), WaveSystem(1.0, 13.0, 2.6, spreading=20.0)
@@ -172,12 +169,6 @@ def test_a_spectrum_that_is_none_is_refused(case: str) -> None:
     with pytest.raises(ValueError, match=word) as error:
         WaveSpectrum.of_arrays(**GOOD | changes)
     assert "\n" not in str(error.value)
-
-
-def test_a_depth_is_refused() -> None:
-    ship = load("corvette", CorvetteParameters)
-    with pytest.raises(ValueError, match="deep water"):
-        Seaway(ship, BOTH, wind=0.0, current=0.0, dt=0.5, depth=20.0)
 
 
 def test_a_spectrum_has_its_significant_height_and_peak() -> None:

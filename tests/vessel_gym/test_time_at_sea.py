@@ -14,11 +14,11 @@ from contract import (
     SPREAD,
     assert_apart,
     assert_same_tree,
-    delivered,
     every_environment,
     make_core,
     observations_when_truth_is_altered,
     random_walk,
+    replayed,
     single_class,
 )
 from gymnasium.vector import AutoresetMode
@@ -77,10 +77,11 @@ def at_sea(env_id: str) -> dict[str, Any]:
 def flown(core: Core, steps: int, seed: int = 5) -> list[tuple[np.ndarray, np.ndarray]]:
     """What has come after the start and each step."""
     core.start(seed)
-    walk, come = random_walk(0, core.num_envs, core.config.action_size), [delivered(core)]
-    for _ in range(steps):
-        core.step(next(walk))
-        come.append(delivered(core))
+    walk, come = random_walk(0, core.num_envs, core.config.action_size), []
+    for step in range(steps + 1):
+        if step:
+            core.step(next(walk))
+        come.append(core.now.arrived or (core.now.y, core.now.available))
     return come
 
 
@@ -161,12 +162,15 @@ def test_late_measurement_as_new_is_as_if_read_when_it_came():
     other = make_core(AUV, ROWS, sensors=late_fix(), estimator="ekf")
     one.start(5)
     other.start(5)
-    other.reset(measurements=(one.now.y, one.now.available))
+    replay = replayed(other)
+    replay.given = one.now.y, one.now.available, None
+    other.reset()
     walk = random_walk(0, ROWS, one.config.action_size)
     for _ in range(45):
         actions = next(walk)
         one.step(actions)
-        other.step(actions, measurements=(one.now.y, one.now.available))
+        replay.given = one.now.y, one.now.available, None
+        other.step(actions)
         np.testing.assert_array_equal(one.now.belief.mean, other.now.belief.mean)
 
 

@@ -117,6 +117,7 @@ def test_filters_assume_the_waves_of_the_table() -> None:
     assert replace(SEA, response=double).input_sd[0] > 1.5 * SEA.input_sd[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("estimator", "assume"),
     [("truth", None), ("ekf", {}), ("ekf", {"as": "states"})],

@@ -53,8 +53,8 @@ class Seaway(Disturbance):
     waves [m/s].
 
     Raises:
-        ValueError: for a number out of range, a depth, as shallow water is not modelled, or a
-            response that lacks frequencies at which the sea has energy.
+        ValueError: for a number out of range, or a response that lacks frequencies at which the
+            sea has energy.
         TypeError: for a ship that is no `CorvetteParameters`, a spectrum that is no `WaveSpectrum`,
             or a response that is no `WaveResponse`.
     """
@@ -66,7 +66,6 @@ class Seaway(Disturbance):
     dt: float
     wind_direction: float = 0.0  # direction to which the wind blows, rad from north
     current_time: float = 1000.0  # s
-    depth: float | None = None  # of the water; None, as it is deep
     response: WaveResponse | None = None  # of the ship to waves; None: strip theory
 
     names = ("current north", "current east", "water north", "water east")
@@ -85,8 +84,6 @@ class Seaway(Disturbance):
             "direction": "wind_direction",
         }
         check_numbers("a seaway", vars(self), **kinds)
-        if self.depth is not None:
-            raise ValueError("a seaway is deep water: leave out its depth")
         if self.response is not None:
             instance("response of Seaway", self.response, WaveResponse)
             low, high = self.spectrum.frequency_at(np.array([0.01, 0.99]))

@@ -101,30 +101,9 @@ class WaveField:
         corners = np.stack([table[:-1, :-1], table[:-1, 1:], table[1:, :-1], table[1:, 1:]])
         return np.ptp(corners, axis=0).ravel()
 
-    def phases(
-        self, drawn: np.ndarray, time: np.ndarray, north: np.ndarray, east: np.ndarray
-    ) -> np.ndarray:
-        """Phases [rad] of the components ``(..., n)``.
-
-        Args:
-            drawn: Result of `draw` ``(..., 4 n)``.
-            time: Time [s] ``(...)``.
-            north: Position in the water to the north [m] ``(...)``.
-            east: Position in the water to the east [m] ``(...)``.
-        """
-        w, phase, kx, ky = self.constants(drawn)
-        time, north, east = (each[..., None] for each in (time, north, east))
-        return phase + w * time - kx * north - ky * east
-
     def constants(self, drawn: np.ndarray) -> list[np.ndarray]:
         """Frequencies, phases, and wave numbers to the north and east, each ``(..., n)``."""
         return [drawn[..., i * self.components : (i + 1) * self.components] for i in range(4)]
-
-    def elevation(
-        self, drawn: np.ndarray, time: np.ndarray, north: np.ndarray, east: np.ndarray
-    ) -> np.ndarray:
-        """Surface elevation [m] ``(...)``; arguments as `phases`."""
-        return self.amplitude * np.cos(self.phases(drawn, time, north, east)).sum(-1)
 
 
 @dataclass(frozen=True, eq=False)

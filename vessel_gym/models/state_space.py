@@ -21,8 +21,8 @@ from vessel_gym.vehicles.vehicle import Vehicle
 
 def force_names(vehicle: Vehicle) -> tuple[str, ...]:
     """Names of forces: increments, flows, and faults and losses of actuators."""
-    faults: tuple[str, ...] = getattr(vehicle, "faults", ())  # optional
-    return *vehicle.increments, *vehicle.ambient_flows, *faults, *map(_loss_of, faults)
+    losses = map(_loss_of, vehicle.faults)
+    return *vehicle.increments, *vehicle.ambient_flows, *vehicle.faults, *losses
 
 
 def _loss_of(fault: str) -> str:

@@ -18,7 +18,6 @@ from vessel_gym.checks import (
 )
 from vessel_gym.checks import options as checked_options
 from vessel_gym.simulation.configuration import Configuration, Options
-from vessel_gym.simulation.delivery import Measurements, injected
 from vessel_gym.simulation.draws import DRAWN, filter_prior, next_episodes, start_numbers
 from vessel_gym.simulation.mission import estimate_of, standard_deviations
 from vessel_gym.simulation.state import State
@@ -78,31 +77,24 @@ class Core:
 
     # --- step -------------------------------------------------------------------------------------
 
-    def step(
-        self, action: np.ndarray, measurements: Measurements | None = None,
-        ended: np.ndarray | None = None,
-    ) -> State:  # fmt: skip
+    def step(self, action: np.ndarray, ended: np.ndarray | None = None) -> State:
         """Advance every environment by one step, and return the new record, which is ``now``.
 
         Args:
             action: ``(B, a)`` finite; clipped to [-1, 1].
-            measurements: Measurements to use instead of the sensors' (for replays); all other
-                random numbers stay the same.
             ended: Mask ``(B,)`` of environments whose episode has ended and that are reset next:
                 their actions are not checked.
 
         Raises:
-            ValueError: if the action or the measurements have the wrong shape, or the action is not
-                finite.
-            TypeError: if the measurements are no pair of arrays.
+            ValueError: if the action has the wrong shape or is not finite.
             gymnasium.error.ResetNeeded: before the first reset.
         """
-        self.advance(action, self.action_shape, measurements, ended, info=False)
+        self.advance(action, self.action_shape, ended, info=False)
         return self.now
 
     def advance(
-        self, action: np.ndarray, shape: tuple[int, ...], measurements: Measurements | None = None,
-        ended: np.ndarray | None = None, info: bool = True,
+        self, action: np.ndarray, shape: tuple[int, ...], ended: np.ndarray | None = None,
+        info: bool = True,
     ) -> Moment | None:  # fmt: skip
         """Advance as `step` does, for an action of another shape, without making the record.
 
@@ -112,14 +104,10 @@ class Core:
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
         action, moment = checked_action(action, shape, ended), None
-        if measurements is None and self._together:
+        if self._together:
             own = action[0] if self.num_envs == 1 else action
             moment = self.config.whole_steps[info](self.last, own)
-        if moment is None:
-            given = self._given(measurements, self.num_envs)
-            self.last = self._stages(action, given, ended)
-        else:
-            self.last = moment
+        self.last = self._stages(action, ended) if moment is None else moment
         return moment
 
     @property
@@ -137,14 +125,12 @@ class Core:
     def now(self, now: State) -> None:
         self.last = now
 
-    def _stages(
-        self, action: np.ndarray, given: Measurements | None, ended: np.ndarray | None
-    ) -> State:
+    def _stages(self, action: np.ndarray, ended: np.ndarray | None) -> State:
         """The record a step later, stage by stage."""
         config, last = self.config, self.now
         now = last.acted(action)
         config.world.step(now)
-        config.delivery(now, given)
+        config.delivery(now)
         for estimator in config.estimators:
             estimator.step(now)
         config.mission.step(now)
@@ -195,33 +181,22 @@ class Core:
         self.seeds, episode = next_episodes(*given)
         self.now = self.now.but(episode=episode)
 
-    def reset(
-        self,
-        rows: np.ndarray | None = None,
-        options: dict[str, Any] | None = None,
-        measurements: Measurements | None = None,
-    ) -> None:
+    def reset(self, rows: np.ndarray | None = None, options: dict[str, Any] | None = None) -> None:
         """Start new episodes in some rows: draw the true states and take the first measurements.
 
         Args:
             rows: Indices of the environments; None for all.
             options: Reset options of the task.
-            measurements: Measurements and mask ``(len(rows), p)`` to use instead of the sensors'
-                (for replays). With late sensors, measurements by age ``(len(rows), ages, p)``, as
-                ``now.arrived`` has them, serve too.
 
         Raises:
-            ValueError: for an option or a value that the task does not accept, or measurements of
-                the wrong shape.
-            TypeError: for options that are no dictionary, or measurements that are no pair of
-                arrays.
+            ValueError: for an option or a value that the task does not accept.
+            TypeError: for options that are no dictionary.
         """
         config, rows = self.config, self._rows(rows)
-        options, given = checked_options("options", options), self._given(measurements, len(rows))
-        now, prior = self._drawn(rows, options)
+        now, prior = self._drawn(rows, checked_options("options", options))
         config.world.begin(now)
         config.delivery.begin(now)
-        config.delivery(now, given)
+        config.delivery(now)
         for estimator in config.estimators:
             estimator.begin(now, filter_prior(prior, estimator.estimation.space))
         config.mission.begin(now)
@@ -258,11 +233,6 @@ class Core:
     def _rows(self, rows: np.ndarray | None) -> np.ndarray:
         """Indices of some environments; None stands for all."""
         return np.arange(self.num_envs) if rows is None else rows
-
-    def _given(self, measurements: Measurements | None, rows: int) -> Measurements | None:
-        """Checked measurements to use instead of the sensors'; None: use the sensors'."""
-        sensors = self.config.sensors
-        return None if measurements is None else injected(measurements, rows, sensors)
 
     # --- what is seen -----------------------------------------------------------------------------
 

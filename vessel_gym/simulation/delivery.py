@@ -1,17 +1,12 @@
 """Delivery of measurements from sensors to filters: faults and delays."""
 
-from typing import Any
-
 import numpy as np
 
 from estimators import RandomKeys
-from estimators.checks import numbers, short_repr
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensors, columns
 from vessel_gym.simulation.state import State
 
-Measurements = tuple[np.ndarray, np.ndarray]
-"""Measurements and the mask of those that arrived, ``(B, p)`` each, or ``(B, ages, p)`` by age."""
 _ROUNDING = 1e-6
 """Tolerance [s], by which a fault that begins at 0.3 s begins in the third step of 0.1 s."""
 
@@ -61,15 +56,13 @@ class Delivery:
                 times[:, i, 1] = times[:, i, 0] + fault.duration
         return times, keys
 
-    def __call__(self, now: State, given: Measurements | None = None) -> None:
-        """Deliver the sampled measurements; or given ones, without faults and at once."""
-        if given is None and self.sensors.faults:
+    def __call__(self, now: State) -> None:
+        """Deliver the sampled measurements."""
+        if self.sensors.faults:
             self._corrupt(now)
         if self.ages > 1:
-            self._carry(now, given)
+            self._carry(now)
             now.y, now.available = youngest(now.arrived)
-        elif given is not None:
-            now.y, now.available = given
 
     def active(self, now: State) -> np.ndarray:
         """Mask ``(B, faults)`` of the active faults."""
@@ -108,49 +101,22 @@ class Delivery:
             size = size * (now.steps * self.sensors.dt - times[:, i, 0])[:, None]
         return read * size if fault.kind == "scale" else read + size
 
-    def _carry(self, now: State, given: Measurements | None) -> None:
-        """Put new samples in transit, and find what arrives; given measurements arrive at once."""
-        available = now.available & (given is None)  # the sensors' own do not count then
+    def _carry(self, now: State) -> None:
+        """Put new samples in transit, and find the measurements that arrive."""
         now.transit = y, available = tuple(
             np.concatenate([new[:, None], old[:, :-1]], 1)
-            for new, old in zip((now.y, available), now.transit, strict=True)
+            for new, old in zip((now.y, now.available), now.transit, strict=True)
         )
         arrived = available & self._due
         now.arrived = np.where(arrived, y, 0.0), arrived
-        if given is not None:
-            now.arrived = given if given[0].ndim == 3 else self._of_now(given)
-
-    def _of_now(self, measurements: Measurements) -> Measurements:
-        """Measurements ``(B, p)`` by age, all of age 0."""
-        later = (0, 0), (0, self.ages - 1), (0, 0)
-        y, available = (np.pad(each[:, None], later) for each in measurements)
-        return y, available
 
 
-def youngest(measurements: Measurements) -> Measurements:
-    """Youngest measurement of each channel, from measurements by age."""
+def youngest(measurements: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Youngest measurement of each channel and its mask ``(B, p)``, from all that arrived.
+
+    The argument is measurements by age and the mask of those that arrived, ``(B, ages, p)`` each.
+    """
     y, arrived = measurements
     newest = np.take_along_axis(y, arrived.argmax(1)[:, None], 1)[:, 0]
     available = np.logical_or.reduce(arrived, 1)
     return np.where(available, newest, 0.0), available
-
-
-def injected(measurements: Any, rows: int, sensors: Sensors) -> Measurements:
-    """Injected measurements and mask, checked; values that are not finite read 0 and are masked."""
-    whole = isinstance(measurements, tuple | list) and len(measurements) == 2
-    y, mask = map(numbers, measurements if whole else (None, None))
-    if y is None or mask is None:
-        raise TypeError(
-            "measurements must be two arrays, values and the mask of those that came, got"
-            f" {short_repr(measurements)}"
-        )
-    shapes: list[tuple[int, ...]] = [(rows, sensors.size)]
-    if sensors.horizon:
-        shapes.append((rows, sensors.horizon + 1, sensors.size))
-    if y.shape != mask.shape or y.shape not in shapes:
-        expected = " each, or by age ".join(map(str, shapes))
-        raise ValueError(
-            f"measurements have the shapes {y.shape} and {mask.shape}, expected {expected} each"
-        )
-    available = (mask != 0.0) & np.isfinite(y)
-    return np.where(available, y, 0.0), available

@@ -75,10 +75,8 @@ class Mission:
             commanded = task.commanded(now.scenario, step - 1)
         else:
             commanded = reference[..., self.commanding]
-        asked = {} if commanded is None else {"commanded": commanded}
-        if hasattr(task, "exogenous"):
-            asked["imposed"] = task.exogenous(now.scenario, step)
-        return asked
+        asked = {"commanded": commanded, "imposed": task.exogenous(now.scenario, step)}
+        return {name: each for name, each in asked.items() if each is not None}
 
     def _reference(self, now: State, true: bool) -> np.ndarray:
         """Reference at the true or the estimated state."""

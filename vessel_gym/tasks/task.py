@@ -50,9 +50,6 @@ class Task:
     or the measurements, the scenario and the actuators, divided by their scales. Only `score`,
     `reference` and `over` can receive the truth. No argument of an ``observe`` method contains the
     truth.
-
-    A task may also have ``exogenous(scenario, step)``, which returns an addition ``(B, f)`` to the
-    disturbance's increments and flows over the coming step.
     """
 
     vehicle: Vehicle
@@ -126,6 +123,10 @@ class Task:
 
     def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray | None:
         """Commands ``(B, c)`` that filters know besides the actuators; default: None."""
+        return None
+
+    def exogenous(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray | None:
+        """Addition ``(B, f)`` to increments and flows over the coming step; default: None."""
         return None
 
     def observe(

@@ -37,14 +37,14 @@ def same(one: Any, other: Any) -> bool:
     return one.dtype == other.dtype and np.array_equal(one, other)
 
 
-@pytest.mark.parametrize("name", ALL)
-def test_oracle_gives_bare_observations_bit_for_bit(name: str):
-    env = built(name, estimator="truth")
+@pytest.mark.parametrize("env_id", ALL)
+def test_oracle_gives_bare_observations_bit_for_bit(env_id: str):
+    env = built(env_id, estimator="truth")
     bare = gym.make(env.spec.id)
     bare.action_space.seed(0)
     seen, _ = env.reset(seed=3)
     expected, _ = bare.reset(seed=3)
-    for _ in range(150 if name in SLOW else 1000):
+    for _ in range(150 if env_id in SLOW else 1000):
         assert same(seen, expected)
         action = bare.action_space.sample()
         seen, *mine, _ = env.step(action)
@@ -58,11 +58,11 @@ def test_oracle_gives_bare_observations_bit_for_bit(name: str):
 EXACT = ("cart_pole", "pendulum", "mountain_car", "inverted_pendulum")
 
 
-@pytest.mark.parametrize("name", EXACT)
+@pytest.mark.parametrize("env_id", EXACT)
 @pytest.mark.parametrize("estimator", ["ekf", "ukf", "etkf"])
-def test_without_noise_estimate_is_state_within_20_steps(name: str, estimator: str, monkeypatch):
+def test_without_noise_estimate_is_state_within_20_steps(env_id: str, estimator: str, monkeypatch):
     monkeypatch.setitem(SUITES, "perfect", SensorSuite(noise=1e-6, lossless=True))
-    env = built(name, estimator=estimator, sensors="perfect")
+    env = built(env_id, estimator=estimator, sensors="perfect")
     env.action_space.seed(0)
     _, info = env.reset(seed=0)
     for k in range(60):
@@ -258,15 +258,15 @@ HAS_GOALS = pytest.param("point_maze", marks=pytest.mark.slow)
 @pytest.mark.filterwarnings(
     "ignore::UserWarning"
 )  # of spaces without bounds, which are the environment's own
-@pytest.mark.parametrize("name", [*CHECKED, HAS_GOALS])
+@pytest.mark.parametrize("env_id", [*CHECKED, HAS_GOALS])
 @pytest.mark.parametrize("observe", ["mean", "mean+std", "measurement"])
-def test_gymnasiums_and_stable_baselines_checkers_pass(name: str, observe: str):
-    check_env(built(name, observe=observe), skip_render_check=True)
+def test_gymnasiums_and_stable_baselines_checkers_pass(env_id: str, observe: str):
+    check_env(built(env_id, observe=observe), skip_render_check=True)
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    if name != "point_maze":
-        checker.check_env(built(name, observe=observe), warn=False)
+    if env_id != "point_maze":
+        checker.check_env(built(env_id, observe=observe), warn=False)
     elif observe != "measurement":  # which has no achieved goal: none of its measurements is one
-        checker.check_env(built(name, observe=observe, estimator="truth"), warn=False)
+        checker.check_env(built(env_id, observe=observe, estimator="truth"), warn=False)
 
 
 @pytest.mark.parametrize("name", [HAS_GOALS])
