@@ -6,8 +6,10 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from agents.files import replacing
-from agents.statistics import Interval
+from agents.statistics import Interval, crossed_interval
 from vessel_gym.extras import require
 
 if TYPE_CHECKING:
@@ -39,6 +41,16 @@ def words(value: Interval | float | None, decimals: int, signed: bool = False) -
         while decimals < 6 and 0.0 < value.high - value.low < 10.0**-decimals:
             decimals += 1
     return text(value, decimals, signed)
+
+
+def interval(of: Interval | None, decimals: int = 3) -> str:
+    """A mean and half of its interval; a dash without an interval."""
+    return "–" if of is None else f"{of.mean:,.{decimals}f} ± {of.half:.{decimals}f}"
+
+
+def mean_and_half(values: np.ndarray, decimals: int = 3) -> str:
+    """The mean ``(seeds,)`` or ``(runs, seeds)`` with its 95 % interval."""
+    return interval(crossed_interval(np.atleast_2d(values)), decimals)
 
 
 def listed(items: Sequence[str]) -> str:

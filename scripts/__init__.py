@@ -1,5 +1,4 @@
 """Commands in a checkout that is not installed.
 
-``python -m scripts.train`` is ``vessel-gym train``, and so on. `scripts.reproduce` runs in a
-checkout only, where the papers are.
+``python -m scripts.train`` is ``vessel-gym train``, and so on.
 """

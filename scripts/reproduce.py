@@ -1,84 +1,9 @@
-"""Run the source papers' experiments beside their tables: ``python -m scripts.reproduce all``."""
+"""``python -m scripts.reproduce``: `agents.commands.reproduce`."""
 
-import csv
-import json
 import sys
-from pathlib import Path
-from typing import Any
 
-from agents.commands.console import asked, command, job_progress
-
-OPTIONS = {
-    "papers": "all, or some of corvette, segorogeni, itsunusa, robust and puna",
-    "out": "folder for the pages, the tables as CSV and summary.json, from which studies.tables"
-    " writes docs",
-}
-
-
-def main(
-    papers: tuple[str, ...],
-    /,
-    out: Path = Path("results/reproduction"),
-    processes: int = 2,
-) -> int:
-    """Write a page for each paper, in a checkout: its numbers beside ours, its claims, our guesses.
-
-    Prints a row for each experiment. Finished papers are kept in jobs/ of the output folder: after
-    an interruption, run the same command again. Every number follows from fixed seeds, computation
-    times excepted.
-
-    Returns:
-        The exit status: 1 if an experiment failed.
-    """
-    from agents.files import check_folder
-    from agents.jobs import run
-    from vessel_gym.checks import one_of
-    from vessel_gym.extras import require
-
-    require("joblib")  # before the experiments, not after them
-    from studies.papers import PAPERS, job
-
-    with asked():
-        for name in papers:
-            one_of("paper", name, ("all", *PAPERS))
-    check_folder(out)
-    jobs = {name: job(name) for name in (PAPERS if "all" in papers else dict.fromkeys(papers))}
-    with job_progress("reproducing", processes) as progress:
-        outcome = run(jobs.values(), out, processes, progress=progress)
-    made = {name: outcome.values[of.key] for name, of in jobs.items() if of.key in outcome.values}
-    _report(made, out)
-    print(*outcome.failures.values(), sep="\n", end="")
-    return int(bool(outcome.failures))
-
-
-def _report(made: dict[str, Any], out: Path) -> None:
-    """Write the pages, tables and summary of finished papers, and print a row an experiment."""
-    from studies.papers.measures import Row, summary_table
-
-    for name, values in made.items():
-        print(f"Page: {_write(name, values['tables'], out)}")
-    rows = [Row(*row) for values in made.values() for row in values["rows"]]
-    print(f"\n{summary_table(rows)}")
-    summary = {name: values["rows"] for name, values in made.items()}
-    text = json.dumps(summary, ensure_ascii=False, indent=1)
-    (out / "summary.json").write_text(f"{text}\n", encoding="utf-8")
-
-
-def _write(name: str, tables: dict[str, Any], out: Path) -> Path:
-    """Write the explanation of a paper with its tables, and these as CSV; returns the page."""
-    from studies.papers import read
-    from studies.papers.measures import page
-
-    (out / "tables").mkdir(parents=True, exist_ok=True)
-    for table, rows in tables.items():
-        with (out / "tables" / f"{name}-{table}.csv").open(
-            "w", encoding="utf-8", newline=""
-        ) as file:
-            csv.writer(file, lineterminator="\n").writerows(rows)
-    path = out / f"{name}.md"
-    path.write_text(page(read(name, "page.md"), tables), encoding="utf-8")
-    return path
-
+from agents.commands.console import command
+from agents.commands.reproduce import main
 
 if __name__ == "__main__":
     sys.exit(command(main))

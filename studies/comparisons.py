@@ -13,10 +13,11 @@ import numpy as np
 
 from agents import rollout
 from agents.metrics import nees_of, scores
+from agents.page import mean_and_half
 from agents.policies.checkpoint import description, packaged
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import system_of
-from studies.markdown import NONE, ROOT, mean_and_half, number, table
+from studies.markdown import NONE, ROOT, number, table
 from vessel_gym.disturbances import Fault
 from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.sensors import SensorSuite

@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from agents.page import mean_and_half
+from agents.papers.robust.experiment import Condition, simulate, squared_errors
 from agents.statistics import share_interval
 from agents.studies.worlds import system_of
 from estimators import LinearModel, input_conditions
 from studies.lorenz import BENCHMARKS, analysis_rmse
-from studies.markdown import NONE, mean_and_half, table
-from studies.papers.robust.experiment import Condition, simulate, squared_errors
+from studies.markdown import NONE, table
 from vessel_gym.sensors import Sensor
 from vessel_gym.sensors.grades import read_grades
 

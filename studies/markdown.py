@@ -10,7 +10,6 @@ import numpy as np
 
 from agents.page import markdown_table
 from agents.refusal import Refusal
-from agents.statistics import Interval, crossed_interval
 
 ROOT = Path(__file__).parents[1]
 NONE = "–"
@@ -61,16 +60,6 @@ def measured_on() -> str:
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table in Markdown."""
     return markdown_table(heads, rows, len(heads))
-
-
-def interval(of: Interval | None, decimals: int = 3) -> str:
-    """A mean and half of its interval; a dash without an interval."""
-    return NONE if of is None else f"{of.mean:,.{decimals}f} ± {of.half:.{decimals}f}"
-
-
-def mean_and_half(values: np.ndarray, decimals: int = 3) -> str:
-    """The mean ``(seeds,)`` or ``(runs, seeds)`` with its 95 % interval."""
-    return interval(crossed_interval(np.atleast_2d(values)), decimals)
 
 
 def number(values: np.ndarray, decimals: int) -> str:

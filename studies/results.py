@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from agents.commands.ablate import STUDIES
-from agents.page import listed
+from agents.page import interval, listed, mean_and_half
 from agents.refusal import Refusal
 from agents.statistics import Interval, crossed_interval, paired_difference
 from agents.studies.plan import plan
@@ -27,7 +27,7 @@ from agents.studies.study import read_study as study_file
 from agents.studies.worlds import system_of
 from estimators import compiled
 from studies.comparisons import SETTINGS, VARIANTS, arm_metrics, assuming
-from studies.markdown import NONE, ROOT, interval, mean_and_half, number, table
+from studies.markdown import NONE, ROOT, number, table
 from vessel_gym.envs import SigmaCorvetteEnv, VesselVectorEnv
 from vessel_gym.tasks.circle_track import CircleTrack
 

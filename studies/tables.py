@@ -14,15 +14,15 @@ import pandas as pd
 
 from agents.commands.console import command, progress
 from agents.page import markdown_table
+from agents.papers import opening
+from agents.papers.measures import Row
 from agents.refusal import Refusal
 from studies.markdown import ROOT, put
-from studies.papers import opening
-from studies.papers.measures import Row
 
 
 def papers() -> str:
-    """Measures of the papers as ``scripts.reproduce`` stored them."""
-    kept, last = (ROOT / f"{at}/summary.json" for at in ("studies/papers", "results/reproduction"))
+    """Measures of the papers as ``vessel-gym reproduce`` stored them."""
+    kept, last = (ROOT / f"{at}/summary.json" for at in ("agents/papers", "results/reproduction"))
     if last.exists():
         copyfile(last, kept)
     return papers_page(json.loads(kept.read_text(encoding="utf-8")))

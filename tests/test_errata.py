@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
+from agents.papers.puna.model import PlanarPuna, planar_derivative
 from estimators import Gaussian, make, zero_order_hold
-from studies.papers.puna.model import PlanarPuna, planar_derivative
 from tests.estimators.cases import random_covariance
 from vessel_gym.envs import ThesisCorvetteEnv
 from vessel_gym.guidance.dubins import lengths

@@ -7,7 +7,7 @@ import pytest
 from sensing import assumed, exogenous, sensors_of, without_a_filter
 from stepping import puna_step
 
-from studies.papers.puna.model import PlanarPuna, planar_derivative
+from agents.papers.puna.model import PlanarPuna, planar_derivative
 from vessel_gym.disturbances import Air
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.point_mass import UNCERTAIN, PointMass

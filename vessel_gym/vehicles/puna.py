@@ -9,7 +9,7 @@ on the wind. The equations have no pole at the vertical.
 
 Sources: the paper on Dubins paths and the ensemble Kalman filter for a PUNA ("Pesawat Udara Nir
 Awak", in Indonesian) for the task and the controls (thrust and angle of attack);
-`studies.papers.puna.model` has the paper's own equations. Beard & McLain (2012), ch. 9, for the
+`agents.papers.puna.model` has the paper's own equations. Beard & McLain (2012), ch. 9, for the
 point mass and the bank.
 """
 

@@ -60,7 +60,7 @@ def test_settings_of_several_options_count_together():
 
 
 def test_help_runs_in_a_checkout_and_loads_nothing_slow():
-    names = ["vessel_gym.__main__", *(f"scripts.{each}" for each in [*COMMANDS, "reproduce"])]
+    names = ["vessel_gym.__main__", *(f"scripts.{each}" for each in COMMANDS)]
     program = f"""
 import runpy, sys
 sys.argv = ["vessel-gym", "--help"]

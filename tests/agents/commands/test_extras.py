@@ -14,10 +14,9 @@ import gymnasium as gym
 import pytest
 
 from agents import save_agent
-from agents.commands import ablate, watch
+from agents.commands import ablate, reproduce, watch
 from agents.commands import train as train_command
 from agents.commands.console import command
-from scripts import reproduce
 from vessel_gym.extras import EXTRAS
 
 ROOT = Path(__file__).parents[3]

@@ -17,12 +17,11 @@ import agents
 import agents.jobs
 import agents.training.algorithms
 from agents import commands, rollout
-from agents.commands import ablate, budget, evaluate, train, watch
+from agents.commands import ablate, budget, evaluate, reproduce, train, watch
 from agents.commands.console import command
 from agents.commands.options import ENVIRONMENT
 from agents.episodes import recording
 from agents.studies.study import StudyError, read_study
-from scripts import reproduce
 from studies import speed
 
 COMMANDS: dict[str, Any] = {

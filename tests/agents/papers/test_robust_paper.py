@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from studies.papers import settings
-from studies.papers.robust import experiment as robust
-from studies.papers.robust.experiment import Condition
+from agents.papers import settings
+from agents.papers.robust import experiment as robust
+from agents.papers.robust.experiment import Condition
 
 S = settings("robust")
 MODEL = robust.discretised([robust.draw(seed) for seed in range(1, 61)])

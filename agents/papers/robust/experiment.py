@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.papers.measures import Row, between, geometric
 from estimators import Gaussian, LinearModel, Series, make, run, van_loan, zero_order_hold
-from studies.papers.measures import Row, between, geometric
 
 STATES = MEASUREMENTS = 2  # x1 and x2 (figure 1); y is a vector (after eq. 4)
 MARGIN = (0.1, 1.0)  # 1/s, decay rate of the slowest mode: stable, memory of 1 to 10 s

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from agents.papers import settings
+from agents.papers.itsunusa import experiment as itsunusa
+from agents.papers.segorogeni import experiment as segorogeni
 from estimators import Gaussian, LinearModel
-from studies.papers import settings
-from studies.papers.itsunusa import experiment as itsunusa
-from studies.papers.segorogeni import experiment as segorogeni
 
 TRIAL = segorogeni.read(settings("segorogeni")["trial"])
 DIVE = settings("itsunusa")["trial"]

@@ -1,4 +1,4 @@
-"""The papers' tables and measures, and `python -m scripts.reproduce`, which writes their pages."""
+"""The papers' tables and measures, and `vessel-gym reproduce`, which writes their pages."""
 
 import json
 import re
@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from agents import papers
+from agents.commands import reproduce
 from agents.jobs import Job
-from scripts import reproduce
-from studies import papers
+from agents.papers import PAPERS, opening, read, settings
+from agents.papers.measures import Comparison, comparison_table, page, rows, trend
 from studies.markdown import ROOT, around
-from studies.papers import PAPERS, opening, read, settings
-from studies.papers.measures import Comparison, comparison_table, page, rows, trend
 from studies.tables import papers_page
 
-STORED = json.loads((ROOT / "studies/papers/summary.json").read_text(encoding="utf-8"))
+STORED = json.loads((ROOT / "docs/papers.json").read_text(encoding="utf-8"))
 SMALLER: dict[str, dict[str, Any]] = {
     "corvette": {"runs": 6},
     "segorogeni": {"members": [50, 200, 300], "seeds": [0, 1], "runs_of_a_seed": 2, "own_runs": 6},
@@ -43,7 +43,7 @@ def made(name: str) -> Any:
         few["trial"]["step"] = 0.05
     for which in few.get("populations", {}).values():
         which |= {"systems": min(which["systems"], 4), "runs": 4}
-    return import_module(f"studies.papers.{name}.experiment").report(few)
+    return import_module(f"agents.papers.{name}.experiment").report(few)
 
 
 @pytest.mark.slow
@@ -137,8 +137,8 @@ def test_a_paper_is_computed_once_and_one_that_fails_says_why(
     calls = []
     monkeypatch.setattr(papers, "made", lambda: calls.append(1) or report, raising=False)
     monkeypatch.setattr(papers, "read", lambda *_: "# A\n\nof\n\nIt holds.\n\n<!-- table: sums -->")
-    jobs = {"robust": Job("studies.papers:made", {}),
-            "puna": Job("studies.papers:settings", {"name": "x"})}  # fmt: skip
+    jobs = {"robust": Job("agents.papers:made", {}),
+            "puna": Job("agents.papers:settings", {"name": "x"})}  # fmt: skip
     monkeypatch.setattr(papers, "job", jobs.get)
     for _ in range(2):
         assert reproduce.main(("robust", "puna", "robust"), out=tmp_path, processes=1) == 1

@@ -7,9 +7,9 @@ import numpy as np
 
 from agents import rollout
 from agents.metrics import scores
+from agents.page import mean_and_half
+from agents.papers.measures import EXPLORATORY, Comparison, comparison_table, row, rows
 from estimators import Gaussian, LinearModel, Series, make, run
-from studies.markdown import mean_and_half
-from studies.papers.measures import EXPLORATORY, Comparison, comparison_table, row, rows
 from vessel_gym.envs import ThesisCorvetteEnv
 from vessel_gym.tasks.turning import SAMPLES, SWITCH
 from vessel_gym.vehicles.corvette_thesis import NOISE, SIMULATIONS, A, B, Simulation

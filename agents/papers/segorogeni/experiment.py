@@ -8,16 +8,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import root
 
-from estimators import make, rmse
-from studies.markdown import mean_and_half
-from studies.papers.measures import (
+from agents.page import mean_and_half
+from agents.papers.measures import (
     Comparison,
     against_table,
     by_members,
     comparison_table,
     rows,
 )
-from studies.papers.vehicle import Advance, Experiment, channel_sd, own_step
+from agents.papers.vehicle import Advance, Experiment, channel_sd, own_step
+from estimators import make, rmse
 from vessel_gym.envs import SegorogeniAUVEnv
 from vessel_gym.vehicles.segorogeni import STATE, Segorogeni, segorogeni_rates
 

@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 
 from agents.controllers.dive import DiveAutopilot
-from estimators import EnsembleTransformFilter, Filter, Model, make, rmse
-from estimators.linalg import cholesky
-from studies.markdown import mean_and_half
-from studies.papers.measures import (
+from agents.page import mean_and_half
+from agents.papers.measures import (
     EXPLORATORY,
     against_table,
     by_members,
     comparison_table,
     rows,
 )
-from studies.papers.vehicle import Experiment, channel_sd, own_step
+from agents.papers.vehicle import Experiment, channel_sd, own_step
+from estimators import EnsembleTransformFilter, Filter, Model, make, rmse
+from estimators.linalg import cholesky
 from vessel_gym.envs import ItsunusaAUVEnv
 from vessel_gym.system import Estimate
 from vessel_gym.vehicles.itsunusa import STATE, Itsunusa

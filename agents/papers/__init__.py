@@ -2,7 +2,7 @@
 
 A folder a paper: ``settings.toml`` (what the paper prints, what it leaves open), ``experiment.py``
 (what is computed, and its tables) and ``page.md`` (the explanation, with a line ``<!-- table: NAME
--->`` for each table). ``python -m scripts.reproduce all`` runs them.
+-->`` for each table). ``vessel-gym reproduce all`` runs them.
 """
 
 import tomllib
@@ -31,5 +31,5 @@ def opening(name: str) -> str:
 
 
 def job(name: str) -> Job:
-    """The report of a paper as a job: see `studies.papers.measures`."""
-    return Job(f"studies.papers.{name}.experiment:report", {"settings": settings(name)})
+    """The report of a paper as a job: see `agents.papers.measures`."""
+    return Job(f"agents.papers.{name}.experiment:report", {"settings": settings(name)})

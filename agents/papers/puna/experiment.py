@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators import make, rmse, wrap
-from studies.papers.measures import (
+from agents.papers.measures import (
     Comparison,
     between,
     by_members,
@@ -20,8 +19,9 @@ from studies.papers.measures import (
     geometric,
     rows,
 )
-from studies.papers.puna.model import PlanarPuna
-from studies.papers.vehicle import Experiment
+from agents.papers.puna.model import PlanarPuna
+from agents.papers.vehicle import Experiment
+from estimators import make, rmse, wrap
 from vessel_gym.guidance.dubins import WORDS, candidates, shortest
 from vessel_gym.guidance.planner import plan
 from vessel_gym.vehicles.files import load

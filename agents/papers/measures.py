@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.page import markdown_table
+from agents.page import markdown_table, mean_and_half
 from agents.statistics import Interval, mean_interval
-from studies.markdown import mean_and_half
 
 AGREES, BETTER, WORSE, INCOMPARABLE = "agrees", "better", "worse", "not comparable"
 EXPLORATORY = "exploratory"

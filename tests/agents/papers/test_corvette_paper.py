@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from studies.papers import settings
-from studies.papers.corvette import experiment
+from agents.papers import settings
+from agents.papers.corvette import experiment
 from vessel_gym.tasks.turning import SAMPLES
 from vessel_gym.vehicles.corvette_thesis import SIMULATIONS
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from studies.papers import settings
-from studies.papers.puna import experiment as puna
+from agents.papers import settings
+from agents.papers.puna import experiment as puna
 
 PATHS = settings("puna")["paths"]
 
