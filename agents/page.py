@@ -38,7 +38,7 @@ def text(value: Interval | float | None, decimals: int, signed: bool = False) ->
 def words(value: Interval | float | None, decimals: int, signed: bool = False) -> str:
     """As `text`, with more decimals where these would show none of the interval's width."""
     if isinstance(value, Interval):
-        while decimals < 6 and 0.0 < value.high - value.low < 10.0**-decimals:
+        while decimals < 6 and 1e-6 < value.high - value.low < 10.0**-decimals:
             decimals += 1
     return text(value, decimals, signed)
 

@@ -1,4 +1,4 @@
-"""The look of every figure in a report, and how it gets into a page."""
+"""The look of every figure, and how it gets into a file or a page."""
 
 import base64
 import io
@@ -6,9 +6,13 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vessel_gym.extras import require
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+KINDS = (".pdf", ".svg")
+"""Suffixes of files of figures."""
 INK = "#444444"
 PALETTE = (
     "#1f4e79",
@@ -28,16 +32,25 @@ _STYLE = Path(__file__).with_name("templates") / "report.mplstyle"
 
 
 def styled() -> AbstractContextManager[None]:
-    """Context of making a figure: serif type, thin axes, equal bytes from equal data."""
+    """Context of making a figure: serif type, thin axes, equal bytes from equal data.
+
+    Raises:
+        ModuleNotFoundError: without Matplotlib.
+    """
+    require("matplotlib")
     from matplotlib import rc_context, rc_params_from_file
 
     return rc_context(rc_params_from_file(_STYLE, use_default_template=False))
 
 
+def save_figure(figure: "Figure", file: Path | io.BytesIO, kind: str = "svg") -> None:
+    """Write a figure to a file, as PDF or SVG, without its date."""
+    without = "CreationDate" if kind == "pdf" else "Date"
+    with styled():
+        figure.savefig(file, format=kind, metadata={without: None})
+
+
 def data_uri(figure: "Figure") -> str:
     """The figure as an SVG data URI: nothing outside the page, and no ids that clash within it."""
-    buffer = io.BytesIO()
-    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    with styled():
-        figure.savefig(buffer, format="svg", metadata=nothing)
+    save_figure(figure, buffer := io.BytesIO())
     return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()

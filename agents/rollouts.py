@@ -1,6 +1,6 @@
 """Fly any agent in any environment over many seeds, and keep what is needed to score it."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -100,9 +100,11 @@ def rollout(
             environment, or if it returns actions of another shape.
         TypeError: for an agent without a method ``act``, or an argument of a wrong type.
     """
-    seeds = list(seeds)
+    given, seeds = seeds, list(seeds) if isinstance(seeds, Iterable) else []
     if not seeds or not all(is_integer(seed) and seed >= 0 for seed in seeds):
-        raise ValueError(f"seeds must be one or more whole numbers >= 0, got {short_repr(seeds)}")
+        raise ValueError(
+            f"seeds must be a list of one or more whole numbers >= 0, got {short_repr(given)}"
+        )
     if not isinstance(agent, str | Path | Agent):
         raise TypeError(
             f"an agent is a name, the path of a checkpoint, or has reset and act, got {agent!r}"

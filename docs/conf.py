@@ -24,7 +24,9 @@ TYPICAL_EPISODE = """
 import sys
 from agents import episode
 
-episode("SigmaCorvette-v0", seed=None, env_options={"disturbance": "rough"}).save(sys.argv[1])
+estimators = "kf-umv-ui", "truth", "ekf", "dead-reckoning"
+rough = {"disturbance": "rough"}
+episode("SigmaCorvette-v0", estimators, seed=None, env_options=rough).save(sys.argv[1])
 """
 UNBROKEN = re.compile(  # spaces at which no line ends
     r" ± |(?<=\d) (?=%|(?:s|m|km|kn|kg|t|rad|deg|hPa|Hz|m/s|rad/s)\b)"

@@ -69,7 +69,8 @@ def check_options(name: str, cls: type, options: dict[str, Any]) -> None:
 def unknown(kind: str, name: object, known: Iterable[str], head: str = "unknown") -> str:
     """The error message for an unknown name, with the nearest and all known names."""
     known = list(known)
-    near = get_close_matches(name, known, n=1) if isinstance(name, str) else []
-    hint = f" (did you mean {near[0]!r}?)" if near else ""
+    folded = {each.casefold(): each for each in known}
+    near = get_close_matches(name.casefold(), folded, n=1) if isinstance(name, str) else []
+    hint = f" (did you mean {folded[near[0]]!r}?)" if near else ""
     choices = f": choose from {', '.join(known)}" if known else ""
     return f"{head} {kind} {short_repr(name)}{hint}{choices}"

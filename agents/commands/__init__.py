@@ -9,7 +9,7 @@ from importlib import import_module
 from agents.commands.console import command, one_sentence_errors
 from agents.refusal import Refusal
 
-COMMANDS = ("list", "watch", "evaluate", "tune", "train", "ablate", "budget", "reproduce")
+COMMANDS = ("list", "watch", "evaluate", "tune", "train", "plot", "ablate", "budget", "reproduce")
 
 
 def main() -> int | None:

@@ -1,6 +1,10 @@
 """Score an agent over many seeds: ``vessel-gym evaluate --agent autopilot --disturbance rough``."""
 
+import csv
 from contextlib import closing
+from dataclasses import astuple
+from math import nan
+from pathlib import Path
 from typing import Any
 
 from agents.commands.console import asked, print_table, progress
@@ -8,11 +12,19 @@ from agents.commands.options import acting
 
 DEFAULT = "default"
 """Stands for the environment's own estimator."""
+COLUMNS = (
+    "environment", "agent", "episodes", "estimator", "metric", "unit", "mean", "low", "high",
+    "reference", "difference", "difference_low", "difference_high",
+)  # fmt: skip
+"""Columns of the file; low and high are the ends of 95 % intervals."""
 
 
 OPTIONS = {
     "estimator": "one or more estimators; default is the environment's own",
+    "compare_to": "the one of them from which the differences of the others are taken; if not given,"
+    " truth or else the first",
     "episodes": "episodes for each estimator",
+    "out": "file for all means, differences and their intervals (.csv)",
 }
 
 
@@ -21,35 +33,49 @@ def main(
     /,
     agent: str = "autopilot",
     estimator: tuple[str, ...] = (DEFAULT,),
+    compare_to: str | None = None,
     episodes: int = 100,
     first_seed: int = 0,
+    out: Path | None = None,
     **options: Any,
 ) -> None:
-    """Fly an agent on one or several estimators, over the same seeds, and print its metrics."""
+    """Run an agent with one or several estimators, over the same seeds, and print its metrics."""
     from agents import load_agent
+    from agents.files import check_file
     from agents.rollouts import batch
     from agents.seeds import evaluation_seeds
     from agents.studies.worlds import environment_options, registered_id, system_of
+    from vessel_gym.checks import one_of
 
     agent = acting(agent, options)
     with asked():
-        default = system_of(env_id := registered_id(env_id)).estimator or "no estimator"
-        seeds = evaluation_seeds(episodes, first_seed)
-        worlds = {}
+        system = system_of(env_id := registered_id(env_id))
+        seeds, worlds = evaluation_seeds(episodes, first_seed), {}
         for name in estimator:
-            chosen = options if name == DEFAULT else options | {"estimator": name}
-            world = environment_options(env_id, chosen)
-            label = world.get("estimator", default) if name == DEFAULT else name
-            worlds[label] = world
+            own = name == DEFAULT
+            world = environment_options(env_id, options | ({} if own else {"estimator": name}))
+            default = world.get("estimator", system.estimator or "no estimator")
+            worlds[default if own else name] = world
             with closing(batch(env_id, 1, world)) as env:
                 load_agent(agent, env)
+        compare_to = compare_to or ("truth" if "truth" in worlds else next(iter(worlds)))
+        one_of("estimator to compare to", compare_to, worlds)
+        if out:
+            one_of("kind of file", out.suffix.lower(), (".csv",))
+            check_file(out)
     given = "".join(f", {name}={value}" for name, value in options.items())
     title = f"{env_id}, {agent}: means and 95 % intervals, episodes: {episodes}{given}"
-    _fly(title, agent, env_id, seeds, worlds)
+    columns = _run(title, agent, env_id, seeds, worlds)
+    if len(columns) > 1:
+        _compare(agent, {name: column["score"] for name, column in columns.items()}, compare_to)
+    if out:
+        _write(out, (env_id, agent, episodes), system, columns, compare_to)
 
 
-def _fly(title: str, agent: str, env_id: str, seeds: list[int], worlds: dict[str, Any]) -> None:
-    """Fly the seeds with each estimator's options, and print a table of the metrics."""
+def _run(
+    title: str, agent: str, env_id: str, seeds: list[int], worlds: dict[str, Any]
+) -> dict[str, dict[str, Any]]:
+    """Run the seeds with each estimator, print a table of the metrics, and return their values."""
     import numpy as np
 
     from agents import rollout
@@ -58,31 +84,57 @@ def _fly(title: str, agent: str, env_id: str, seeds: list[int], worlds: dict[str
     columns = {}
     with progress("estimators") as show:
         for name, options in worlds.items():
-            flown = rollout(agent, env_id, seeds, options)
-            columns[name] = scores(flown)
+            run = rollout(agent, env_id, seeds, options)
+            columns[name] = scores(run)
             show(len(columns), len(worlds))
     sections: tuple[list[list[str]], list[list[str]]] = ([], [])
-    for metric in metrics(flown.config.system):
+    for metric in metrics(run.config.system):
         values = [column[metric.key] for column in columns.values()]
         if np.isfinite(values).any():
             sections[not (metric.cost or metric.key == SCORE.key)].append(_row(metric, values))
     print_table(title, ["metric", *columns], sections)
-    _warn(agent, {name: column[SCORE.key] for name, column in columns.items()})
+    return columns
 
 
-def _warn(agent: str, columns: dict[str, Any]) -> None:
-    """Print a warning if the scores on an estimator are higher than on the truth beyond chance."""
+def _compare(agent: str, scores: dict[str, Any], reference: str) -> None:
+    """Print the differences of scores from the reference; warn of those beyond the truth's."""
     from agents.page import words
     from agents.statistics import paired_difference
     from agents.studies.records import ORACLE, beyond_the_truth
 
-    truth, found = columns.pop(ORACLE, None), []
-    for name, ours in columns.items() if truth is not None else ():
-        more = paired_difference(ours, truth, comparisons=len(columns))
-        if more and more.low > 0.0:
-            found.append(f"{name} ({words(more, 3, True)})")
-    if found:
-        print(beyond_the_truth(found, agent))
+    others, said, beyond = [name for name in scores if name != reference], [], []
+    for name in others:
+        more = paired_difference(scores[name], scores[reference], comparisons=len(others))
+        said.append(f"{name} {words(more, 3, True)}")
+        if reference == ORACLE and more and more.low > 0.0:
+            beyond.append(name)
+    print(f"Score minus that with {reference}, paired by seed: {', '.join(said)}")
+    if beyond:
+        print(beyond_the_truth(beyond, agent))
+
+
+def _write(
+    out: Path, about: tuple[Any, ...], system: Any, columns: dict[str, Any], reference: str
+) -> None:
+    """Write the mean of every metric with each estimator, and its difference from the reference."""
+    from agents.files import replacing
+    from agents.metrics import mean, metrics
+    from agents.statistics import mean_interval
+
+    def ends(found: Any, values: Any) -> tuple[float, float, float]:
+        return astuple(found) if found else (values.mean(), nan, nan)
+
+    with replacing(out) as path, path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(COLUMNS)
+        for metric in metrics(system):
+            for name, column in columns.items():
+                values = column[metric.key]
+                more = values - columns[reference][metric.key]
+                difference = ends(mean_interval(more, max(len(columns) - 1, 1)), more)
+                average = ends(mean(metric, values[None]), values)
+                cells = name, metric.key, metric.unit, *average, reference, *difference
+                writer.writerow((*about, *cells))
 
 
 def _row(metric: Any, columns: list[Any]) -> list[str]:

@@ -32,10 +32,10 @@ def main(what: str = "environments", env_id: str = "", /) -> None:
 
 def _environments() -> list[list[str]]:
     """Names, default estimators and first sentences."""
-    from agents.studies.worlds import ours, system_of
+    from agents.studies.worlds import OURS, environments, system_of
 
     rows = []
-    for name, place in ours().items():
+    for name, place in environments(OURS).items():
         module, _, entry = place.partition(":")
         summary = (getattr(import_module(module), entry).__doc__ or "").strip().splitlines()[0]
         rows.append([name, system_of(name).estimator, summary])

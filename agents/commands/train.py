@@ -89,10 +89,9 @@ def _tell_settings(algorithm: str, env_id: str) -> None:
 
 def _tell_best(folder: Path) -> None:
     """Print which of the evaluations of a training the best policy is of."""
-    import numpy as np
+    from agents.commands.plot import evaluations
 
-    with np.load(folder / "evaluations.npz") as kept:
-        returns, steps = kept["results"].mean(axis=1), kept["timesteps"]
+    steps, returns = evaluations(folder / "evaluations.npz")
     print(
         f"the best of {len(returns)} evaluations, mean return {returns.max():.3f} after"
         f" {steps[returns.argmax()]} steps: {folder / 'best_model.npz'}"

@@ -1,12 +1,12 @@
 """Watch an agent steer: ``vessel-gym watch SigmaCorvette-v0 --out turn.gif``."""
 
-from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 from agents.commands.console import asked, progress
 from agents.commands.options import acting
+from agents.plotting import KINDS
 
 FPS = 12
 """Frames a second of a GIF or MP4."""
@@ -15,15 +15,22 @@ WRITERS: dict[str, dict[str, Any]] = {
     ".mp4": {"fps": FPS},
     ".png": {},
 }
-"""Kinds of pictures, with their settings for imageio."""
-PAGE = ".html"
+"""Suffixes of frames and films, with their settings for imageio."""
+NEEDED: dict[str, tuple[str, ...]] = {
+    ".html": (),
+    **dict.fromkeys(KINDS, ("matplotlib",)),
+    **dict.fromkeys(WRITERS, ("imageio", "imageio_ffmpeg", "PIL")),
+}
+"""Optional modules that a file of each suffix needs."""
 
 
 OPTIONS = {
-    "seed": "seed of the episode; if not given, an .html shows the most typical of 40 episodes, all"
-    " else seed 0",
-    "out": ".html, an interactive page on several estimators; .gif, .mp4, or .png of the last"
-    " frame",
+    "estimator": "one or more estimators, of which a page or figure shows the same episode; the"
+    " environment's default and the truth if not given",
+    "seed": "seed of the episode; if not given, a page or figure shows the most typical of 40"
+    " episodes, all else seed 0",
+    "out": ".html, an interactive page; .pdf or .svg, a figure; .gif or .mp4, a film of one"
+    " estimator; .png, its last frame",
     "every": "keep one frame in this many steps (.gif and .mp4)",
 }
 
@@ -31,26 +38,40 @@ OPTIONS = {
 def main(
     env_id: str = "SigmaCorvette-v0",
     /,
+    estimator: tuple[str, ...] = (),
     seed: int | None = None,
     agent: str = "autopilot",
     out: Path = Path("results/episode.html"),
     every: int = 6,
     **options: Any,
 ) -> None:
-    """Write one episode to a file, to watch it."""
+    """Write one episode to a file, to watch it: with several estimators, at equal waves and noise."""
     import gymnasium as gym
 
-    from agents import load_agent
+    from agents import episode, load_agent
     from agents.files import check_file
-    from agents.studies.worlds import environment_options, registered_id
+    from agents.studies.worlds import environment_options, own_or_name, registered_id
+    from vessel_gym.checks import one_of
+    from vessel_gym.extras import require
 
     agent = acting(agent, options)
     with asked():
-        check_kind(out)
+        require(*NEEDED[one_of("kind of file", kind := out.suffix.lower(), NEEDED)])
+        if len(estimator) == 1:
+            options["estimator"] = estimator[0]
+        elif estimator and kind in WRITERS:
+            raise ValueError(
+                f"{out} shows one estimator: name one, or write an .html, .pdf or .svg of several"
+            )
         options = environment_options(env_id := registered_id(env_id), options)
         check_file(out)
-    if out.suffix.lower() == PAGE:
-        _write_page(env_id, agent, seed, options, out)
+    if kind not in WRITERS:
+        with asked():
+            names = [*map(own_or_name, estimator)] if len(estimator) > 1 else None
+            page = episode(env_id, names, agent, seed, options)
+        page.save(out)
+        scores = ", ".join(f"{score:.3f} with {name}" for name, score in page.scores.items())
+        print(f"wrote {out}, {page.page['conditions'][-1]}, score {scores}")
         return
     with asked():
         drawn = environment_options(env_id, {"render_mode": "rgb_array"})
@@ -61,38 +82,8 @@ def main(
         with asked():  # the first picture needs pygame
             observation, _ = env.reset(seed=seed or 0)
             check_picture(env, env_id)
-        score = record(env, fly(env, flyer, observation), out, every)
+        score = record(env, flyer, observation, out, every)
     print(f"wrote {out}, score {score:.3f}")
-
-
-def _write_page(
-    env_id: str, agent: str, seed: int | None, options: dict[str, Any], out: Path
-) -> None:
-    """Write an episode as a page, and print which it is and its scores."""
-    from agents import episode
-
-    with asked():
-        page = episode(env_id, None, agent, seed, options)
-    page.save(out)
-    scores = ", ".join(f"{score:.3f} on {name}" for name, score in page.scores.items())
-    print(f"wrote {out}, {page.page['conditions'][-1]}, score {scores}")
-
-
-def check_kind(out: Path) -> None:
-    """Refuse a file that is neither a page nor a picture, or for whose kind an extra is missing.
-
-    Raises:
-        ValueError: naming the kinds.
-        ModuleNotFoundError: without what writes pictures.
-    """
-    from vessel_gym.extras import require
-
-    kind = out.suffix.lower()
-    if kind in WRITERS:
-        require("imageio", "imageio_ffmpeg", "PIL")
-    elif kind != PAGE:
-        kinds = ", ".join((PAGE, *WRITERS))
-        raise ValueError(f"cannot write {str(out)!r}: the suffix must be one of {kinds}")
 
 
 def check_picture(env: Any, env_id: str) -> None:
@@ -107,39 +98,30 @@ def check_picture(env: Any, env_id: str) -> None:
         raise ValueError(f"{env_id} cannot be drawn here ({error})") from error
 
 
-def fly(env: Any, agent: Any, observation: Any) -> Iterator[tuple[bool, float]]:
-    """Fly one episode.
+def record(env: Any, agent: Any, observation: Any, out: Path, every: int) -> float:
+    """Write the rest of an episode to a file, and return its score.
 
-    Yields:
-        After each step, true at the end, and the score so far, or the return of an environment
-        without one.
+    The score is the return in an environment without one.
     """
-    from agents.rollouts import acted
-
-    done, total, shape = False, 0.0, (1, *(env.action_space.shape or ()))
-    while not done:
-        action = acted(agent, observation[None], shape)[0]
-        observation, reward, terminated, truncated, info = env.step(action)
-        done, total = terminated or truncated, total + float(reward)
-        yield done, info.get("score", total)
-
-
-def record(env: Any, episode: Iterator[tuple[bool, float]], out: Path, every: int) -> float:
-    """Write an episode to a file; returns the score."""
     import imageio.v2 as imageio
 
     from agents.files import replacing
+    from agents.rollouts import acted
 
-    kind, score = out.suffix.lower(), 0.0
+    kind, shape = out.suffix.lower(), (1, *(env.action_space.shape or ()))
     steps = (env.spec and env.spec.max_episode_steps) or 0
+    done, total, step, info = False, 0.0, 0, dict[str, Any]()
     with (
         replacing(out) as path,
         # imageio's own exit closes nothing on errors
         closing(imageio.get_writer(path, **WRITERS[kind])) as writer,
         progress(f"writing {out.name}") as show,
     ):
-        for step, (done, score) in enumerate(episode):  # noqa: B007  (returned)
+        while not done:
+            action = acted(agent, observation[None], shape)[0]
+            observation, reward, terminated, truncated, info = env.step(action)
+            done, total = terminated or truncated, total + float(reward)
             if done or (kind != ".png" and step % every == 0):
                 writer.append_data(env.render())
-            show(step + 1, steps)
-    return score
+            show(step := step + 1, steps)
+    return float(info.get("score", total))

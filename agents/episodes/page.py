@@ -8,15 +8,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from agents.episodes.figure import episode_figure
 from agents.files import replacing
+from agents.plotting import KINDS, save_figure
 from vessel_gym.rendering.hulls import HULLS
 from vessel_gym.rendering.palette import DARK, LIGHT
 from vessel_gym.rendering.scene import Chart
 from vessel_gym.rendering.surroundings import Surroundings
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FRAMES = 1500
 """Moments that a page holds at most; of a longer one it holds every second, third and so on."""
@@ -74,14 +79,26 @@ class Episode:
         }
         return re.sub(r"{{(\w+)}}", lambda found: parts[found[1]], source("episode.html"))
 
+    def figure(self) -> "Figure":
+        """Figure for print: the tracks, and the errors of all estimators in their 2σ bands.
+
+        Raises:
+            ModuleNotFoundError: without Matplotlib.
+        """
+        return episode_figure(self.page)
+
     def save(self, path: Path | str) -> None:
-        """Write the page.
+        """Write the page, or the figure for a path that ends in ``.pdf`` or ``.svg``.
 
         Raises:
             OSError: if it cannot be written there.
+            ModuleNotFoundError: as `figure`.
         """
-        with replacing(Path(path)) as temporary:
-            temporary.write_text(self.html(), encoding="utf-8")
+        with replacing(path := Path(path)) as temporary:
+            if (kind := path.suffix.lower()) in KINDS:
+                save_figure(self.figure(), temporary, kind[1:])
+            else:
+                temporary.write_text(self.html(), encoding="utf-8")
 
     def _repr_html_(self) -> str:
         srcdoc, title = (html.escape(text) for text in (self.html(), self.page["title"]))

@@ -1,7 +1,7 @@
-"""One episode on several estimators: flown, packed into a page, shown."""
+"""One episode with several estimators: simulated, and packed into a page."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import closing, suppress
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -17,8 +17,6 @@ from vessel_gym import checks
 from vessel_gym.rendering.scene import Chart, Scene, Series, ambients, waves_of
 from vessel_gym.rendering.surroundings import surroundings_of
 
-COMPARED = ("ekf", "enkf", "dead-reckoning", "truth")
-"""Estimators beside the environment's own, if its models allow them."""
 TYPICAL = 40
 """Episodes of which the most typical one is shown where no seed is asked for."""
 CLOUDS, MEMBERS = 300, 40
@@ -38,9 +36,8 @@ def episode(
 
     Args:
         env_id: A registered environment of this package, or your own.
-        estimators: Estimators in the order in which the result shows them. None: the environment's
-            own estimator, then those of ``ekf``, ``enkf``, ``dead-reckoning`` and ``truth`` that
-            its models allow.
+        estimators: Estimators in the order in which the result shows them: names, or filters of
+            your own. None: the environment's estimator, and the truth.
         agent: An agent as for `rollout`; it is reset for each estimator.
         seed: Seed of the episode. None: of 40 evaluation episodes, the one whose scores lie nearest
             to the means; in an environment of another package, 0.
@@ -65,27 +62,19 @@ def episode(
         return options if estimator == default else {**options, "estimator": estimator}
 
     if estimators is None:
-        others = [each for each in dict.fromkeys((default, *COMPARED)) if each != first]
-        estimators = [first] if first else []
-        estimators += [each for each in others if _can_be_made(env_id, chosen(each))]
+        own = first or default
+        worlds = {_name(own): chosen(own), "truth": plain | {"estimator": "truth"}}
     elif isinstance(estimators, str) or not isinstance(estimators, Sequence) or not estimators:
         raise TypeError(f"estimators must be a list of one or more, got {short_repr(estimators)}")
-    names = [_name(each) for each in estimators]
-    if len(set(names)) < len(names):
-        raise ValueError(f"each estimator is shown once, got {', '.join(names)}")
-    worlds = dict(zip(names, map(chosen, estimators), strict=True))
+    else:
+        worlds = {_name(each): chosen(each) for each in estimators}
+        if len(worlds) < len(estimators):
+            names = ", ".join(map(_name, estimators))
+            raise ValueError(f"each estimator is shown once, got {names}")
     if seed is None and not ours:
         seed = 0
     seeds = evaluation_seeds(TYPICAL) if seed is None else [seed]
     return Episode(typical_page(agent, env_id, worlds, seeds))
-
-
-def _can_be_made(env_id: str, options: dict[str, Any]) -> bool:
-    """True for options that an environment takes."""
-    with suppress(ValueError, TypeError):
-        batch(env_id, 1, options).close()
-        return True
-    return False
 
 
 def typical_seed(scores: np.ndarray, seeds: Sequence[int]) -> int:

@@ -26,6 +26,9 @@ from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor
 from vessel_gym.sensors.grades import NOMINAL, grades_of
 
+OURS = "vessel_gym.envs:"
+"""Beginning of the entry points of the package's environments."""
+
 
 def environment_id(name: str) -> str:
     """The id of an environment of a `vessel_gym.system.System`, as `registered_id`.
@@ -57,14 +60,17 @@ def registered_id(name: str) -> str:
     if module and env_id not in gym.registry:
         imported_module(module, name)
     if env_id not in gym.registry:
-        raise ValueError(f"{unknown('environment', name, [*ours()])} (your own: module:id)")
+        own = environments(module.partition(".")[0], "vessel_gym.envs.own")
+        known = [f"{module}:{each}" for each in own] if module else environments(OURS)
+        raise ValueError(f"{unknown('environment', name, known)} (your own: module:id)")
     return env_id
 
 
-def ours() -> dict[str, str]:
-    """Entry points of the package's environments by their ids."""
-    found = {name: str(spec.entry_point) for name, spec in gym.registry.items()}
-    return {name: entry for name, entry in found.items() if entry.startswith("vessel_gym")}
+def environments(*places: str) -> dict[str, str]:
+    """Entry points by id of the environments whose entry point begins with one of some texts."""
+    entries = {name: spec.entry_point for name, spec in gym.registry.items()}
+    found = {name: getattr(entry, "__module__", str(entry)) for name, entry in entries.items()}
+    return {name: entry for name, entry in found.items() if entry.startswith(places)}
 
 
 @cache
@@ -113,8 +119,8 @@ def environment_options(environment: str, options: dict[str, Any]) -> dict[str, 
 
         made = load_tuned(path).options_for(environment, made)
     for key in ("estimator", "sensors", "disturbance"):
-        if isinstance(name := made.get(key), str) and ":" in name:
-            made[key] = named_object(name)
+        if isinstance(name := made.get(key), str):
+            made[key] = own_or_name(name)
     if isinstance(grades := made.get("sensors"), dict):
         made["sensors"] = graded_sensors(environment, grades)
     if isinstance(system, Wrapped):
@@ -130,6 +136,11 @@ def environment_options(environment: str, options: dict[str, Any]) -> dict[str, 
         ]
         made["sensor_faults"] = [*own, *chosen.faults]
     return made
+
+
+def own_or_name(name: str) -> Any:
+    """The object of the user's own that ``"module:object"`` names, or any other name as it is."""
+    return named_object(name) if ":" in name else name
 
 
 def graded_sensors(environment: str, grades: Mapping[str, str]) -> list[Sensor]:

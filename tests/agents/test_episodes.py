@@ -116,6 +116,34 @@ def test_window_and_page_show_same_charts_tracks_and_fixes(env_id: str):
             np.testing.assert_allclose(unpacked(line["value"]), series.value, rtol=1e-6)
 
 
+def test_a_figure_shows_errors_of_all_estimators_in_bands(flown: tuple[str, Episode]):
+    figure, page = flown[1].figure(), data(flown[1].html())
+    panels = {panel.get_title("left"): panel for panel in figure.axes}
+    names = [text.get_text().partition(",")[0] for text in figure.legends[0].get_texts()]
+    assert names == [*flown[1].scores]
+    for i, chart in enumerate(page["flights"][0]["charts"]):
+        panel, bands = panels[chart["title"]], 0
+        drawn = [line.get_ydata() for line in panel.get_lines()]
+        for flight in page["flights"]:
+            *true, line = (unpacked(each["value"]) for each in flight["charts"][i]["series"])
+            if flight["charts"][i]["series"][-1]["label"] != "true":
+                np.testing.assert_array_equal(drawn.pop(0), line - (true[0] if true else 0.0))
+            bands += flight["charts"][i]["band"] is not None
+        assert len(panel.collections) == bands
+        assert not drawn
+
+
+@pytest.mark.parametrize(("suffix", "begin"), [(".svg", b"<?xml"), (".PDF", b"%PDF")])
+def test_a_figure_is_saved_by_its_suffix_in_equal_bytes(
+    flown: tuple[str, Episode], tmp_path: Path, suffix: str, begin: bytes
+):
+    for stem in "ab":
+        flown[1].save(tmp_path / f"{stem}{suffix}")
+    written = [path.read_bytes() for path in tmp_path.iterdir()]
+    assert written[0].startswith(begin)
+    assert written[0] == written[1]
+
+
 def test_all_estimators_begin_alike_and_meet_the_same_noise(flown: tuple[str, Episode]):
     """What a receiver reads besides the truth is nature's: the same under every estimator, wherever the vehicle is."""
     one, other = data(flown[1].html())["flights"]
@@ -205,7 +233,7 @@ def test_the_command_writes_the_page_and_a_notebook_shows_it(
     monkeypatch.setattr(agents, "episode", lambda *a: flight)
     watch.main("ThesisCorvette-v0", out=tmp_path / "new" / "episode.HTML")
     written = (tmp_path / "new" / "episode.HTML").read_text(encoding="utf-8")
-    assert "on kf" in capsys.readouterr().out
+    assert "with kf" in capsys.readouterr().out
     assert flight.html() == written
     assert flight._repr_html_().startswith("<iframe srcdoc=")
 
@@ -257,7 +285,9 @@ def test_page_works_in_browser_without_a_complaint(tmp_path: Path, width: int, w
         comes_to(lambda time: time == 2.0)
         assert re.match(r"enkf\s+score 0\.\d{3} of 1", pressed())
         assert ("no WebGL" in page.inner_text("#note")) is not webgl
-        assert page.input_value("#second") == "1"  # dead reckoning is laid over from the start
+        assert (
+            page.input_value("#second") == "1"
+        )  # the second estimator is laid over from the start
         assert page.inner_text("#caption").startswith("Blue: where it is.")
         page.select_option("#second", "-1")
         status, costs = page.inner_text("#status"), page.inner_text("#costs")
@@ -332,10 +362,16 @@ def test_without_seed_most_typical_episode_is_shown():
     assert f"seed {seed}" in found.page["conditions"]
 
 
-def test_only_estimators_that_take_the_options_are_compared():
-    given = {"estimator": "enkf", "estimator_options": {"members": 30}}
-    flight = episode(SHIP, env_options=BRIEF | given)
-    assert [*flight.scores] == ["enkf"]
+@pytest.mark.parametrize(
+    ("given", "names"),
+    [
+        ({}, ["kf-umv-ui", "truth"]),
+        ({"estimator": "truth"}, ["truth"]),
+        ({"estimator": "enkf", "estimator_options": {"members": 30}}, ["enkf", "truth"]),
+    ],
+)
+def test_unless_named_the_second_estimator_is_the_truth(given: dict[str, Any], names: list[str]):
+    assert [*episode(SHIP, env_options=BRIEF | given).scores] == names
 
 
 def luminance(colour: str) -> float:

@@ -113,7 +113,7 @@ def test_interrupted_training_goes_on_from_last_checkpoint(
 def test_killed_training_loses_steps_after_last_checkpoint(tmp_path: Path):
     out = tmp_path / "agent"
     settings = [f"{name}={value}" for name, value in TINY["ppo"].items() if name != "policy_kwargs"]
-    line = [sys.executable, "-m", "scripts.train", ENV, "--out", str(out), "--steps", "20000"]
+    line = [sys.executable, "-m", "scripts", "train", ENV, "--out", str(out), "--steps", "20000"]
     process = subprocess.Popen([*line, "--set", *settings], stderr=subprocess.DEVNULL)
     while not checkpoints(out):
         assert process.poll() is None

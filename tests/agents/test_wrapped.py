@@ -6,6 +6,7 @@ from pathlib import Path
 import gymnasium as gym
 import numpy as np
 import pytest
+from refusals import refused
 
 from agents import episode, load_agent, rollout, save_agent
 from agents.commands import main
@@ -51,6 +52,12 @@ def test_metrics_are_those_of_info():
     ).all()
 
 
+def test_an_unknown_id_names_those_of_its_module():
+    assert registered_id(NAME) in NAME
+    with refused(ValueError, rf"unknown environment .*did you mean '{NAME}'.*own: module:id"):
+        registered_id(NAME.replace("0", "1"))
+
+
 def test_without_an_estimator_there_are_return_and_length():
     figures = scores(rollout("random", "Pendulum-v1", [0]))
     assert set(figures) == {"score", "steps"}
@@ -71,7 +78,7 @@ def test_evaluate_compares_estimators(
 def test_the_page_has_a_flight_on_each_estimator(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
     """Without a scene, it shows each component of truth and estimate."""
     flown = episode(registered_id(NAME), None, "swinging:Brake")
-    assert list(flown.scores) == ["ukf", "ekf", "enkf", "dead-reckoning", "truth"]
+    assert list(flown.scores) == ["ukf", "truth"]
     assert (flown.page["scene"], flown.page["dt"], flown.page["unit"]) == (None, 0.05, "s")
     charts = [chart["title"] for chart in flown.page["flights"][0]["charts"]]
     assert charts == ["Component 0", "Component 1"]

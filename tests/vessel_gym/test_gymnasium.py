@@ -189,7 +189,7 @@ def test_info_holds_numbers_that_tensors_can_hold(env_id: str):
 
 @pytest.mark.slow
 @every_environment
-def test_success_is_told_at_the_end_of_every_episode(env_id: str):
+def test_success_is_a_fact_of_the_end_of_an_episode(env_id: str):
     """It is to arrive, and on a turning circle to hold the turn until time is up."""
     task = single_class(env_id).system.task
     rows = 2
@@ -197,12 +197,11 @@ def test_success_is_told_at_the_end_of_every_episode(env_id: str):
     controller = load_agent("autopilot", env)
     controller.reset(rows)
     observations, info = env.reset(seed=2)
-    walk = random_walk(7, rows, env.single_action_space.shape[0])
     told = []
     for _ in range(gym.spec(env_id).max_episode_steps):
-        actions = np.where(
-            np.arange(rows)[:, None] == 0, controller.act(observations), next(walk)
-        ).astype(np.float32)
+        actions = controller.act(observations)
+        actions[1] = -1.0  # hard over to port, which loses every task
+        assert not info["is_success"].any()
         observations, _, terminated, truncated, info = env.step(actions)
         for row in np.flatnonzero(terminated | truncated):
             final = info["final_info"]

@@ -94,18 +94,24 @@ class Scale(NamedTuple):
 
     perfect: float  # sum of rewards of a perfect episode
     each: float  # reward of a further step of a perfect episode
-    success: int  # number of the end reason; 0: reaching the time limit
+    success: int  # number of the end reason; 0: to last for the horizon
+    least: int  # steps of the shortest episode that can be a success
 
     @classmethod
     def of(cls, task: Any) -> "Scale":
         """The scale of a task."""
         perfect, success = float(task.perfect), task.end_reasons.index(task.success)
-        return cls(perfect, float(task.perfect == task.horizon), success)
+        least = 0 if success else task.horizon
+        return cls(perfect, float(task.perfect == task.horizon), success, least)
 
     def scores(self, total: np.ndarray, steps: np.ndarray) -> np.ndarray:
         """Scores ``(B,)`` in [0, 1]: sums of rewards over that of a perfect episode."""
         shares = total / np.maximum(self.perfect, self.each * steps)
         return np.minimum(np.maximum(shares, 0.0), 1.0)
+
+    def successes(self, end: np.ndarray, steps: np.ndarray) -> np.ndarray:
+        """Mask ``(B,)`` of the episodes that have ended as the task asks."""
+        return (end == self.success) & (steps >= self.least)
 
 
 def info_arrays(
@@ -116,6 +122,7 @@ def info_arrays(
     arrays = (
         true_state.values(now), unknown, now.reference, now.actuators, now.y, now.available,
         belief.mean, belief.cov, np.zeros(unknown.shape) if d is None else d, now.parameters,
-        belief.healthy, scale.scores(now.total, now.steps), now.end, now.end == scale.success,
+        belief.healthy, scale.scores(now.total, now.steps), now.end,
+        scale.successes(now.end, now.steps),
     )  # fmt: skip
     return dict(zip(INFO, arrays, strict=True))

@@ -60,7 +60,7 @@ class Task:
     end_reasons: tuple[str, ...] = ("",)
     """Reasons for an episode's end by number; number 0 means that the episode goes on."""
     success: str = ""
-    """Entry of ``end_reasons`` that means success; empty if reaching the time limit is success."""
+    """Entry of ``end_reasons`` that means success; empty if it means to last for the horizon."""
     commanding: ClassVar[slice | list[int] | None] = None
     """Columns of the reference that hold the commands.
 

@@ -109,7 +109,7 @@ function drawAmbient(time) {
 
 /** What the colours of the scene mean, in one line. */
 function layCaption() {
-  const she = scene.hull === "ship" ? "she" : "it", parts = [["Blue", `: where ${she} is. `], ["Orange", `: ${data.located ? "where" : `the ${focus[0].name} that`} the filter believes ${data.located ? `${she} is` : `${she} has`}. `]];
+  const parts = [["Blue", ": where it is. "], ["Orange", `: ${data.located ? "where the filter estimates that it is" : `its ${focus[0].name}, as the filter estimates it`}. `]];
   if (scene.path.rows > 1) parts.push(["Dashed line", ": the way to follow."]);
   element("caption").replaceChildren(...parts.flatMap(([colour, text]) => [Object.assign(document.createElement("b"), { textContent: colour }), text]));
 }
@@ -218,8 +218,8 @@ function frame(now) {
 
 // "#t=30&estimator=2&over=1" opens a page at a moment, at rest; without it the page plays, unless its reader wants no motion.
 const asked = new URLSearchParams(location.hash.slice(1));
-// Dead reckoning is laid over the first estimator, and a ship is followed, unless "over=0" or "follow=0" says otherwise.
-const over = asked.has("over") ? Math.floor(Number(asked.get("over"))) - 1 : flights.findIndex(({ estimator }) => estimator === "dead-reckoning");
+// The second estimator is laid over the first, and a ship is followed, unless "over=0" or "follow=0" says otherwise.
+const over = asked.has("over") ? Math.floor(Number(asked.get("over"))) - 1 : 1;
 choose(Math.min(flights.length, Math.max(1, Math.floor(Number(asked.get("estimator"))) || 1)) - 1, over);
 if (scene) follow(asked.has("follow") ? asked.get("follow") !== "0" : scene.hull === "ship");
 if (asked.has("t")) go(Number(asked.get("t")) || 0);

@@ -79,7 +79,7 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
             (recording, "typical_page"),
             (agents.training.algorithms, "_learn"),
             (agents.jobs, "run"),
-            (watch, "fly"),
+            (watch, "record"),
             (speed, "report"),
         ):
             patch.setattr(place, name, begin)
@@ -187,7 +187,8 @@ LINES = [
         "watch CartPole-v1 --agent random --out turn.html",
         "'CartPole-v1' has no estimator in the loop",
     ),
-    ("watch --out turn.avi", "must be one of .html, .gif, .mp4, .png"),
+    ("watch --out turn.avi", "'.avi': choose from .html, .pdf, .svg, .gif, .mp4, .png"),
+    ("watch --out turn.gif --estimator ekf kf", "turn.gif shows one estimator: name one, or"),
     ("speed --page nowhere.md", "No such file or directory"),
     (
         "speed --page study.toml",
@@ -195,6 +196,10 @@ LINES = [
     ),
     ("budget --prices study.toml", "unknown sensor in the prices 'title'"),
     ("ablate", "arguments are required: STUDY"),
+    ("evaluate --estimator kf ekf --compare-to eekf", "compare to 'eekf' (did you mean 'ekf'?)"),
+    ("plot nowhere", "no evaluations.npz is in nowhere: name what vessel-gym train wrote"),
+    ("evaluate --out table.xlsx", "unknown kind of file '.xlsx': choose from .csv"),
+    ("evaluate --estimator EKF", "unknown estimator 'EKF' (did you mean 'ekf'?)"),
     ("ablate quik", "unknown study 'quik' (did you mean 'quick'?)"),
     ("ablate folder.gif", "cannot read folder.gif: Is a directory"),
     ("ablate bytes", "bytes: line 1: the file is not text in UTF-8"),
@@ -224,6 +229,7 @@ def test_an_empty_word_is_not_taken_for_the_present_folder(arguments: list[str])
         "evaluate vessel_gym/Ship-v0 --agent random --no-guidance --vessel mariner --mismatch 0.1",
         "train --out new/ppo --steps 128",
         "watch --out turn.png",
+        "watch --out turn.pdf --estimator ekf estimators:UnscentedKalmanFilter",
         "speed PunaUAV-v0 --rows 2",
         "reproduce robust puna --processes 1",
         "ablate study.toml --processes 3",
@@ -317,7 +323,10 @@ GOOD: dict[str, Any] = {
             "an agent is a name, the path of a checkpoint, or has reset and act, got None",
         ),
         ("env_id", 3, "env_id must be the name of a registered environment, got 3"),
-        ("seeds", [0, -1], "seeds must be one or more whole numbers >= 0, got [0, -1]"),
+        *(
+            ("seeds", wrong, f"seeds must be a list of one or more whole numbers >= 0, got {wrong}")
+            for wrong in ([0, -1], [], 5)
+        ),
         (
             "env_options",
             ["kf"],

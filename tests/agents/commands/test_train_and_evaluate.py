@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 
 import agents
@@ -13,7 +14,8 @@ from agents import rollout
 from agents.commands import evaluate, train
 from agents.policies.checkpoint import description, packaged
 from agents.refusal import Refusal
-from agents.seeds import tuning_seeds
+from agents.seeds import evaluation_seeds, tuning_seeds
+from agents.statistics import paired_difference
 
 ENV = "SigmaCorvette-v0"
 
@@ -86,6 +88,31 @@ def test_scores_above_those_on_the_truth_are_warned_of(
     evaluate.main(ENV, estimator=("kf", "truth"), episodes=3)
     warning = "autopilot beats the truth beyond chance: check the task's score, and what its reward"
     assert (warning in capsys.readouterr().out) == bool(lost)
+
+
+@pytest.mark.parametrize("episodes", [1, 4])
+def test_a_file_has_means_and_paired_differences(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], episodes: int
+):
+    out, names = tmp_path / "new" / "table.csv", ("ekf", "truth", "default")
+    evaluate.main(ENV, estimator=names, compare_to="truth", episodes=episodes, out=out)
+    assert "minus that with truth, paired by seed: ekf" in capsys.readouterr().out
+    found = pd.read_csv(out).set_index(["estimator", "metric"])
+    assert (found.reference == "truth").all()
+    own = {
+        name: rollout("autopilot", ENV, evaluation_seeds(episodes), {"estimator": name}).score
+        for name in ("ekf", "truth", "kf-umv-ui")
+    }
+    for name, scores in own.items():
+        row = found.loc[name, "score"]
+        assert row["mean"] == pytest.approx(scores.mean())
+        assert row.difference == pytest.approx((scores - own["truth"]).mean(), abs=1e-12)
+        if episodes == 1:
+            assert row[["low", "high", "difference_low"]].isna().all()
+        else:
+            each = paired_difference(scores, own["truth"], comparisons=2)
+            ends = row.difference_low, row.difference_high
+            assert ends == pytest.approx((each.low, each.high))
 
 
 def test_the_table_names_its_world_and_what_errors_are_of(capsys: pytest.CaptureFixture[str]):
