@@ -17,6 +17,8 @@ from vessel_gym.system import System
 from vessel_gym.tasks.dive import Dive
 from vessel_gym.vehicles.auv import AUV
 
+SPEED = 2.0  # s, time constant in which an error of speed is to vanish
+
 
 class SteadyMotions(NamedTuple):
     """Steady motions in a plane, for commands -c to c in equal steps ``(m,)``.
@@ -129,32 +131,28 @@ class DiveAutopilot(Controller):
     It acts on the observation alone. The guidance aims at a point on the path's tangent a
     look-ahead distance on (Fossen 2011, sec. 10.3) and adds the turn that the path makes; the
     regulators act on deviations from the steady dive and turn that fit, so that the righting moment
-    and the buoyancy need no integral. The ``numbers`` are the look-ahead distance [m], the thrust
-    for an error of speed [N s/m], and the gains of the stern plane and, in space, of the rudder.
+    and the buoyancy need no integral. The ``numbers`` are the look-ahead distance [m], and the
+    gains of the stern plane and of the rudder, if there is one.
 
     Args:
         system: The environment's system.
         direction: Tolerance of course and flight path [rad], where that of a fin is 0.3 rad.
         rate: Tolerance of the rates of yaw and pitch [rad/s].
-        speed: Time constant in which an error of speed is to vanish [s].
         ahead: Distance to the point that the guidance aims at, in vehicle lengths.
     """
 
     kind, vehicle = Dive, AUV
     tunable = {
-        "direction": Log(6e-4, 6.0), "rate": Log(0.004, 40.0), "speed": Log(0.02, 200.0),
-        "ahead": Log(0.01, 100.0),
+        "direction": Log(6e-4, 6.0), "rate": Log(0.004, 40.0), "ahead": Log(0.01, 100.0)
     }  # fmt: skip
 
     def __init__(
-        self, system: System, direction: float = 0.06, rate: float = 0.4, speed: float = 2.0,
-        ahead: float = 1.0,
-    ) -> None:  # fmt: skip
+        self, system: System, direction: float = 0.06, rate: float = 0.4, ahead: float = 1.0
+    ) -> None:
         super().__init__(system)
-        body = self._vehicle.body
         planes = [False, True] if _turns(self._vehicle) else [False]
         gains = [steady_motions(self._vehicle, each).gains(direction, rate) for each in planes]
-        self.numbers = np.array([ahead * body.length, body.mass / speed, *np.concatenate(gains)])
+        self.numbers = np.concatenate([[ahead * self._vehicle.body.length], *gains])
 
     @staticmethod
     @compiled
@@ -167,16 +165,16 @@ class DiveAutopilot(Controller):
         drift = o["heave"] - heave
         climb = o["climb"] - o["wanted climb"] + drift / body.cruise_speed
         deviation = np.stack([drift, o["pitch rate"], climb], -1)
-        fins = [stern - (numbers[..., 2:5] * deviation).sum(-1)]
+        fins = [stern - (numbers[..., 1:4] * deviation).sum(-1)]
         if _turns(vehicle):
             sway, rudder, turning = steady_motions(vehicle, True).at(o["turning"])
             drift = o["sway"] - sway
             rates = o["roll rate"], o["yaw rate"] - o["turning"]
             course = -o["course error"] - drift / body.cruise_speed
             deviation = np.stack([drift, *rates, o["roll"], course], -1)
-            fins.insert(0, rudder - (numbers[..., 5:] * deviation).sum(-1))
+            fins.insert(0, rudder - (numbers[..., 4:] * deviation).sum(-1))
             thrust = thrust + turning - body.cruise_thrust
-        thrust = thrust - numbers[..., 1] * o["surge error"]
+        thrust = thrust - body.mass / SPEED * o["surge error"]
         shares = [fin / body.fin_limit for fin in fins]
         actions = np.stack([*shares, 2.0 * thrust / body.thrust_limit - 1.0], -1)
         return np.clip(actions, -1.0, 1.0), state

@@ -14,6 +14,8 @@ from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.puna import Puna, trim
 
+APPROACH = 0.8  # rad, 2 / pi of the course at which the vector field meets the path from afar
+
 
 def lateral_gains(vehicle: Puna, cross_track: float, course: float) -> np.ndarray:
     """Gains ``(3,)`` of the commanded bank in level flight.
@@ -90,16 +92,13 @@ class FlightAutopilot(Controller):
     It acts on the observation alone. Far from the path the vector field (Nelson et al. 2007) points
     to it at a steep course, near it along it, with the slope that is best for small errors; the
     bank that the path needs is added. In a turn the trim is that of the banked aircraft. Altitude
-    is held by the climb over ground, which a gust does not change at once. The ``numbers`` are the
-    vector field's slope [1/m] and course from afar, the gains of course and bank, and those of
-    `longitudinal_gains`.
+    is held by the climb over ground, which a gust does not change at once. The ``numbers`` are
+    `lateral_gains` and `longitudinal_gains`.
 
     Args:
         system: The environment's system.
         cross_track: Tolerance [m], where that of the bank is 0.25 rad.
         course: Tolerance [rad].
-        approach: Share 2 / pi of the course at which the vector field meets the path from afar
-            [rad].
         altitude: Tolerance [m], where that of the angle of attack is 0.007 rad.
         climb: Tolerance [m/s].
         airspeed: Tolerance [m/s].
@@ -108,21 +107,18 @@ class FlightAutopilot(Controller):
 
     kind, vehicle = Flight, Puna
     tunable = {
-        "cross_track": Log(0.02, 200.0), "course": Log(0.0015, 15.0), "approach": Log(0.1, 1.5),
-        "altitude": Log(0.01, 100.0), "climb": Log(0.007, 70.0), "airspeed": Log(0.01, 100.0),
-        "thrust": Log(0.03, 300.0),
+        "cross_track": Log(0.02, 200.0), "course": Log(0.0015, 15.0), "altitude": Log(0.01, 100.0),
+        "climb": Log(0.007, 70.0), "airspeed": Log(0.01, 100.0), "thrust": Log(0.03, 300.0),
     }  # fmt: skip
 
     def __init__(
         self, system: System, cross_track: float = 2.0, course: float = 0.15,
-        approach: float = 0.8, altitude: float = 1.0, climb: float = 0.7, airspeed: float = 1.0,
-        thrust: float = 3.0,
+        altitude: float = 1.0, climb: float = 0.7, airspeed: float = 1.0, thrust: float = 3.0,
     ) -> None:  # fmt: skip
         super().__init__(system)
         lateral = lateral_gains(self._vehicle, cross_track, course)
         along = longitudinal_gains(self._vehicle, altitude, climb, airspeed, thrust)
-        slope = lateral[0] / lateral[1] / approach
-        self.numbers = np.array([slope, approach, *lateral[1:], *along.ravel()])
+        self.numbers = np.array([*lateral, *along.flat])
 
     @staticmethod
     @compiled
@@ -131,9 +127,9 @@ class FlightAutopilot(Controller):
     ) -> Control:
         """Actions ``(..., 3)``, thrust, angle of attack and bank; there is no state."""
         o, body = task.named(observation), vehicle.body
-        slope, approach, by_course, by_bank = (numbers[..., i] for i in range(4))
-        needed = o["bank of the path"]
-        field = approach * np.arctan(slope * o["cross-track"])  # to the left of the path
+        by_cross_track, by_course, by_bank = (numbers[..., i] for i in range(3))
+        slope, needed = by_cross_track / by_course / APPROACH, o["bank of the path"]
+        field = APPROACH * np.arctan(slope * o["cross-track"])  # to the left of the path
         astray = field - np.arctan2(o["course sine"], o["course cosine"])
         # The faster over ground, the less a bank turns the course.
         faster = np.maximum(1.0 + o["ground speed error"] / body.cruise_speed, 0.5)
@@ -150,6 +146,6 @@ class FlightAutopilot(Controller):
             o["climb"] / body.cruise_speed,
         ], -1)  # fmt: skip
         deviation = np.concatenate([motion, actuators[..., :2] - trims], -1)
-        K = numbers[..., 4:].reshape(*numbers.shape[:-1], 2, 5)
+        K = numbers[..., 3:].reshape(*numbers.shape[:-1], 2, 5)
         commands = np.concatenate([trims - np.matvec(K, deviation), bank[..., None]], -1)
         return np.clip(body.actions(commands), -1.0, 1.0), state

@@ -3,7 +3,7 @@
 All are designed from the ship's linear models.
 """
 
-from collections.abc import Sequence
+from functools import partialmethod
 from typing import Any
 
 import numpy as np
@@ -29,8 +29,9 @@ from vessel_gym.vehicles.corvette_thesis import ThesisCorvette
 
 
 def gains(
-    ship: CorvetteParameters, dt: float, tolerances: Sequence[float], rudder_rate: float
-) -> np.ndarray:
+    ship: CorvetteParameters, dt: float, yaw_rate: float, heading: float, distance: float,
+    integral: float, rudder_rate: float,
+) -> np.ndarray:  # fmt: skip
     """LQ gains of the rudder rate as polynomials ``(7, 6)`` of the commanded yaw rate.
 
     `numpy.polyval` takes them, at a yaw rate that is 1 for the tightest of `steady_turns`. They
@@ -41,9 +42,11 @@ def gains(
     Args:
         ship: Parameters of the ship.
         dt: Time step [s].
-        tolerances: Deviations of the states that count alike in the quadratic cost (Bryson's rule).
-            An infinite one does not count; a distance or an integral without it has no gain.
-        rudder_rate: Share of the full rate that counts as much.
+        yaw_rate: Tolerance [rad/s]: deviations of as many tolerances count alike in the cost.
+        heading: Tolerance [rad].
+        distance: Tolerance [m]; infinite if there is no track.
+        integral: Tolerance [rad s or m s]; infinite for none.
+        rudder_rate: Tolerance, as a share of the full rate.
 
     Raises:
         numpy.linalg.LinAlgError: if there are no such gains.
@@ -52,16 +55,16 @@ def gains(
     last = len(turns.speed) - 1
     nodes = np.rint(0.5 * last * (1.0 - np.cos(np.linspace(0.0, np.pi, 7)))).astype(int)
     (a, b), speed = (table[nodes] for table in secant_models(ship, dt)), turns.speed[nodes]
-    there = np.isfinite(tolerances) | (np.arange(6) < 4)
     A, B = np.tile(np.eye(6), (len(nodes), 1, 1)), np.zeros((len(nodes), 6, 1))
     A[:, :3, :3], A[:, :3, 3] = a, b[..., 0]
     A[:, 4, 0], A[:, 4, 1], A[:, 4, 2] = dt, 0.5 * dt**2 * speed, dt * speed
-    A[:, 5, 4 if there[4] else 2] = dt
+    A[:, 5, 4 if np.isfinite(distance) else 2] = dt
     # the rudder moves linearly within the step
     B[:, :3], B[:, 3] = 0.5 * per_step * b, per_step
-    K, Q = np.zeros((len(nodes), 6)), bryson(*tolerances)[there][:, there]
-    found = regulator_gains(A[:, there][..., there], B[:, there], Q, bryson(rudder_rate))
-    K[:, there] = found[:, 0]
+    tolerances = np.array([np.inf, yaw_rate, heading, np.inf, distance, integral])
+    there, K = np.isfinite(tolerances) | (np.arange(6) < 4), np.zeros((len(nodes), 6))
+    Q, R = bryson(*tolerances[there]), bryson(rudder_rate)
+    K[:, there] = regulator_gains(A[:, there][..., there], B[:, there], Q, R)[:, 0]
     return np.polyfit(nodes / last, K, len(nodes) - 1)
 
 
@@ -88,18 +91,17 @@ class _Regulator(Controller):
 
     It acts on the observation alone: what it regulates is what the estimator believes. No gain is
     chosen by hand: they follow from the linear model and from tolerances. Only ratios of these
-    matter, so that of the rudder's rate is fixed. The ``numbers (10, 6)`` are the limits of the
-    deviations, and `gains`.
-
+    matter, so that of the rudder's rate is fixed. The ``numbers`` are the limits of the distance
+    and of the integral, and `gains`.
     """
 
     state_size = 1  # the integral
 
-    def _design(self, tolerances: Sequence[float], rudder_rate: float, limit: float) -> None:
-        """Set the numbers, by the tolerances of `gains` and a limit of the integral in its own."""
-        limits = 6.0 * tolerances[4], limit * tolerances[5]
-        K = gains(self._task.ship, self._vehicle.dt, tolerances, rudder_rate)
-        self.numbers = np.array([*limits, *K.flat])
+    def _design(self, limit: float, *tolerances: float) -> None:
+        """Set the numbers, by the limit of the integral in its tolerance and those of `gains`."""
+        _, _, distance, integral, _ = tolerances
+        K = gains(self._task.ship, self._vehicle.dt, *tolerances)
+        self.numbers = np.array([6.0 * distance, limit * integral, *K.flat])
 
     @staticmethod
     @compiled
@@ -152,7 +154,7 @@ class TurningAutopilot(_Regulator):
         self, system: System, yaw_rate: float = 0.02, heading: float = 0.05, integral: float = 1.0
     ) -> None:
         super().__init__(system)
-        self._design((np.inf, yaw_rate, heading, np.inf, np.inf, integral), 0.5, 4.0)
+        self._design(4.0, yaw_rate, heading, np.inf, integral, 0.5)
 
 
 @register_controller(TurningTrial, "lqg")
@@ -160,9 +162,7 @@ class TurningRegulator(TurningAutopilot):
     """The autopilot's regulator without its integral: no memory, and a bias under steady loads."""
 
     tunable = {name: TurningAutopilot.tunable[name] for name in ("yaw_rate", "heading")}
-
-    def __init__(self, system: System, yaw_rate: float = 0.02, heading: float = 0.05) -> None:
-        super().__init__(system, yaw_rate, heading, np.inf)
+    __init__ = partialmethod(TurningAutopilot.__init__, integral=np.inf)
 
 
 @register_controller(Track, AUTOPILOT)
@@ -191,8 +191,8 @@ class TrackAutopilot(_Regulator):
         integral: float = 50.0,
     ) -> None:  # fmt: skip
         super().__init__(system)
-        off = self._task.track_scale * np.array([distance, integral])
-        self._design((1000.0, yaw_rate, heading, 1000.0, *off), 0.7, 2.0)
+        scale = self._task.track_scale
+        self._design(2.0, yaw_rate, heading, scale * distance, scale * integral, 0.7)
 
 
 @register_controller(Track, "lqg")
@@ -200,11 +200,7 @@ class TrackRegulator(TrackAutopilot):
     """The autopilot's regulator without its integral: no memory, and a bias under steady loads."""
 
     tunable = {name: TrackAutopilot.tunable[name] for name in ("yaw_rate", "heading", "distance")}
-
-    def __init__(
-        self, system: System, yaw_rate: float = 0.02, heading: float = 0.05, distance: float = 0.5
-    ) -> None:
-        super().__init__(system, yaw_rate, heading, distance, np.inf)
+    __init__ = partialmethod(TrackAutopilot.__init__, integral=np.inf)
 
 
 @register_controller(TurningTrial, "pid")
@@ -221,7 +217,7 @@ class TurningPID(Controller):
         proportional: Rudder for an error of the heading; on ships it is usually one for one.
         integral: Integral gain, as a share; see `pid_gains`.
         damping: Damping ratio.
-        ahead: Distance of the point on a track for which she heads, in ship lengths.
+        ahead: Distance of the point for which she heads on a track, in ship lengths.
     """
 
     kind: type = TurningTrial
@@ -232,7 +228,7 @@ class TurningPID(Controller):
 
     def __init__(
         self, system: System, proportional: float = 1.0, integral: float = 0.1,
-        damping: float = 1.0, ahead: float = np.inf,
+        damping: float = 1.0, ahead: float = 2.0,
     ) -> None:  # fmt: skip
         super().__init__(system)
         ship, dt = self._task.ship, self._vehicle.dt
@@ -267,12 +263,6 @@ class TrackPID(TurningPID):
 
     kind = Track
     tunable = TurningPID.tunable | {"ahead": Log(0.02, 200.0)}
-
-    def __init__(
-        self, system: System, proportional: float = 1.0, integral: float = 0.1,
-        damping: float = 1.0, ahead: float = 2.0,
-    ) -> None:  # fmt: skip
-        super().__init__(system, proportional, integral, damping, ahead)
 
 
 @register_controller(TurningTrial, "constant-rudder")
