@@ -44,13 +44,18 @@ def styled() -> AbstractContextManager[None]:
 
 
 def save_figure(figure: "Figure", file: Path | io.BytesIO, kind: str = "svg") -> None:
-    """Write a figure to a file, as PDF or SVG, without its date."""
-    without = "CreationDate" if kind == "pdf" else "Date"
+    """Write a figure to a file, as PDF or SVG, without a date: equal figures have equal bytes."""
+    names = ("CreationDate",) if kind == "pdf" else ("Date", "Creator", "Format", "Type")
     with styled():
-        figure.savefig(file, format=kind, metadata={without: None})
+        figure.savefig(file, format=kind, metadata=dict.fromkeys(names))
+
+
+def svg(figure: "Figure") -> bytes:
+    """The figure as SVG."""
+    save_figure(figure, buffer := io.BytesIO())
+    return buffer.getvalue()
 
 
 def data_uri(figure: "Figure") -> str:
     """The figure as an SVG data URI: nothing outside the page, and no ids that clash within it."""
-    save_figure(figure, buffer := io.BytesIO())
-    return "data:image/svg+xml;base64," + base64.b64encode(buffer.getvalue()).decode()
+    return "data:image/svg+xml;base64," + base64.b64encode(svg(figure)).decode()

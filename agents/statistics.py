@@ -163,6 +163,23 @@ def paired_difference(a: np.ndarray, b: np.ndarray, *, comparisons: int = 1) -> 
     return mean_interval(a - b, comparisons)
 
 
+def episodes_for(values: np.ndarray, half: float, comparisons: int = 1) -> float:
+    """Number of episodes at which the interval of a mean has a half-width, by the values' spread.
+
+    Args:
+        values: ``(N,)``, N at least 2.
+        half: The half-width.
+        comparisons: Those of `crossed_interval`.
+
+    Returns:
+        The number; infinite for a half-width of 0.
+    """
+    from scipy.special import ndtri
+
+    quantile = float(ndtri(1.0 - 0.5 * (1.0 - CONFIDENCE) / comparisons))
+    return (quantile * float(values.std(ddof=1)) / half) ** 2 if half else np.inf
+
+
 def skewed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None:
     """The mean of finite, independent values ``(N,)`` with an interval that follows their skewness.
 

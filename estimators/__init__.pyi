@@ -7,6 +7,8 @@ from estimators.belief import FeedthroughBelief as FeedthroughBelief
 from estimators.belief import InputBelief as InputBelief
 from estimators.belief import ObservedInputBelief as ObservedInputBelief
 from estimators.check import check_filter as check_filter
+from estimators.continuous import kalman_bucy as kalman_bucy
+from estimators.continuous import stationary_gain as stationary_gain
 from estimators.delayed import Delayed as Delayed
 from estimators.delayed import DelayedBelief as DelayedBelief
 from estimators.discretisation import sampled as sampled

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from estimators.discretisation import held
 from estimators.engine import compiled
 from estimators.linalg import joined
 from estimators.models import LinearModel, NonlinearModel
@@ -32,15 +33,17 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
             "stacked needs an unknown input that feeds through at once: give the model G, H or both"
         )
     options: dict[str, Any] = {
-        "Q": _assembled(lambda Q: _above(joined([Q, np.zeros((n, q))], -1), q), model.Q),
+        "Q": _assembled(lambda Q: held(Q, np.zeros((n, q))), model.Q),
         "R": model.R, "G": np.eye(n + q, q, -n), "H": np.zeros((model.p, q)),
         "state_angles": model.state_angles, "measurement_angles": model.measurement_angles,
     }  # fmt: skip
     if isinstance(model, LinearModel):
         return LinearModel(
-            _assembled(lambda A, G: _above(joined([A, G], -1), q), model.A, model.G),
+            _assembled(held, model.A, model.G),
             _assembled(lambda C, H: joined([C, H], -1), model.C, model.H),
-            B=None if model.B is None else _assembled(lambda B: _above(B, q), model.B), **options,
+            B=None if model.B is None else _assembled(
+                lambda B: joined([B, np.zeros((q, B.shape[-1]))], -2), model.B
+            ), **options,
         )  # fmt: skip
 
     def transition(z: np.ndarray, u: np.ndarray | None) -> np.ndarray:
@@ -56,11 +59,6 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
         _function(measurement, model.measurement, model.H),
         states=n + q, measurements=model.p, **options,
     )  # fmt: skip
-
-
-def _above(matrix: np.ndarray, q: int) -> np.ndarray:
-    """A matrix ``(..., n, m)`` with q rows of zeros below."""
-    return joined([matrix, np.zeros((q, matrix.shape[-1]))], -2)
 
 
 def _assembled(assemble: Callable[..., np.ndarray], *parts: Any) -> Any:

@@ -19,11 +19,11 @@ def zero_order_hold(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray
         ValueError: if ``dt`` is negative, or A or B is no array.
     """
     A, B, dt = as_array("A", A), as_array("B", B), number("dt", dt, AT_LEAST_0, what="at least 0")
-    n, phi = A.shape[-1], _exponential(_held(A, B) * dt)
+    n, phi = A.shape[-1], _exponential(held(A, B) * dt)
     return phi[..., :n, :n], phi[..., :n, n:]
 
 
-def _held(A: np.ndarray, B: np.ndarray) -> np.ndarray:
+def held(A: np.ndarray, B: np.ndarray) -> np.ndarray:
     """``x' = A x + B u`` with u as more states ``(..., n + m, n + m)``, which stay."""
     above = joined([A, B], -1)
     return joined([above, np.zeros((B.shape[-1], above.shape[-1]))], -2)
@@ -40,18 +40,53 @@ def van_loan(
         ValueError: if ``dt`` is negative, or A, G or Q is no array.
     """
     (A, G, Q), dt = map(as_array, "AGQ", (A, G, Q)), number("dt", dt, AT_LEAST_0, what="at least 0")
-    n = A.shape[-1]
-    # The exponential contains exp(-A t), which a fast decay makes huge. So it is taken over a part
-    # of the step, which is then doubled.
-    halves = math.ceil(np.log2(np.maximum(1.0, np.linalg.norm(A, 1) * dt / 4.0)))
-    block = np.block([[-A, congruence(G, Q)], [np.zeros((n, n)), A.T]])
-    phi = _exponential(block * (dt / 2**halves))
-    transition = phi[n:, n:].T
-    noise = transition @ phi[:n, n:]
-    for _ in range(halves):
-        noise = congruence(transition, noise) + noise
-        transition = transition @ transition
-    return transition, symmetrise(noise)
+    return riccati_step(A, congruence(G, Q), np.zeros_like(A), dt)[:2]
+
+
+def riccati_step(
+    A: np.ndarray, Q: np.ndarray, J: np.ndarray, dt: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Solution over ``dt`` of ``P' = A P + P A' + Q - P J P``, for every initial P.
+
+    The covariance at the end is that of a Kalman filter which first gains information Y, and then
+    predicts with transition F and process noise N::
+
+        P(dt) = F (P^-1 + Y)^-1 F' + N
+
+    They are blocks of the exponential of a Hamiltonian matrix, which also contains exp(-A t). A
+    fast decay makes that huge, so the exponential is taken over a part of the step, and the part is
+    then doubled.
+
+    Source: Anderson & Moore (1979), Optimal Filtering, section 6.7 (the doubling algorithm).
+
+    Args:
+        A: ``(n, n)``.
+        Q: ``(n, n)`` intensity of the process noise.
+        J: ``(n, n)`` information that measurements give per unit of time, ``C' R^-1 C``.
+        dt: Length of the step.
+
+    Returns:
+        F, N and Y, each ``(n, n)``.
+    """
+    n, hamiltonian = len(A), np.block([[-A, Q], [J, A.T]])
+    # Units of the states in which its rows are about as large as its columns (Osborne 1960).
+    size, units = np.abs(hamiltonian), np.ones(2 * n)
+    for _ in range(3):
+        rows, columns = (size @ units / units + 1e-100).reshape(2, n)
+        change = np.minimum(np.maximum(rows / columns, 1e-12), 1e12) ** 0.25
+        units *= np.concatenate([change, 1.0 / change])
+    hamiltonian = hamiltonian * units / units[:, None]
+    rate = float(np.linalg.norm(hamiltonian, 1))
+    doublings = math.ceil(math.log2(max(1.0, 0.5 * rate * dt)))
+    part = _exponential(hamiltonian * (dt / 2**doublings))
+    F = np.linalg.inv(part[:n, :n])
+    N, Y = symmetrise(F @ part[:n, n:]), symmetrise(part[n:, :n] @ F)
+    for _ in range(doublings):
+        both = np.linalg.solve(np.eye(n) + N @ Y, np.hstack([F, N @ F.T]))
+        Y = symmetrise(Y + F.T @ Y @ both[:, :n])
+        F, N = F @ both[:, :n], symmetrise(N + F @ both[:, n:])
+    scale = np.outer(units[:n], units[:n])
+    return F * units[:n, None] / units[:n], N * scale, Y / scale
 
 
 def _exponential(matrix: np.ndarray) -> np.ndarray:
@@ -93,16 +128,23 @@ def sampled(
         ValueError: naming the argument whose shape or definiteness is wrong; or in a step, if the
             known input lacks the step's length or the length is negative.
     """
-    given = {"A": A, "C": C, "Q": Q, "R": R} | ({} if B is None else {"B": B})
-    rates: dict[str, Any] = {
-        name: finite_array(name, value, "n", "m") for name, value in given.items()
-    }
-    model = LinearModel(**rates)
-    n, held = model.n, rates.get("B", np.zeros((model.n, 0)))
-    m = held.shape[1]
-    steps = _Sampled(n, _held(rates["A"], held), np.pad(rates["Q"], (0, m)))
-    matrices: Any = {name: partial(steps.matrix, name) for name in "ABQ" if name in rates}
-    return replace(model, **matrices)
+    model = LinearModel(A, C, Q, R, B)
+    A, B, _, Q, _ = matrices(model)
+    steps = _Sampled(model.n, held(A, B), np.pad(Q, (0, B.shape[1])))
+    names = "AQ" if model.B is None else "AQB"
+    over_steps: Any = {name: partial(steps.matrix, name) for name in names}
+    return replace(model, **over_steps)
+
+
+def matrices(model: LinearModel) -> list[np.ndarray]:
+    """A, B, C, Q and R of a model of continuous time; without known input, B is ``(n, 0)``.
+
+    Raises:
+        ValueError: naming a matrix that is a function or has batch axes.
+    """
+    B = np.zeros((model.n, 0)) if model.B is None else model.B
+    given = {"A": model.A, "B": B, "C": model.C, "Q": model.Q, "R": model.R}
+    return [finite_array(name, value, "n", "m") for name, value in given.items()]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +165,8 @@ class _Sampled:
                 " run the times t of the measurements"
             )
         lengths = u[..., -1].ravel().tolist()
-        known = {length: _over_step(self, length)[name] for length in set(lengths)}
-        matrices = np.array([known[length] for length in lengths])
-        return matrices.reshape(u.shape[:-1] + matrices.shape[1:])
+        found = np.array([_over_step(self, length)[name] for length in lengths])
+        return found.reshape(u.shape[:-1] + found.shape[1:])
 
 
 @lru_cache(maxsize=1024)

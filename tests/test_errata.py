@@ -267,6 +267,27 @@ def test_the_printed_derivative_of_the_trace_is_wrong():
     assert (C @ P).shape != K.shape  # printed: -2 C P
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_no_weight_and_no_known_input_moves_the_best_gain(seed: int):
+    """The cost rises by ``tr(W D S D')`` when the gain moves by D from the Kalman filter's."""
+    rng = np.random.default_rng(seed)
+    W, D, u, S = (
+        random_covariance(rng, 3),
+        rng.normal(size=K.shape),
+        rng.normal(size=2),
+        C @ P @ C.T + R,
+    )
+
+    def cost(K: np.ndarray) -> float:
+        rest = np.eye(3) - K @ C
+        return np.trace(W @ (rest @ P @ rest.T + K @ R @ K.T)) + u @ R @ u
+
+    best = P @ C.T @ np.linalg.inv(S)
+    rise = cost(best + D) - cost(best)
+    assert rise == pytest.approx(np.trace(W @ D @ S @ D.T), rel=1e-9)
+    assert rise > 0.0
+
+
 def test_noise_times_its_transpose_is_singular_its_mean_is_r():
     v = np.random.default_rng(9).multivariate_normal(np.zeros(2), R, 20_000)
     assert np.linalg.matrix_rank(np.outer(v[0], v[0])) == 1

@@ -6,13 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 import agents.jobs
 from agents.agent import load_agent
 from agents.budget.search import TRUTH, Search
-from agents.budget.suites import Suite
+from agents.budget.suites import Suite, no_better
 from agents.controllers import PPO
 from agents.policies.checkpoint import packaged, policy_path
 from agents.refusal import Refusal
@@ -51,17 +50,17 @@ def budget_study(
 
 
 class Budget(Search):
-    """A search of the cheapest suite with its confirmation, whose flights are jobs.
+    """A search of the cheapest suite with its confirmation, whose simulations are jobs.
 
     Args:
         study: See `budget_study`.
         suites: The cheapest first; other attributes name them by their numbers.
-        keep: Share of the truth's score that is asked for.
+        keep: Share of the reference score that is asked for.
         folder: Keeps the results.
         processes: Processes on this machine.
 
     Attributes:
-        tables: Results of what was flown, see `agents.studies.results.long_table`.
+        tables: Results of all simulations, see `agents.studies.results.long_table`.
         refusals: Reasons of the environment against suites.
         answer: After `run`: the cheapest suite that is confirmed; None if there is none.
     """
@@ -69,14 +68,14 @@ class Budget(Search):
     def __init__(
         self, study: Study, suites: Sequence[Suite], keep: float, folder: Path, processes: int = 1
     ) -> None:
-        costs, ranks = ([getattr(s, name) for s in suites] for name in ("cost", "ranks"))
-        super().__init__(costs, np.array(ranks), keep, self.flights, study.episodes)
+        costs = [suite.cost for suite in suites]
+        super().__init__(costs, no_better(suites), keep, self.flights, study.episodes)
         self.study, self.suites, self.folder, self.processes = study, suites, folder, processes
         self.tables: list[pd.DataFrame] = []
         self.refusals: set[str] = set()
 
     def run(self, progress: Callable[[int, int], None]) -> None:
-        """Search the cheapest suite that keeps the share, and confirm it on fresh seeds.
+        """Search the cheapest suite that suffices, and confirm it on fresh seeds.
 
         Raises:
             ValueError: if the truth scores nothing, so that there is no share of it.

@@ -1,13 +1,13 @@
-"""Sequential search for the cheapest suite that keeps a share of a score, and its confirmation.
+"""Sequential search for the cheapest suite that suffices, and its confirmation.
 
-The two parts fly different seeds. The search may therefore look as often as it likes: no error of
-the confirmation depends on what the search compared.
+The two parts simulate different seeds. The search may therefore look as often as it likes: no error
+of the confirmation depends on what the search compared.
 
 - Search: suites are looked at after 32, 64, 128 ... episodes, until a further look cannot change
   the answer. Intervals hold for all suites and all looks at once (Bonferroni), so the order in
-  which suites are flown needs no correction.
+  which suites are simulated needs no correction.
 - Confirmation: suites in an order that the search has fixed, the safest first, each cheaper than
-  the one before. The first that is not confirmed ends it, and the answer is the last one confirmed.
+  the one before. The first that is not confirmed ends it; the answer is the last one confirmed.
   Such a fixed sequence needs no correction: a wrong suite can only be the answer if the first wrong
   one of the order passes its own test (Maurer, Hothorn & Lehmacher 1995; Goeman & Solari 2010, "The
   sequential rejection principle of familywise error control").
@@ -15,20 +15,27 @@ the confirmation depends on what the search compared.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import permutations
 from typing import Any
 
 import numpy as np
 
-from agents.statistics import Interval, normalise, skewed_interval
+from agents.statistics import (
+    Interval,
+    episodes_for,
+    normalise,
+    paired_difference,
+    skewed_interval,
+)
 
 TRUTH = -1
 """Stands for the truth among the numbers of suites."""
 FIRST_LOOK = 32
 """Episodes after which a suite is looked at first; their number doubles from look to look."""
 ROUND = 16
-"""Suites that are flown before the next choice."""
-DOES, FAILS, OPEN, REFUSED = "keeps it", "keeps less", "not decided", "refused"
-"""Verdicts of the search. Refused: the environment cannot fly the estimator on these sensors."""
+"""Suites that are simulated before the next choice."""
+DOES, FAILS, OPEN, REFUSED = "suffices", "falls short", "undecided", "refused"
+"""Verdicts of the search. Refused: the environment cannot run the estimator on these sensors."""
 CONFIRMED, NOT_CONFIRMED = "confirmed", "not confirmed"
 """Verdicts of the confirmation."""
 
@@ -40,18 +47,31 @@ They are ``(episodes,)`` each; None for a suite that the environment refuses.
 """
 
 
-def share_kept(scores: np.ndarray, truth: np.ndarray, comparisons: int = 1) -> Interval:
-    """Mean score over the truth's on the same seeds; its interval follows the skewness.
+def relative_scores(scores: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Scores ``(N,)`` over the mean of the reference scores of the same seeds, as `normalise`.
+
+    Args:
+        scores: ``(N,)``.
+        truth: ``(N,)`` reference scores, of positive mean.
+
+    Raises:
+        ValueError: if the truth scores nothing, so that there is no share of it.
+    """
+    return normalise(scores[None], np.zeros(len(truth)), truth)[0]
+
+
+def relative_score(scores: np.ndarray, truth: np.ndarray, comparisons: int = 1) -> Interval:
+    """Mean of `relative_scores` with an interval that follows the skewness.
 
     Args:
         scores: ``(N,)``, N at least 2.
-        truth: ``(N,)``, of positive mean.
+        truth: ``(N,)`` reference scores, of positive mean.
         comparisons: As `agents.statistics.crossed_interval`.
 
     Raises:
         ValueError: if the truth scores nothing, so that there is no share of it.
     """
-    interval = skewed_interval(normalise(scores[None], np.zeros(len(truth)), truth)[0], comparisons)
+    interval = skewed_interval(relative_scores(scores, truth), comparisons)
     assert interval is not None
     return interval
 
@@ -67,18 +87,20 @@ class Search:
 
     Attributes:
         costs: Of the suites, ascending: prices, or whatever else has an order.
-        ranks: ``(K, s)`` of their sensors, 0 for the best.
-        keep: Share of the truth's score that is asked for.
-        fly: Flies what is asked for.
+        no_better: Matrix ``(K, K)``, True in a row where a suite is better in no sensor than the
+            suite of a column.
+        keep: Share of the reference score that is asked for.
+        fly: Simulates what is asked for.
         episodes: The most of a suite.
-        scores: Flown so far, by suite and for the `TRUTH`.
-        shares: Of each suite flown, with an interval that holds for all suites and looks at once.
-        verdicts: Of each suite flown.
-        confirmed: Shares on fresh seeds, in the order of the confirmation.
+        scores: Of all episodes so far, by suite and for the `TRUTH`.
+        shares: Relative score of each suite simulated, with an interval that holds for all suites
+            and looks at once.
+        verdicts: Of each suite simulated.
+        confirmed: Relative scores on fresh seeds, in the order of the confirmation.
     """
 
     costs: Sequence[Any]
-    ranks: np.ndarray
+    no_better: np.ndarray
     keep: float
     fly: Fly
     episodes: int
@@ -88,10 +110,10 @@ class Search:
     confirmed: dict[int, Interval] = field(default_factory=dict)
 
     def run(self, progress: Callable[[int, int], None]) -> None:
-        """Fly until no further look may change the answer.
+        """Simulate until no further look may change the answer.
 
-        Suites of each round are spread over the prices: one that keeps the share settles dearer
-        ones, one that keeps less those that are no better in any sensor.
+        Suites of each round are spread over the prices: one that suffices settles dearer ones, one
+        that falls short those that are better in no sensor.
 
         Args:
             progress: Called with the number of suites that need no further look, and of all.
@@ -106,9 +128,9 @@ class Search:
     def undecided(self, end: int) -> list[int]:
         """Suites with fewer episodes of which a look may change the answer.
 
-        A suite that is no better in any sensor than one that keeps less is flown no further. That
-        it keeps less, too, is an assumption: no test relies on it, but a cheaper suite may be
-        missed where it does not hold.
+        A suite that is better in no sensor than one that falls short is simulated no further. That
+        it falls short, too, is an assumption: no test of a suite relies on it, but a cheaper suite
+        may be missed where it does not hold (`contradictions`).
         """
         does, fails = (
             [i for i, found in self.verdicts.items() if found == word] for word in (DOES, FAILS)
@@ -118,19 +140,48 @@ class Search:
             for i in range(min(does, default=len(self.costs)))
             if self.verdicts.get(i, OPEN) == OPEN
             and len(self.scores.get(i, ())) < end
-            and not (self.ranks[i] >= self.ranks[fails]).all(-1).any()
+            and not self.no_better[i, fails].any()
         ]
 
+    @property
+    def comparisons(self) -> int:
+        """Number of intervals of the search, which hold at once."""
+        return len(self.costs) * len(looks(self.episodes))
+
+    def episodes_to_decide(self, suite: int) -> float:
+        """About how many more episodes decide on a suite, by the scatter of its relative score."""
+        values = relative_scores(self.scores[suite], self.scores[TRUTH][: len(self.scores[suite])])
+        distance = abs(values.mean() - self.keep)
+        return max(episodes_for(values, distance, self.comparisons) - len(values), 1.0)
+
+    def pairs(self) -> list[tuple[int, int]]:
+        """Suites simulated of which the second is better in some sensor, and worse in none."""
+        every = permutations(sorted(self.shares), 2)
+        return [(i, j) for i, j in every if self.no_better[i, j] and not self.no_better[j, i]]
+
+    def contradictions(self) -> dict[tuple[int, int], Interval]:
+        """Pairs whose suite with the worse sensors scores significantly more, and how much more.
+
+        Differences are paired by seed, and their intervals hold for all pairs and looks at once.
+        """
+        found, pairs = {}, self.pairs()
+        for i, j in pairs:
+            n = min(len(self.scores[i]), len(self.scores[j]))
+            comparisons = len(pairs) * len(looks(self.episodes))
+            gap = paired_difference(self.scores[i][:n], self.scores[j][:n], comparisons=comparisons)
+            if gap and gap.low > 0.0:
+                found[i, j] = gap
+        return found
+
     def _look(self, suites: Sequence[int], first: int, end: int) -> None:
-        """Fly suites from one number of episodes to another, and decide on them."""
-        comparisons = len(self.costs) * len(looks(self.episodes))
+        """Simulate suites from one number of episodes to another, and decide on them."""
         for i, scores in zip(suites, self.fly(suites, first, end - first), strict=True):
             if scores is None:
                 self.verdicts[i] = REFUSED
                 continue
             self.scores[i] = np.append(self.scores.get(i, ())[:first], scores)
             if i != TRUTH:
-                share = share_kept(self.scores[i], self.scores[TRUTH], comparisons)
+                share = relative_score(self.scores[i], self.scores[TRUTH], self.comparisons)
                 no = FAILS if share.high < self.keep else OPEN
                 self.shares[i], self.verdicts[i] = share, DOES if share.low >= self.keep else no
 
@@ -139,8 +190,8 @@ class Search:
         """Suites to confirm, in their order, each cheaper than those before.
 
         The order is that of the lower ends of their intervals, the highest first. Suites whose mean
-        does not keep the share are left out. Of those that keep it for certain the two cheapest are
-        enough, one of them for the case that the other is not confirmed.
+        falls short are left out. Of those that suffice for certain the two cheapest are enough, one
+        of them for the case that the other is not confirmed.
         """
         found: list[int] = []
         good = (i for i, share in self.shares.items() if share.mean >= self.keep)
@@ -154,8 +205,8 @@ class Search:
         """Confirm suites on fresh seeds in the order of `sequence`, up to the first that is not.
 
         Those whose 95 % interval is not below ``keep`` are confirmed. The probability that the last
-        one confirmed keeps less is at most 2.5 %, however many are tried, since the order is fixed
-        before these seeds are flown.
+        one confirmed falls short is at most 2.5 %, however many are tried, since the order is fixed
+        before these seeds are simulated.
 
         Args:
             first: Number of the first fresh seed.
@@ -166,7 +217,7 @@ class Search:
         answer = None
         for suite in self.sequence:
             fresh = self.fly((suite, TRUTH), first, self.episodes)
-            share = self.confirmed[suite] = share_kept(*fresh)
+            share = self.confirmed[suite] = relative_score(*fresh)
             if share.low < self.keep:
                 self.verdicts[suite] = NOT_CONFIRMED
                 break

@@ -7,8 +7,12 @@ from itertools import product
 from math import fsum, prod
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from agents.budget.sensors import no_worse, total_error
 from estimators.checks import short_repr
 from estimators.factory import unknown
+from vessel_gym.sensors import Sensor
 from vessel_gym.sensors.grades import grades_of
 from vessel_gym.system import System
 
@@ -27,16 +31,16 @@ class Choice(NamedTuple):
     Attributes:
         words: As `agents.studies.records.Condition` takes them: "SBAS" or "SBAS at 0.5 Hz".
         grade: Its name alone.
-        ranks: Of the grade and of the rate, 0 for the best.
+        sensor: The sensor of this grade; its rate is a number.
     """
 
     words: str
     grade: str
-    ranks: tuple[int, int]
+    sensor: Sensor
 
 
 Choices = Mapping[str, Sequence[Choice]]
-"""Choices of each sensor by its name, the best first."""
+"""Choices of each sensor by its name."""
 
 
 class Suite(NamedTuple):
@@ -44,12 +48,12 @@ class Suite(NamedTuple):
 
     Attributes:
         cost: Sum of the prices of the choices; of suites of one price, higher rates count more.
-        ranks: Ranks of grade and rate of each sensor, 0 for the best.
+        choices: The choice of each sensor.
         grades: Words of the choice by sensor.
     """
 
-    cost: tuple[float, int]
-    ranks: tuple[int, ...]
+    cost: tuple[float, float]
+    choices: tuple[Choice, ...]
     grades: dict[str, str]
 
     def __str__(self) -> str:
@@ -65,8 +69,12 @@ def choices_of(system: System, rates: Sequence[float] = ()) -> dict[str, list[Ch
         ValueError: if there is no choice at all, or a rate is not below that of any grade, or does
             not divide the steps of a second.
     """
-    grades, dt = grades_of(system), system.vehicle.dt
-    highest = max(s.rate or 1.0 / dt for each in grades.values() for s in each.values())
+    dt = system.vehicle.dt
+    grades: dict[str, dict[str, Any]] = {
+        name: {grade: replace(s, rate=s.rate or 1.0 / dt) for grade, s in each.items()}
+        for name, each in grades_of(system).items()
+    }
+    highest = max(s.rate for each in grades.values() for s in each.values())
     for rate in rates:
         if not 0.0 < rate < highest:
             raise ValueError(
@@ -76,10 +84,14 @@ def choices_of(system: System, rates: Sequence[float] = ()) -> dict[str, list[Ch
         replace(system.nominal_sensors[0], rate=rate).period(dt)
     found = {
         name: [
-            Choice(f"{grade} at {rate:.9g} Hz" if rate else grade, grade, (i, j))
-            for i, (grade, sensor) in enumerate(each.items())
-            for j, rate in enumerate((0.0, *sorted(set(rates), reverse=True)))
-            if rate < (sensor.rate or 1.0 / dt)
+            Choice(
+                f"{grade} at {rate:.9g} Hz" if rate else grade,
+                grade,
+                replace(s, rate=rate or s.rate),
+            )
+            for grade, s in each.items()
+            for rate in (0.0, *sorted(set(rates), reverse=True))
+            if rate < s.rate
         ]
         for name, each in grades.items()
     }
@@ -102,29 +114,64 @@ def suites_of(choices: Choices, prices: Prices) -> list[Suite]:
             " rates"
         )
     found = []
-    for chosen in product(*(reversed(listed) for listed in choices.values())):
+    for chosen in product(*choices.values()):
         grades = dict(zip(choices, (choice.words for choice in chosen), strict=True))
         price = fsum(prices[sensor][words] for sensor, words in grades.items())
-        ranks = sum((choice.ranks for choice in chosen), ())
-        found.append(Suite((price, -sum(ranks[1::2])), ranks, grades))
+        found.append(Suite((price, fsum(c.sensor.rate or 0.0 for c in chosen)), chosen, grades))
     return sorted(found, key=lambda suite: suite.cost)
+
+
+def no_better(suites: Sequence[Suite]) -> np.ndarray:
+    """Matrix ``(K, K)``: True where a row's suite is better in no sensor than a column's."""
+    found = np.ones((len(suites), len(suites)), bool)
+    for column in zip(*(suite.choices for suite in suites), strict=True):
+        kinds = list(dict.fromkeys(column))
+        order = np.array([[no_worse(b.sensor, a.sensor) for b in kinds] for a in kinds])
+        index = [kinds.index(choice) for choice in column]
+        found &= order[np.ix_(index, index)]
+    return found
+
+
+def worthwhile(choices: Choices, prices: Prices) -> tuple[dict[str, list[Choice]], list[str]]:
+    """Choices worth their prices, the cheapest first, and a sentence on each of the others.
+
+    A choice is not worth its price if another grade costs no more and is worse in no error, or if
+    its own grade costs less at a rate that is no lower.
+    """
+    kept: dict[str, list[Choice]] = {sensor: [] for sensor in choices}
+    dropped = []
+    for sensor, each in choices.items():
+        price = {c: (prices[sensor][c.words], sum(no_worse(o.sensor, c.sensor) for o in each))
+                 for c in each}  # fmt: skip
+        for one in sorted(each, key=price.__getitem__):  # of one price, the better first
+            instead = [
+                other
+                for other in kept[sensor]
+                if (other.grade != one.grade or price[other][0] < price[one][0])
+                and no_worse(other.sensor, one.sensor)
+            ]
+            if instead:
+                dropped.append(
+                    f"{sensor}: {one.words} is left out, because {instead[0].words} costs no more"
+                    " and is worse in no error."
+                )
+            else:
+                kept[sensor].append(one)
+    return kept, dropped
 
 
 def price_list(choices: Choices, prices: Mapping[str, Any] | None) -> dict[str, dict[str, float]]:
     """Price of every choice by sensor and words.
 
     A grade at a lower rate costs what the grade does, unless it has a price of its own. Without
-    prices, each step to a better grade costs 1.
+    prices, each step to a grade of smaller `total_error` costs 1.
 
     Raises:
         ValueError: for a sensor or grade that there is not, a missing price, or one that is no
-            number of at least 0.
+            number of at least 0; without prices, for noise that depends on the measurement.
     """
     if prices is None:
-        return {
-            sensor: {c.words: float(listed[-1].ranks[0] - c.ranks[0]) for c in listed}
-            for sensor, listed in choices.items()
-        }
+        return {sensor: _steps(sensor, listed) for sensor, listed in choices.items()}
     for sensor, grades in prices.items():
         if sensor not in choices:
             raise ValueError(unknown("sensor in the prices", sensor, choices))
@@ -149,6 +196,21 @@ def price_list(choices: Choices, prices: Mapping[str, Any] | None) -> dict[str, 
                 raise ValueError(f"the prices lack the grade {choice.grade!r} of {sensor}")
         found[sensor] = {c.words: float(own.get(c.words, own[c.grade])) for c in listed}
     return found
+
+
+def _steps(sensor: str, listed: Sequence[Choice]) -> dict[str, float]:
+    """Price of each choice: the number of grades with a greater mean error over the channels."""
+    if any(callable(c.sensor.sd) for c in listed):
+        raise ValueError(
+            f"the noise of {sensor} depends on its measurement, so its grades have no order: give"
+            " their prices with --prices"
+        )
+    errors = np.array([total_error(c.sensor) for c in listed])
+    mean = (errors / np.maximum(errors.max(axis=0), np.finfo(float).tiny)).mean(axis=1)
+    return {
+        c.words: float(len({o.grade for o, worse in zip(listed, mean > own, strict=True) if worse}))
+        for c, own in zip(listed, mean, strict=True)
+    }
 
 
 def prices_toml(prices: Prices) -> str:

@@ -1,19 +1,21 @@
 """Find the cheapest sensors that suffice: ``vessel-gym budget SigmaCorvette-v0 --keep 0.95``."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from agents.commands.console import asked, print_answer, print_table, progress
 
-ROWS = 8
-"""The most rows of the table in the console; the page has all suites that were flown."""
+ROWS = 5
+"""The most rows of the table in the console; the page has all suites that were simulated."""
 
 OPTIONS = {
-    "keep": "share of the score on the truth that is asked for, above 0 and at most 1",
+    "keep": "share of the reference score (truth: perfect state knowledge) that is asked for, above"
+    " 0 and at most 1",
     "prices": "TOML file with a table for each sensor and a number for each of its grades; without"
-    " it, each step to a better grade costs 1. Every run writes such a file, prices.toml, to begin"
-    " with",
+    " it, each step to a grade of smaller error costs 1. Every run writes such a file, prices.toml,"
+    " to begin with",
     "rates": "lower rates [Hz] to try, too, for each grade",
     "estimator": "the environment's default if not given",
     "disturbance": "calm, moderate or rough",
@@ -36,7 +38,7 @@ def main(
     out: Path | None = None,
     processes: int = 2,
 ) -> int:
-    """Find the cheapest grades of sensors that keep a share of the score on the truth.
+    """Find the cheapest grades of sensors that reach a share of the reference score.
 
     They are confirmed on fresh seeds. Results are kept in the output folder. After an interruption,
     run the same command again: it goes on with what is missing.
@@ -45,28 +47,43 @@ def main(
         The exit status: 1 if no suite is confirmed.
     """
     from agents.budget.result import Budget, budget_study
-    from agents.budget.suites import choices_of, price_list, prices_toml, suites_of
+    from agents.budget.suites import prices_toml, suites_of
     from agents.files import check_folder, replacing
     from agents.studies.records import DEFAULT
-    from agents.studies.worlds import environment_id, system_of
+    from agents.studies.worlds import environment_id
     from vessel_gym.extras import require
-    from vessel_gym.toml_file import TomlFile
 
     with asked():
         environment_id(env_id)
         _check_numbers(keep, episodes, first_seed)
-        choices = choices_of(system_of(env_id), rates)
-        costs = price_list(choices, None if prices is None else TomlFile(prices).data)
+        choices, costs, notes = _candidates(env_id, rates, prices)
         suites = suites_of(choices, costs)
         study = budget_study(env_id, estimator or DEFAULT, agent, disturbance, suites)
-        require("jinja2", "joblib", "pyarrow")
+        require("matplotlib", "jinja2", "joblib", "pyarrow")
         out = out or Path("results") / f"budget-{env_id.rpartition(':')[2]}"
         check_folder(out)
     if not (out / "prices.toml").exists():  # the user's own may lie there
         with replacing(out / "prices.toml") as path:
             path.write_text(prices_toml(costs), encoding="utf-8")
     study = replace(study, episodes=episodes, first_seed=first_seed)
-    return _search(Budget(study, suites, keep, out, processes), prices is not None)
+    return _search(Budget(study, suites, keep, out, processes), notes)
+
+
+def _candidates(env_id: str, rates: Sequence[float], prices: Path | None) -> tuple[Any, ...]:
+    """Choices worth their prices, the price of every choice, and notes for the report."""
+    from agents.budget.suites import choices_of, price_list, worthwhile
+    from agents.studies.worlds import system_of
+    from vessel_gym.toml_file import TomlFile
+
+    choices = choices_of(system_of(env_id), rates)
+    costs = price_list(choices, None if prices is None else TomlFile(prices).data)
+    kept, notes = worthwhile(choices, costs)
+    if prices is None:
+        notes.append(
+            "No prices were given, so each step to a grade of smaller error counts 1. Other suites"
+            " of the same price may suffice, too. Give prices with --prices."
+        )
+    return kept, costs, notes
 
 
 def _check_numbers(keep: float, episodes: int, first_seed: int) -> None:
@@ -82,9 +99,9 @@ def _check_numbers(keep: float, episodes: int, first_seed: int) -> None:
         raise ValueError(f"--first-seed must be at most {FRESH - episodes}, got {first_seed}")
 
 
-def _search(budget: Any, priced: bool) -> int:
+def _search(budget: Any, notes: list[str]) -> int:
     """Search and confirm, write the report, and print the answer; the exit status."""
-    from agents.budget.report import conclusion, legend, suites_table, write_report
+    from agents.budget.report import assumption, conclusion, suites_table, write_report
 
     try:
         with progress("suites decided", counted=True) as show:
@@ -92,13 +109,9 @@ def _search(budget: Any, priced: bool) -> int:
     except KeyboardInterrupt:
         kept = "what was finished is kept, and the same command goes on from there"
         raise KeyboardInterrupt(kept) from None
-    notes = [] if priced else [
-        "No prices were given, so each step to a better grade of any sensor counts 1. Other suites"
-        " of the same price may keep the share, too. Give prices with --prices."
-    ]  # fmt: skip
     report = write_report(budget, notes)
     print_answer(conclusion(budget))
     table = suites_table(budget, ROWS).reset_index()
     print_table("Suites near the answer", table.columns, [table.itertuples(index=False)])
-    print(legend(budget), *notes, f"Report: {report}", sep="\n")
+    print(assumption(budget), *notes, f"Report: {report}", sep="\n")
     return int(budget.answer is None)

@@ -14,11 +14,12 @@ from agents.statistics import (
     WORSE,
     Interval,
     crossed_interval,
+    episodes_for,
     mean_interval,
 )
 from agents.studies.records import Condition, beyond_the_truth
 from agents.studies.results import Results
-from agents.studies.shares import ALL, Ranking, episodes_for, learned_differences, rankings
+from agents.studies.shares import ALL, Ranking, learned_differences, rankings
 
 BEST = 5
 """Number of estimators in the table at the head of a report."""

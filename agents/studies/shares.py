@@ -14,6 +14,7 @@ import pandas as pd
 from agents.statistics import (
     Interval,
     crossed_interval,
+    episodes_for,
     mean_interval,
     paired_difference,
     share_interval,
@@ -59,13 +60,6 @@ def kept(
     """Share that a policy keeps on an estimator, or (None) on that of its training."""
     there = estimator or results.home(environment, policy)
     return interval(results, policy, shares(results, [environment], policy, there).to_numpy())
-
-
-def episodes_for(values: np.ndarray, half: float, comparisons: int) -> float:
-    """Number of seeds at which the mean's interval is its value ± half, by the values' spread."""
-    from scipy.special import ndtri
-
-    return float((ndtri(1.0 - 0.025 / comparisons) * values.std(ddof=1) / half) ** 2)
 
 
 # --- estimators of the classical agent ------------------------------------------------------------

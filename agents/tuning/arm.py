@@ -25,7 +25,7 @@ Values = dict[str, float]
 
 @dataclass(frozen=True)
 class Parameter:
-    """What can be tuned: its range, and its value as delivered."""
+    """A parameter that can be tuned: its range, and its value as delivered."""
 
     range: Linear
     value: float
@@ -60,14 +60,6 @@ class Arm:
         return [environment_options(self.env_id, self.options | each) for each in self.conditions]
 
     @cached_property
-    def plain_worlds(self) -> list[dict[str, Any]]:
-        """`worlds` without factors on Q and R."""
-        options = self.worlds[0].get("estimator_options") or {}
-        assume = {k: v for k, v in options.get("assume", {}).items() if k not in ("Q", "R")}
-        plain = {"estimator_options": {**options, "assume": assume}} if options else {}
-        return [world | plain for world in self.worlds]
-
-    @cached_property
     def system(self) -> Any:
         """The environment's system."""
         return system_of(self.env_id)
@@ -90,7 +82,7 @@ class Arm:
 
     @cached_property
     def every(self) -> dict[str, Parameter]:
-        """All that can be tuned, by name."""
+        """All parameters that can be tuned, by name."""
         return self._of_estimator() | self._of_agent()
 
     @property
@@ -100,7 +92,7 @@ class Arm:
 
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
-        """What is tuned, by name."""
+        """Parameters that are tuned, by name."""
         found = self.every
         if not found:
             raise ValueError(f"{self.agent} on {self.estimator} has nothing that can be tuned")
@@ -118,7 +110,7 @@ class Arm:
         return chosen if isinstance(chosen, str) else chosen.__name__
 
     def _of_estimator(self) -> dict[str, Parameter]:
-        """Factors on Q and on the R of each sensor, and what the filter's class declares."""
+        """Factors on Q and on the R of each sensor, and the filter's own parameters."""
         if self.configuration is None or self.estimator in ENVIRONMENT_ONLY:
             return {}
         filter = self.configuration.estimation.filter
@@ -134,7 +126,7 @@ class Arm:
         return {f"estimator.{name}": each for name, each in found.items()}
 
     def _of_agent(self) -> dict[str, Parameter]:
-        """What the controller's class declares."""
+        """The controller's parameters."""
         if not is_controller(self.agent, self.system):
             return {}
         made = make_controller(self.agent, self.system)
@@ -155,18 +147,12 @@ class Arm:
                 options[name] = value
         return options | ({"assume": assume} if assume else {})
 
-    def agent_parameters(self, values: Values) -> Values:
-        """Parameters of the controller among some values."""
-        return _under("agent.", values)
-
-    def made_agent(self, values: Values, env: Any = None) -> Any:
+    def made_agent(self, values: Values) -> Any:
         """The agent with some values of its parameters."""
         if is_controller(self.agent, self.system):
-            return make_controller(self.agent, self.system, **self.agent_parameters(values))
-        if env is None:
-            with closing(batch(registered_id(self.env_id), 1, self.worlds[0])) as env:
-                return load_agent(self.agent, env)
-        return load_agent(self.agent, env)
+            return make_controller(self.agent, self.system, **_under("agent.", values))
+        with closing(batch(registered_id(self.env_id), 1, self.worlds[0])) as env:
+            return load_agent(self.agent, env)
 
 
 def _begins(name: str, with_: str) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from agents.tuning.arm import Parameter, Values
 
-RADIUS = 0.08
+RADIUS = 0.15
 """First radius of the trust region, as a share of each range."""
 SPREAD = 0.05
 """Standard deviation of the start of all searches but the first, as a share of each range."""

@@ -68,22 +68,26 @@ class Trials:
     def _made_cores(self, candidates: int) -> list[Core]:
         """Cores for so many candidates, one for each condition."""
         system, rows, cores = self.arm.system, candidates * len(self.seeds), []
-        for world in self.arm.plain_worlds:
+        for world in self.arm.worlds:
             core = Core(system, rows, **world)
             core.config = Configuration(system, core.config.options, by_rows=True)
             cores.append(core)
         return cores
 
     def _rows(self, core: Core, candidates: Sequence[Values]) -> np.ndarray:
-        """Parameters ``(C * N, k)`` of the filter in each row."""
+        """Parameters ``(C * N, k)`` of the filter in each row; its model has delivered factors."""
         filter, sensors = core.config.estimation.filter, core.config.sensors
-        names = [f"R.{sensors.of_channel(i).name}" for i in range(sensors.size)]
-        # The oracle's measurement, and that of an input appended to the state, is of another size.
-        names = ["Q", *names[: filter.model.p], *[""] * (filter.model.p - len(names))]
-        names += filter.tunable
-        every = [self.arm.delivered | values for values in candidates]
-        rows = [[values.get(f"estimator.{name}", 1.0) for name in names] for values in every]
-        return np.repeat(np.array(rows), len(self.seeds), 0)
+        channels = [sensors.of_channel(i).name for i in range(sensors.size)]
+        factors = ["estimator.Q", *(f"estimator.R.{name}" for name in channels)]
+        own, delivered, size = filter.tunable, self.arm.delivered, 1 + filter.model.p
+
+        def row(values: Values) -> list[float]:
+            every = delivered | values
+            ratios = [every[n] / delivered[n] for n in factors if n in delivered]
+            ratios = [*ratios, *[1.0] * size][:size]  # the oracle has no factors
+            return ratios + [every[f"estimator.{name}"] for name in own]
+
+        return np.repeat(np.array([*map(row, candidates)]), len(self.seeds), 0)
 
 
 def _scores(

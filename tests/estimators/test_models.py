@@ -223,6 +223,17 @@ def test_discretisations_are_what_integration_gathers(dt: float):
         assert_array_equal(noise, noise.T)
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1e12])
+def test_the_unit_of_noise_leaves_the_transition_alone(unit: float):
+    A, Q = (
+        np.random.default_rng(1).normal(size=(3, 3)),
+        random_covariance(np.random.default_rng(2), 3),
+    )
+    (transition, noise), (moved, scaled) = (van_loan(A, np.eye(3), of, 0.7) for of in (Q, unit * Q))
+    assert_allclose(moved, transition, rtol=0, atol=1e-13)
+    assert_allclose(scaled / unit, noise, rtol=0, atol=1e-13)
+
+
 def test_continuous_models_are_lists_too_and_no_step_goes_back():
     A, G = [[0, 1], [0, 0]], [[0], [1]]
     for step in (lambda dt: zero_order_hold(A, G, dt), lambda dt: van_loan(A, G, [[2]], dt)):

@@ -22,6 +22,7 @@ from contract import (
 )
 from scipy.stats import kstest
 
+from agents.budget.sensors import total_error
 from vessel_gym.sensor_faults import LOSS
 from vessel_gym.sensors import SUITE_NAMES, SUITES, Sensor, plain
 from vessel_gym.sensors.grades import NOMINAL, grades_of, load_grades, read_grades
@@ -108,19 +109,6 @@ def all_grades(env_id: str) -> Iterator[tuple[str, str, Sensor, str, tuple[str, 
     for name, of in grades.sensors.items():
         for grade, sensor in of.items():
             yield name, grade, sensor, grades.sources[name][grade], grades.assumed[name][grade]
-
-
-def total_error(sensor: Sensor, seconds: float = 60.0) -> np.ndarray:
-    """Standard deviation of each channel's whole error, a minute after the start, which tells of a random walk."""
-    variance = np.square(sensor.sd)
-    if sensor.bias is not None:
-        process = sensor.bias.process(seconds)
-        after = (
-            process.transition @ process.start_cov @ process.transition.T
-            + process.root @ process.root.T
-        )
-        variance[: len(sensor.bias.names)] += np.diag(sensor.bias.gain @ after @ sensor.bias.gain.T)
-    return np.sqrt(variance)
 
 
 @every_file

@@ -68,7 +68,7 @@ def test_interrupted_run_goes_on_to_same_answer(tmp_path, monkeypatch, capsys):
     for name in ("budget.html", "results.parquet"):
         assert (broken / name).read_bytes() == (whole / name).read_bytes()
 
-    suite = printed.partition("truth: ")[2].partition(".")[0]
+    suite = printed.partition("state knowledge): ")[2].partition(".")[0]
     assert suite in (whole / "budget.html").read_text()
     table = pd.read_parquet(whole / "results.parquet")
     assert len(table[table.condition == suite]) >= 128 + 32
@@ -119,6 +119,7 @@ def test_a_policy_is_known_by_its_content(tmp_path):
 
 def test_lower_rates_are_choices_of_their_own():
     choices = choices_of(system_of(ENVIRONMENT), (1.0, 0.5))
+    assert {each.sensor.rate for each in choices["gyro compass"]} == {2.0, 1.0, 0.5}
     assert [each.words for each in choices["receiver"]] == [
         "nominal", "nominal at 0.5 Hz", "four metres", "four metres at 1 Hz", "four metres at 0.5 Hz", "twelve metres",
     ]  # fmt: skip
@@ -146,20 +147,20 @@ def test_what_cannot_be_meant_is_one_sentence(tmp_path, arguments, sentence):
 def test_suites_round_the_answer_are_those_of_the_nearest_places(made: Budget):
     made.answer, count = 2, len(made.suites)
     for i in range(count):
-        made.verdicts[i], made.shares[i] = "keeps it", Interval(0.9, 0.8, 1.0)
+        made.verdicts[i], made.shares[i] = "suffices", Interval(0.9, 0.8, 1.0)
     made.confirmed[2] = Interval(0.85, 0.8, 0.9)
     assert len(suites_table(made)) == count
     near = suites_table(made, 3)
     assert near.index.tolist() == [str(made.suites[i]) for i in (1, 2, 3)]
-    own = [f"{made.suites[2].cost[0]:g}", "0.900 ± 0.100", "0.850 ± 0.050", "keeps it"]
+    own = [f"{made.suites[2].cost[0]:g}", "0.900 ± 0.100", "0.850 ± 0.050", "suffices"]
     assert near.iloc[1].tolist() == own
 
 
 def test_conclusion_names_share_and_verdicts_of_cheaper_suites(made: Budget):
     made.answer = last = len(made.suites) - 1
     made.confirmed[last] = Interval(0.85, 0.8, 0.9)
-    made.verdicts = {0: "keeps less"}
+    made.verdicts = {0: "falls short"}
     first, share, others = conclusion(made)
-    assert "confirmed to keep 80 % of the score on the truth: " in first
-    assert share.endswith("it keeps 0.850 ± 0.050 of the score on the truth.")
-    assert others == f"Cheaper suites: keeps less (1) and not run ({last - 1})."
+    assert "confirmed to reach 80 % of the reference score (truth: " in first
+    assert share.endswith("it reaches 0.850 ± 0.050 of the reference score.")
+    assert others == f"Cheaper suites: falls short (1) and not simulated ({last - 1})."
