@@ -27,6 +27,8 @@ _FILTERS = {
     "enkf-sr": "EnsembleTransformFilter",
 }
 """Classes of filters by name; `make` imports only the one that it builds."""
+_AS_PRINTED = {"kf-umv-ui": "PrintedUMVFilter", "enkf-sr": "PrintedSquareRootFilter"}
+"""Classes of filters with the misprints of their papers, by name."""
 
 
 def names() -> tuple[str, ...]:
@@ -40,7 +42,8 @@ def make(name: str, model: Model, **options: Any) -> Filter:
     Args:
         name: One of `names`.
         model: A `LinearModel` or `NonlinearModel`.
-        **options: The filter's own options, documented with its class.
+        **options: The filter's own options, documented with its class. ``as_printed=True`` builds
+            ``kf-umv-ui`` and ``enkf-sr`` as the papers print them, see `estimators.as_printed`.
 
     Raises:
         ValueError: for an unknown name, or a model that the filter cannot work with; the message
@@ -51,6 +54,8 @@ def make(name: str, model: Model, **options: Any) -> Filter:
         raise ValueError(unknown("filter", name, _FILTERS))
     ended = name == "kf-umv-ui" and getattr(model, "delayed_feedthrough", False)
     cls = getattr(import_module("estimators"), "EndedUMVFilter" if ended else _FILTERS[name])
+    if name in _AS_PRINTED and options.pop("as_printed", False):
+        cls = getattr(import_module("estimators.as_printed"), _AS_PRINTED[name])
     check_options(name, cls, options)
     made: Filter = cls(model, **options)
     made.name = name

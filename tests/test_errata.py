@@ -134,7 +134,7 @@ def test_i_xy_and_i_yz_vanish_for_a_hull_mirrored_in_xz():
 
 
 def test_the_printed_covariance_prediction_lacks_sign_gain_and_s():
-    core = Core(ThesisCorvetteEnv.system, estimator_options={"model": "as-printed"})
+    core = Core(ThesisCorvetteEnv.system, estimator_options={"model": "as_printed"})
     noise = 1e-3 * np.eye(3)  # eq. 4.6
     model = replace(core.config.estimation.filter.model, Q=noise, R=noise[:2, :2])
     A, C, G, H = (np.asarray(getattr(model, name)) for name in "ACGH")
@@ -329,9 +329,14 @@ LEVEL = np.array([0.0, 20.0, 0.0, 100.0])
 def test_g_sin_alpha_does_not_keep_the_energy():
     stone = replace(PLANE, lift=(0.0, 0.0), drag=(0.0, 0.0, 0.0))
     v, alpha = 20.0, 0.05
-    rates = planar_derivative(np.array([0.3, v, 0.0, 100.0]), np.array([0, alpha]), stone.vector())
-    assert v * rates[1] + stone.gravity * rates[3] == pytest.approx(0.0, abs=1e-12)
-    assert stone.gravity * (rates[3] - v * np.sin(alpha)) > 48.0  # W/kg, printed
+    state, control = np.array([0.3, v, 0.0, 100.0]), np.array([0, alpha])
+    right, printed = (
+        planar_derivative(state, control, stone.vector(), as_printed)
+        for as_printed in (False, True)
+    )
+    powers = [v * rates[1] + stone.gravity * rates[3] for rates in (right, printed)]
+    assert powers[0] == pytest.approx(0.0, abs=1e-12)
+    assert powers[1] > 48.0  # W/kg
 
 
 def test_lift_proportional_to_c_l_alpha_carries_a_fiftieth():

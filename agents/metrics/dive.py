@@ -26,7 +26,7 @@ def _clearance(rollout: Rollout) -> np.ndarray:
 
 
 def _energy(rollout: Rollout) -> np.ndarray:
-    task, (_, length, depth) = rollout.config.system.task, rollout.scenario.T
+    task, (_, length, depth, _) = rollout.config.system.task, rollout.scenario.T
     power = task.power(rollout.history["actuators"][1:])
     seconds = np.hypot(length, depth) / task.auv.cruise_speed
     return power.sum(0, where=rollout.alive[1:]) * task.dt / seconds

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from estimators import Filter, Gaussian, NonlinearModel
+from estimators import Filter, Gaussian, NonlinearModel, compiled
+from estimators.randomness import RandomKeys, key
 from vessel_gym.sensors import Sensor
 
 Advance = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -49,10 +50,12 @@ class Experiment:
     def model(self) -> NonlinearModel:
         """The filter's model, of the vehicle's own equations, noise and measurements."""
 
-        def transition(x: np.ndarray, u: Any) -> np.ndarray:
+        @compiled
+        def transition(x: np.ndarray, u: np.ndarray) -> np.ndarray:
             return self.advance(self.state(x), u)[..., self.estimated]
 
-        def measurement(x: np.ndarray, u: Any) -> np.ndarray:
+        @compiled
+        def measurement(x: np.ndarray, u: np.ndarray) -> np.ndarray:
             return x[..., self.measured]
 
         Q, R = np.diag(self.process_sd**2), np.diag(self.measurement_sd**2)
@@ -63,9 +66,9 @@ class Experiment:
 
     def state(self, estimates: np.ndarray) -> np.ndarray:
         """Vehicle states ``(..., n)`` from estimates ``(..., k)``, the other components 0."""
-        state = np.zeros(estimates.shape[:-1] + self.start.shape)
-        state[..., self.estimated] = estimates
-        return state
+        known = dict(zip(self.estimated, np.moveaxis(estimates, -1, 0), strict=True))
+        nothing = 0.0 * estimates[..., 0]
+        return np.stack([known.get(i, nothing) for i in range(self.start.shape[-1])], -1)
 
     def simulate(self, runs: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """True states ``(T + 1, B, n)``, and measurements ``(T, B, p)`` after each step."""
@@ -87,15 +90,16 @@ class Experiment:
             states.append(self.advance(states[-1], control))
         return np.array(states)
 
-    def estimates(
-        self, estimator: Filter, measurements: np.ndarray, rng: np.random.Generator
-    ) -> np.ndarray:
+    def estimates(self, estimator: Filter, measurements: np.ndarray, seed: int = 0) -> np.ndarray:
         """Updated estimates ``(T + 1, B, k)``; the first is the initial one."""
-        start = np.tile(self.start[self.estimated], (measurements.shape[1], 1))
-        belief = estimator.init(Gaussian(start, np.diag(self.prior_sd**2)), rng)
+        runs = measurements.shape[1]
+        keys = RandomKeys(key(seed)).of(np.arange(runs))
+        start = np.tile(self.start[self.estimated], (runs, 1))
+        belief = estimator.init(Gaussian(start, np.diag(self.prior_sd**2)), keys)
         means = [belief.mean]  # and not the beliefs: members of 30,000 steps fill a memory
-        for control, measurement in zip(self.controls, measurements, strict=True):
-            belief = estimator.update(estimator.predict(belief, control, rng), measurement, rng)
+        for k, (control, measurement) in enumerate(zip(self.controls, measurements, strict=True)):
+            u = np.tile(control, (runs, 1))
+            belief = estimator.step(belief, measurement, u, keys.at(k + 1))
             means.append(belief.mean)
         return np.stack(means)
 

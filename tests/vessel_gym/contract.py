@@ -4,7 +4,6 @@ import importlib
 from collections.abc import Iterator
 from copy import copy
 from typing import Any
-from zlib import crc32
 
 import gymnasium as gym
 import numpy as np
@@ -29,16 +28,7 @@ ENVIRONMENTS = [*OURS, *OWN]
 """And those of the pages on parts of one's own."""
 
 
-def every_environment(test: Any) -> Any:
-    """For a test of each environment: own ones, traced anew for each test, take turns; all fly at night."""
-    turn = list(OWN)[crc32(test.__name__.encode()) % len(OWN)]
-    keys = [
-        pytest.param(key, marks=() if key in (*OURS, turn) else pytest.mark.nightly)
-        for key in ENVIRONMENTS
-    ]
-    return pytest.mark.parametrize("env_id", keys)(test)
-
-
+every_environment = pytest.mark.parametrize("env_id", ENVIRONMENTS)
 MANUALS = [key for key in OURS if "/" not in key]
 """Those with a manual of their own: those of any vehicle point to them."""
 

@@ -51,19 +51,13 @@ def test_no_estimator_is_offered_that_refuses_the_vehicle():
 @pytest.mark.parametrize(
     ("options", "kind", "sentence"),
     [
-        ({"render_mode": "ascii"}, ValueError, "'ascii'.*human.*rgb_array"),
         ({"sensor": "clean", "estimator": "nonsense"}, TypeError,
          r"unexpected keyword argument 'sensor' \(did you mean 'sensors'\?\): choose from .*estimator"),
-        ({"disturbance": None}, TypeError, "^disturbance "), ({"sensors": {"nominal": 1}}, TypeError, "^sensors "),
         ({"estimator": lambda model: "no filter"}, TypeError, "^estimator must return an estimators.Filter, got str"),
-        ({"estimator": dict}, TypeError, "^estimator must be a name, a Filter class or a .*got <class 'dict'>"),
-        ({"estimator_options": ["members"]}, TypeError,
-         r"estimator_options must be a dictionary of values by name, or None, got \['members'\]"),
         ({"estimator": "truth", "estimator_options": {"gain": 1.0}}, TypeError,
          "^truth has no option 'gain': it takes "),
         ({"estimator": "kf", "estimator_options": {"model": "perfect"}}, ValueError,
          "unknown filter model 'perfect': choose from nonlinear, linear"),
-        ({"mismatch": 0.41}, ValueError, "^mismatch must be between 0 and 0.25, got 0.41$"),
     ],
 )  # fmt: skip
 def test_an_option_that_makes_no_sense_is_refused_in_a_sentence(
@@ -83,24 +77,18 @@ def test_estimator_options_that_were_passed_are_not_changed():
 
 
 @pytest.mark.parametrize(
-    ("env_id", "wrong", "kind", "sentence"),
+    ("wrong", "sentence"),
     [
-        *((SHIP, {"seed": seed}, ValueError, words) for seed, words in
-          ((-1, "seeds? must be "), (True, "seeds? must be "), ([1, 2, 3], "got 3 seeds for 2 environments$"),
-           ([1, None], "seeds must be "))),
-        (SHIP, {"options": {"speed": 3.0}}, ValueError, "unknown reset option 'speed': choose from "),
-        (SHIP, {"options": [1]}, TypeError, r"options must be a dictionary of values by name, or None, got \[1\]"),
-        (SHIP, {"options": {"radius": 10.0}}, ValueError, "radius must be 253 to 100000 m to either side, got 10.0"),
-        (AUV, {"options": {"goal": (1e7, 0.0, 1.0)}}, ValueError, r"goal must be three numbers within \+-100000, "),
+        ({"seed": -1}, "seeds must be "), ({"seed": True}, "seed must be "),
+        ({"seed": [1, 2, 3]}, "got 3 seeds for 2 environments$"), ({"seed": [1, None]}, "seeds must be "),
+        ({"options": {"speed": 3.0}}, "unknown reset option 'speed': choose from "),
     ],
 )  # fmt: skip
-def test_a_refused_reset_says_why_and_changes_nothing(
-    env_id: str, wrong: dict[str, Any], kind: type[Exception], sentence: str
-):
-    env, twin = make_batch(env_id, 2), make_batch(env_id, 2)
+def test_a_refused_reset_says_why_and_changes_nothing(wrong: dict[str, Any], sentence: str):
+    env, twin = make_batch(SHIP, 2), make_batch(SHIP, 2)
     for one in (env, twin):
         one.reset(seed=1)
-    assert re.match(sentence, refusal(kind, env.reset, **{"seed": 9} | wrong))
+    assert re.match(sentence, refusal(ValueError, env.reset, **{"seed": 9} | wrong))
     actions = next(random_walk(0, 2, env.single_action_space.shape[0]))
     assert_same_tree(env.step(actions), twin.step(actions))
     assert_same_tree(env.reset(), twin.reset())

@@ -288,7 +288,7 @@ def test_filter_model_follows_the_commanded_turn_rate():
     )  # beyond the table: its end
 
 
-@pytest.mark.parametrize("kind", ["corrected", "as-printed"])
+@pytest.mark.parametrize("kind", ["corrected", "as_printed"])
 def test_compass_and_yaw_increment_are_read_as_in_eq_4_5(kind):
     model = filter_model(kind)
     np.testing.assert_array_equal(model.C, [[0, 0, 1], [0, 0, 0]])
@@ -297,7 +297,7 @@ def test_compass_and_yaw_increment_are_read_as_in_eq_4_5(kind):
 
 
 def test_the_printed_model_is_eq_4_3_to_the_digit():
-    model = filter_model("as-printed")
+    model = filter_model("as_printed")
     A = [[0.4159, 0.1811, 0.0], [5.4795e-10, 1.0, 0.0], [0.0, 0.5, 1.0]]
     np.testing.assert_array_equal(model.A, A)
     np.testing.assert_array_equal(model.B[:, 0], [-2.6189e-7, 2.4075e-7, 0.0])
@@ -308,7 +308,7 @@ def test_the_printed_model_drops_the_identity_in_its_first_row():
     # Forward Euler of eq. 4.2 with 0.5 s gives eq. 4.3 but for that.
     A = np.array([[0.8318, 0.3622, 0.0], [1.0959e-9, 7.2702e-10, 0.0], [0.0, 1.0, 0.0]])
     b = np.array([-5.2378e-7, 4.8150e-7, 0.0])
-    model = filter_model("as-printed")
+    model = filter_model("as_printed")
     np.testing.assert_allclose(model.A, np.diag([0.0, 1.0, 1.0]) + 0.5 * A, rtol=2e-5, atol=1e-9)
     np.testing.assert_allclose(model.B[:, 0], 0.5 * b, rtol=1e-4)
 

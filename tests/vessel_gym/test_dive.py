@@ -99,6 +99,17 @@ def test_goal_beyond_a_limit_is_refused_with_the_limit(
 
 
 @DIVES
+def test_at_rest_a_dive_begins_without_speed_and_is_else_the_same(system: System):
+    task, uniforms = system.task, np.random.default_rng(3).random((4, 3))
+    resting, cruising = (task.scenario(uniforms, {"at_rest": of}) for of in (True, False))
+    np.testing.assert_array_equal(task.prior(resting).mean, 0.0)
+    np.testing.assert_array_equal(cruising, task.scenario(uniforms, {}))
+    np.testing.assert_array_equal(resting[:, :3], cruising[:, :3])
+    with pytest.raises(ValueError, match="at_rest must be True or False, got 1"):
+        task.scenario(uniforms, {"at_rest": 1})
+
+
+@DIVES
 def test_prior_is_level_at_path_start_at_cruising_speed(system: System):
     task, scenario = system.task, scenarios(system.task, 3)
     prior, n = task.prior(scenario), len(task.prior_sd)
@@ -260,7 +271,7 @@ def test_arriving_pays_by_the_energy_of_a_cruise(system: System, thrust: float, 
     there = believed(
         task, state(task, path_point(scenario[0, 1] + 1e-6, scenario[0])[:3]), scenario
     )
-    actuators, cruising = trim(task), np.hypot(*scenario[0, 1:]) / task.auv.cruise_speed
+    actuators, cruising = trim(task), np.hypot(*scenario[0, 1:3]) / task.auv.cruise_speed
     actuators[:, -1] *= thrust
     for seconds in (0.5 * cruising, cruising, 3.0 * cruising):
         kept = task.initial_score_state(goal, scenario)

@@ -11,7 +11,7 @@ from agents.papers.puna.model import PlanarPuna, planar_derivative
 from vessel_gym.disturbances import Air
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.point_mass import UNCERTAIN, PointMass
-from vessel_gym.vehicles.puna import Puna, airspeed, puna_rates, trim
+from vessel_gym.vehicles.puna import Puna, airspeed, printed_rates, puna_rates, trim
 
 BODY = load("puna")
 C = BODY.vector()
@@ -197,6 +197,22 @@ def test_paper_form_is_equation_1_with_lift_along_the_body():
     np.testing.assert_allclose(
         faster - printed[:, 1], L * np.sin(alpha) / m, rtol=0, atol=1e-12
     )  # brakes twice
+
+
+def test_as_printed_the_aircraft_in_a_plane_has_equation_1():
+    rng = np.random.default_rng(14)
+    gamma, v, h = rng.uniform([-1.0, 10.0, 0.0], [1.0, 30.0, 200.0], (50, 3)).T
+    thrust, alpha = rng.uniform([0.0, -0.1], [16.0, 0.2], (50, 2)).T
+    zero = np.zeros(50)
+    own = np.stack([zero, zero, h, v * np.cos(gamma), zero, v * np.sin(gamma), zero], -1)
+    rates = printed_rates(own, np.stack([thrust, alpha, zero], -1), np.zeros(3), C)
+    forward, upward = rates[:, 3], rates[:, 5]
+    planar = np.stack([gamma, v, zero, h], -1), np.stack([thrust, alpha], -1)
+    turning, faster = planar_derivative(*planar, C, as_printed=True).T[:2]
+    along = np.cos(gamma) * forward + np.sin(gamma) * upward
+    across = np.cos(gamma) * upward - np.sin(gamma) * forward
+    np.testing.assert_allclose(along, faster, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(across / v, turning, rtol=0, atol=1e-12)
 
 
 def test_published_missile_cannot_fly_at_20_m_s():

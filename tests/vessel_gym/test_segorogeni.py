@@ -16,6 +16,7 @@ from vessel_gym.vehicles.segorogeni import (
     COEFFICIENTS,
     Segorogeni,
     SegorogeniParameters,
+    printed_rates,
     segorogeni_rates,
 )
 
@@ -137,8 +138,7 @@ def test_euler_angles_turn_with_the_body():
 
 def test_the_printed_kinematics_know_yaw_alone():
     states, _, currents = draw(np.random.default_rng(9), 50)
-    c = replace(BODY, printed_kinematics=True).vector()
-    rates, full = (segorogeni_rates(states, np.zeros(3), currents, values) for values in (c, C))
+    rates, full = (of(states, np.zeros(3), currents, C) for of in (printed_rates, segorogeni_rates))
     level = states * ~np.isin(np.arange(12), [3, 4, 9, 10])  # no roll, no pitch
     printed = segorogeni_rates(level, np.zeros(3), currents, C)[:, 6:]
     np.testing.assert_allclose(rates[:, 6:], printed, rtol=0, atol=1e-13)

@@ -25,7 +25,7 @@ from scipy.stats import kstest
 from agents.budget.sensors import total_error
 from vessel_gym.sensor_faults import LOSS
 from vessel_gym.sensors import SUITE_NAMES, SUITES, Sensor, plain
-from vessel_gym.sensors.grades import NOMINAL, grades_of, load_grades, read_grades
+from vessel_gym.sensors.grades import NOMINAL, grades_of, read_grades
 
 FALSE_ALARM = 1e-6
 SHIP, AUV, THESIS, AIRCRAFT = (
@@ -245,7 +245,7 @@ def test_rates_and_latencies_of_grade_fall_on_steps(tmp_path: Path):
     )
     for env_id, rate, latency in ((SHIP, 1.0 / 3.5, 0.5), ("vessel_gym/Ship-v0", None, None)):
         system = system_of(env_id)
-        nominal, mine = load_grades(file, system)["receiver"].values()
+        nominal, mine = grades_of(system, file)["receiver"].values()
         assert nominal is system.vehicle.sensors[2]
         assert (mine.sd, mine.bias, mine.dropout) == ((1.0, 2.0), None, 0.0)
         system.sensors_of([mine])
@@ -270,7 +270,7 @@ def test_mistake_in_file_of_grades_is_one_sentence_with_line(tmp_path: Path, tex
     file, (line, sentence) = tmp_path / "mine.toml", WRONG[text]
     file.write_text(text + "\n", encoding="utf-8")
     with pytest.raises(ValueError, match=re.escape(f"{file}, line {line}: {sentence}")) as caught:
-        load_grades(file, system_of(SHIP))
+        grades_of(system_of(SHIP), file)
     assert "\n" not in str(caught.value)
 
 

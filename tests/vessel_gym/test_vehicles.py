@@ -74,7 +74,7 @@ def test_a_step_of_the_vehicle_gets_its_increments_at_its_end(case: Case):
     np.testing.assert_array_equal(stepped[:, others], plain[:, others])
 
 
-AUV_BODY = {"mass_z_g", "net_weight", "righting_moment", "propeller_torque", "printed_kinematics"}
+AUV_BODY = {"mass_z_g", "net_weight", "righting_moment", "propeller_torque"}
 GEOMETRY = {
     "segorogeni": AUV_BODY, "itsunusa": AUV_BODY,
     "puna": {"area", "gravity", "density_2", "density_1", "density_0"},

@@ -119,9 +119,19 @@ class Seaway(Disturbance):
         """
         w, directions, energy = self.spectrum.cells
         beta = directions - np.asarray(heading)[..., None, None]
-        half = 0.5 * dt * encounter_frequency(w, beta, np.asarray(speed))
-        yaw = np.sinc(half / np.pi) * np.abs(self.hull.motion(w, beta, speed)[..., 1])
+        yaw = np.abs(self.mean_motion(w, beta, speed, dt)[..., 1])
         return np.sqrt((energy * yaw**2).sum((-2, -1)))
+
+    def mean_motion(
+        self, frequency: np.ndarray, beta: np.ndarray, speed: float, dt: float
+    ) -> np.ndarray:
+        """Complex response ``(..., 3)``, averaged over the coming ``dt`` [s].
+
+        Other arguments are those of `vessel_gym.vehicles.seakeeping.wave_response`.
+        """
+        half = 0.5 * dt * encounter_frequency(frequency, beta, np.asarray(speed))
+        mean = np.sinc(half / np.pi) * np.exp(1j * half)
+        return mean[..., None] * self.hull.motion(frequency, beta, speed)
 
     @cached_property
     def believed(self) -> Sea:  # type: ignore[override]
@@ -130,11 +140,9 @@ class Seaway(Disturbance):
         The variance of its yaw rate is the mean over all headings, which does not depend on how the
         waves are spread.
         """
-        w, beta = self.spectrum.frequency_at((np.arange(200) + 0.5) / 200.0), _AROUND
-        speed = 0.8 * self.ship.speed
-        half = 0.5 * self.dt * encounter_frequency(w[:, None], beta, np.asarray(speed))
-        mean = np.sinc(half / np.pi) * self.hull.motion(w[:, None], beta, speed)[..., 1]
-        wave = 0.25 * self.spectrum.height * np.sqrt((np.abs(mean) ** 2).mean())
+        w = self.spectrum.frequency_at((np.arange(200)[:, None] + 0.5) / 200.0)
+        yaw = self.mean_motion(w, _AROUND, 0.8 * self.ship.speed, self.dt)[..., 1]
+        wave = 0.25 * self.spectrum.height * np.sqrt((np.abs(yaw) ** 2).mean())
         return Sea(
             wave=max(float(wave), _LEAST / self.dt), peak=2.0 * np.pi / self.spectrum.period,
             gust=0.0, current=float(np.hypot(self.current, self.leeway)), current_time=100.0,
@@ -201,17 +209,17 @@ class Seaway(Disturbance):
         hull, (sin_psi, cos_psi) = self.hull.at(u), sincos(psi)
         north, east = x - z[..., 2], y - z[..., 3]
 
-        def moved(w: Any, phase: Any, kx: Any, ky: Any, of_ship: Any) -> list[Any]:
+        def moved(w: Any, kx: Any, ky: Any, phase: Any, of_ship: Any) -> list[Any]:
             ahead, abeam = kx * cos_psi + ky * sin_psi, ky * cos_psi - kx * sin_psi
             met = w - ahead * u
             half = 0.5 * self.dt * met  # half of the phase in a step
             mean = _mean(half)
-            sin, cos = sincos(phase + w * time - kx * north - ky * east + half)
+            sin, cos = sincos(phase + half)
             sway, yaw, roll = hull.moved(w, of_ship, ahead, abeam, met, (cos, sin))
             return [mean * sway, mean * yaw, _held(mean) * roll]
 
-        waves = *self.waves.constants(drawn), drawn[..., 4 * WaveField.components :]
-        total = [self.waves.amplitude * each.sum(-1) for each in along(moved, *waves)]
+        of_ship = drawn[..., 4 * WaveField.components :]
+        total = self.waves.summed(moved, drawn, time, north, east, of_ship)
         return self._acting(total, z[..., :2], state)
 
     def _acting(
@@ -316,10 +324,7 @@ class BandedSeaway(Seaway):
             w, direction = (
                 each.reshape((-1,) + np.ndim(heading) * (1,)) for each in (w, direction)
             )
-            beta = direction - heading
-            half = 0.5 * self.dt * encounter_frequency(w, beta, np.asarray(speed))
-            mean = np.sinc(half / np.pi) * np.exp(1j * half)
-            return mean[..., None] * self.hull.motion(w, beta, speed)
+            return self.mean_motion(w, direction - heading, speed, self.dt)
 
         return self.bands.loadings(of_waves)
 

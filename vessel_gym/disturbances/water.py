@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from estimators.checks import integer
-from estimators.engine import along, compiled, sincos
+from estimators.engine import compiled, sincos
 from vessel_gym.checks import check_names, check_numbers, instance
 from vessel_gym.disturbances.disturbance import Disturbance
 from vessel_gym.disturbances.spectrum import WaveSpectrum
@@ -127,18 +127,16 @@ class SurfaceWater(Disturbance):
         self, drawn: np.ndarray, time: np.ndarray, z: np.ndarray, state: np.ndarray
     ) -> np.ndarray:
         """Current [m/s], with the orbital velocity of an episode's waves."""
-        depth = np.maximum(self.depth + state[..., self.down], 0.0)
-        places = [state[..., own] - z[..., len(self.place) + i] for i, own in enumerate(self.place)]
+        depth, count = np.maximum(self.depth + state[..., self.down], 0.0), len(self.place)
+        places = [state[..., own] - z[..., count + i] for i, own in enumerate(self.place)]
 
-        def orbital(w: Any, phase: Any, *numbers: Any) -> list[Any]:
-            way = zip(numbers, places, strict=False)
-            phase = phase + w * time - sum(k * place for k, place in way)
+        def orbital(w: Any, kx: Any, ky: Any, phase: Any) -> list[Any]:
             size = GRAVITY / w * np.exp((-1.0 / GRAVITY) * w * w * depth) * sincos(phase)[1]
-            return [size * k for k, _ in zip(numbers, places, strict=False)]
+            return [size * kx, size * ky][:count]
 
-        each = along(orbital, *self.waves.constants(drawn))
-        velocity = np.stack([component.sum(-1) for component in each], -1)
-        return z[..., : len(self.place)] + self.waves.amplitude * velocity
+        north, east = (*places, 0.0)[:2]
+        velocity = self.waves.summed(orbital, drawn, time, north, east)
+        return z[..., :count] + np.stack(velocity, -1)
 
 
 @compiled

@@ -101,6 +101,29 @@ class WaveField:
         corners = np.stack([table[:-1, :-1], table[:-1, 1:], table[1:, :-1], table[1:, 1:]])
         return np.ptp(corners, axis=0).ravel()
 
+    def summed(
+        self, motion: Callable[..., list[Any]], drawn: np.ndarray, time: np.ndarray, north: Any,
+        east: Any, *others: np.ndarray,
+    ) -> list[np.ndarray]:  # fmt: skip
+        """Sums ``(...)`` over the waves of motions that are linear in their amplitude.
+
+        Args:
+            motion: Function of a wave's frequency [rad/s], wave numbers to the north and east [1/m]
+                and phase [rad], and of its entries of ``others``, that returns motions per metre of
+                amplitude.
+            drawn: Result of `draw` ``(..., 4 n)``.
+            time: Time [s] ``(...)``.
+            north: Position in the water to the north [m] ``(...)``.
+            east: Position in the water to the east [m] ``(...)``.
+            others: Further constants of the waves ``(..., n)``.
+        """
+
+        def of_wave(w: Any, phase: Any, kx: Any, ky: Any, *others: Any) -> list[Any]:
+            return motion(w, kx, ky, phase + w * time - kx * north - ky * east, *others)
+
+        each = along(of_wave, *self.constants(drawn), *others)
+        return [self.amplitude * every.sum(-1) for every in each]
+
     def constants(self, drawn: np.ndarray) -> list[np.ndarray]:
         """Frequencies, phases, and wave numbers to the north and east, each ``(..., n)``."""
         return [drawn[..., i * self.components : (i + 1) * self.components] for i in range(4)]

@@ -8,6 +8,7 @@ from vessel_gym.disturbances.disturbance import Disturbance
 from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem
 from vessel_gym.disturbances.water import SurfaceWater, Water
 from vessel_gym.envs.shared import tuning
+from vessel_gym.models.state_space import StateSpace
 from vessel_gym.sharing import shared
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import SpatialDive, VerticalDive
@@ -39,7 +40,9 @@ WATERS = _waters(1.0, SPACE)
 PLANE_WATERS = _waters(0.5, PLANE, velocities=("u", "w"), rates=("q",), names=("current",))
 
 
-def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
+def auv_system(
+    vessel: str | Path, name: str = "vessel_gym/AUV-v0", as_printed: bool = False
+) -> System:
     """Environment in which a torpedo-shaped vehicle dives, in space or in the vertical plane.
 
     The vehicle file selects space or plane. The dive is that of Segorogeni or, in the plane, that
@@ -48,16 +51,24 @@ def auv_system(vessel: str | Path, name: str = "vessel_gym/AUV-v0") -> System:
     Args:
         vessel: Vehicle file of an underwater vehicle, or the name of a vehicle of the package.
         name: Id of the environment.
+        as_printed: True for the misprints of the source papers. In space these are kinematics that
+            know yaw alone, eqs. 1-4, in world and filter; in the plane the update of ``enkf-sr``,
+            Table 1.
 
     Raises:
         ValueError: for an error in the file; the message names its line.
         OSError: if the file cannot be read.
     """
-    return _of_body(load(vessel, AUVParameters), name)
+    return _of_body(load(vessel, AUVParameters), name, as_printed)
+
+
+def _printed_tuning(name: str, space: StateSpace) -> dict[str, Any]:
+    """Options of filters, with the misprint of ``enkf-sr``."""
+    return tuning(name, space) | ({"as_printed": True} if name == "enkf-sr" else {})
 
 
 @shared
-def _of_body(body: Any, name: str) -> System:
+def _of_body(body: Any, name: str, as_printed: bool) -> System:
     """`auv_system` of parameters."""
     if isinstance(body, ItsunusaParameters):
         share = body.cruise_speed / 1.5
@@ -66,9 +77,11 @@ def _of_body(body: Any, name: str) -> System:
         )
         linear = dict.fromkeys(("kf", "kf-umv-ui", "kf-umv-ui-wdf", "ulise"), "steady dives")
         return System(
-            name, Itsunusa(body), plane, PLANE_WATERS, "enkf-sr", "nonlinear", tuning, linear
-        )
+            name, Itsunusa(body), plane, PLANE_WATERS, "enkf-sr", "nonlinear",
+            _printed_tuning if as_printed else tuning, linear,
+        )  # fmt: skip
     share = body.cruise_speed
     goal, spread = (10.0 * share, 18.0 * share, 6.0 * share), (share, share, 0.5 * share)
     space = SpatialDive(body, goal, spread, 2.5 * share, 500)
-    return System(name, Segorogeni(body), space, WATERS, "enkf", "nonlinear", tuning)
+    vehicle = Segorogeni(body, as_printed=as_printed)
+    return System(name, vehicle, space, WATERS, "enkf", "nonlinear", tuning)

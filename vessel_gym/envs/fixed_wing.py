@@ -20,7 +20,9 @@ def airs(dt: float, airspeed: float) -> dict[str, Air]:
     }
 
 
-def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0") -> System:
+def fixed_wing_system(
+    vessel: str | Path, name: str = "vessel_gym/FixedWing-v0", as_printed: bool = False
+) -> System:
     """Environment in which a small aircraft flies a Dubins path.
 
     The task is that of the PUNA, with lengths in proportion to the square of the cruise speed.
@@ -28,16 +30,18 @@ def fixed_wing_system(vessel: str | Path, name: str = "vessel_gym/FixedWing-v0")
     Args:
         vessel: Vehicle file of an aircraft, or the name of an aircraft of the package.
         name: Id of the environment.
+        as_printed: True for the misprints of eq. 1 in world and filter, see
+            `vessel_gym.vehicles.puna.printed_rates`.
 
     Raises:
         ValueError: for an error in the file; the message names its line.
         OSError: if the file cannot be read.
     """
-    return _of_body(load(vessel, PunaParameters), name)
+    return _of_body(load(vessel, PunaParameters), name, as_printed)
 
 
 @shared
-def _of_body(body: PunaParameters, name: str) -> System:
+def _of_body(body: PunaParameters, name: str, as_printed: bool) -> System:
     """`fixed_wing_system` of parameters."""
     share = (body.cruise_speed / 20.0) ** 2  # a turn at the same bank is so much wider
     task = Flight(
@@ -48,6 +52,5 @@ def _of_body(body: PunaParameters, name: str) -> System:
         ahead=(20.0 * share, 60.0 * share),
         horizon=round(900 * body.cruise_speed / 20.0),
     )
-    return System(
-        name, Puna(body), task, airs(task.dt, body.cruise_speed), "enkf", "nonlinear", tuning
-    )
+    vehicle, airs_by_name = Puna(body, as_printed=as_printed), airs(task.dt, body.cruise_speed)
+    return System(name, vehicle, task, airs_by_name, "enkf", "nonlinear", tuning)

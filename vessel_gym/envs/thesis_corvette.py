@@ -8,6 +8,7 @@ from estimators.engine import compiled
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.envs.shared import BESIDE_BIASES
 from vessel_gym.models.state_space import StateSpace
+from vessel_gym.sharing import shared
 from vessel_gym.system import System
 from vessel_gym.tasks.turning import TurningTrial
 from vessel_gym.vehicles.corvette_thesis import ThesisCorvette
@@ -30,8 +31,15 @@ def _tuning(name: str, space: StateSpace) -> dict[str, Any]:
     return {"radius": BESIDE_BIASES} if name == "robust-kf" else {}
 
 
-def thesis_system(name: str) -> System:
-    """Environment of a turning circle trial in which a step enters the measurements."""
+@shared
+def thesis_system(name: str, as_printed: bool = False) -> System:
+    """Environment of a turning circle trial in which a step enters the measurements.
+
+    Args:
+        name: Id of the environment.
+        as_printed: True for filters with eq. 4.3 as their model. No world has it: its ship would
+            not turn.
+    """
     vehicle = ThesisCorvette()
     return System(
         name=name,
@@ -39,6 +47,6 @@ def thesis_system(name: str) -> System:
         task=TurningTrial(vehicle.ship),
         disturbances=dict.fromkeys(("calm", "moderate", "rough"), UnknownStep()),  # without sea
         estimator="kf-umv-ui",
-        filter_model="corrected",
+        filter_model="as_printed" if as_printed else "corrected",
         tuning=_tuning,
     )

@@ -6,7 +6,8 @@ level. Beyond its ends the path is straight and level, see `path_following`. The
 the closest in plan.
 
 An arc is ``(angle, length, depth)``: the turn of the path [rad], the length of the arc in plan and
-the depth of the goal [m]. Frames: x north, y east, z down; a positive angle turns to starboard.
+the depth of the goal [m]; what follows these numbers is ignored. Frames: x north, y east, z down; a
+positive angle turns to starboard.
 """
 
 import numpy as np
@@ -28,7 +29,7 @@ def arc_to(goal: np.ndarray) -> np.ndarray:
 
 def _in_plan(arc: np.ndarray) -> np.ndarray:
     """Segments ``(..., 5)`` of arcs ``(..., 3)``."""
-    zero = np.zeros_like(arc)
+    zero = np.zeros_like(arc[..., :3])
     return np.concatenate([zero, arc[..., :1] / arc[..., 1:2], arc[..., 1:2]], -1)
 
 

@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -399,8 +399,10 @@ def _space(
         disturbance = chosen_disturbance(system, assumptions.disturbance)
     elif disturbance.believed is not None:
         disturbance = disturbance.believed
-    disturbance = disturbance.modelled or disturbance
-    return assumed_space(system.vehicle, kind, disturbance, sensors, assumptions.how)
+    disturbance, vehicle = disturbance.modelled or disturbance, cast(Any, system.vehicle)
+    if kind == "as_printed" and kind not in vehicle.linear_kinds:
+        vehicle = replace(vehicle, as_printed=True)
+    return assumed_space(vehicle, kind, disturbance, sensors, assumptions.how)
 
 
 def chosen_disturbance(system: System, choice: object) -> Disturbance:

@@ -61,21 +61,10 @@ class Grades:
         )
 
 
-def grades_of(system: Any) -> dict[str, dict[str, Sensor]]:
-    """Grades of the sensors of a `vessel_gym.system.System`, by sensor and grade, best first.
+def grades_of(system: Any, path: str | Path | None = None) -> dict[str, dict[str, Sensor]]:
+    """Grades of a system's sensors, by sensor and grade, best first.
 
-    Raises:
-        ValueError: for a vehicle without grades.
-    """
-    return read_grades(system).sensors
-
-
-def load_grades(path: str | Path, system: Any) -> dict[str, dict[str, Sensor]]:
-    """Grades from a file of your own, in the form that `grades_of` returns.
-
-    Raises:
-        ValueError: for anything wrong in the file; the message names its line.
-        OSError: if the file cannot be read.
+    Arguments and errors are those of `read_grades`.
     """
     return read_grades(system, path).sensors
 
@@ -186,9 +175,6 @@ class _GradesFile(TomlFile):
                 for key, value in figures["bias"].items()
                 if key != "time"
             }
-            for key, values in given.items():
-                for each in values:
-                    check_numbers(f"the bias of {own.name}", {key: each}, not_negative=key)
             names = tuple(f"bias {channel.split(' [')[0]}" for channel in own.channels)[
                 : len(given["start"])
             ]

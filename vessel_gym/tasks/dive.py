@@ -37,11 +37,11 @@ class Dive(Task):
     """Common part of all dives: path, scenarios and score.
 
     The path is that of `vessel_gym.guidance.dive_path`. A scenario (the episode's parameters, drawn
-    at reset) is ``(angle, length, depth)`` of the path. A reference ``(B, 8)`` is the estimated
-    position on the path: progress, cross-track and depth error [m], heading and slope of the path
-    there, and the vector to the path's point ``ahead`` (north, east, down). The dive ends when the
-    estimated position has covered the path; if no estimate is observed, the true position counts
-    (see `vessel_gym.simulation.core.Core`).
+    at reset) is ``(angle, length, depth)`` of the path, then the speed at the start [m/s]. A
+    reference ``(B, 8)`` is the estimated position on the path: progress, cross-track and depth
+    error [m], heading and slope of the path there, and the vector to the path's point ``ahead``
+    (north, east, down). The dive ends when the estimated position has covered the path; if no
+    estimate is observed, the true position counts (see `vessel_gym.simulation.core.Core`).
     """
 
     auv: AUVParameters
@@ -77,20 +77,27 @@ class Dive(Task):
     # --- what is drawn ----------------------------------------------------------------------------
 
     def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
-        """Draw scenarios ``(B, 3)`` from uniforms ``(B, 3)``.
+        """Draw scenarios ``(B, 4)`` from uniforms ``(B, 3)``.
 
         Args:
             uniforms: Random numbers for the goal.
             options: ``{"goal": (x, y, z)}`` sets the goal [m]: north, east and down of the start.
+                ``{"at_rest": True}`` starts from rest, as in the papers, not at cruise speed.
 
         Raises:
             ValueError: for an unknown option or a goal that the vehicle cannot dive to.
         """
         for option in options:
-            one_of("reset option", option, ("goal",))
+            one_of("reset option", option, ("goal", "at_rest"))
+        at_rest = options.get("at_rest", False)
+        if not isinstance(at_rest, bool):
+            raise ValueError(f"at_rest must be True or False, got {short_repr(at_rest)}")
         if "goal" in options:
-            return arc_to(self._checked(options["goal"])[None]).repeat(len(uniforms), 0)
-        return self._drawn(uniforms)
+            arcs = arc_to(self._checked(options["goal"])[None]).repeat(len(uniforms), 0)
+        else:
+            arcs = self._drawn(uniforms)
+        speeds = np.full((len(uniforms), 1), 0.0 if at_rest else self.auv.cruise_speed)
+        return np.concatenate([arcs, speeds], -1)
 
     @compiled
     def _drawn(self, uniforms: np.ndarray) -> np.ndarray:
@@ -117,9 +124,9 @@ class Dive(Task):
         return goal
 
     def prior(self, scenario: np.ndarray) -> Gaussian:
-        """Prior at the beginning of the path, level at cruise speed."""
+        """Prior at the beginning of the path, level at the speed of the start."""
         mean = np.zeros((len(scenario), len(self.prior_sd)))
-        mean[:, 0] = self.auv.cruise_speed
+        mean[:, 0] = scenario[:, 3]
         return self._spread.about(mean)
 
     @compiled(axes=(1, 0, 1))
@@ -149,13 +156,13 @@ class Dive(Task):
     actuators: ClassVar[int]
     """Number of actuators: fins, then thrust."""
     mission_scale: ClassVar[tuple[float, ...]]
-    """Scales of the last components of a scenario in an observation of raw measurements."""
+    """Scales of the path's last numbers in an observation of raw measurements."""
 
     def observe_mission(
         self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
         """Scenario and actuators ``(..., k)``."""
-        mission = scenario[..., -len(self.mission_scale) :] / self.mission_scale
+        mission = scenario[..., 3 - len(self.mission_scale) : 3] / self.mission_scale
         return np.concatenate([mission, self.scaled(actuators)], -1)
 
     where: ClassVar[np.ndarray]

@@ -29,7 +29,7 @@ ALTITUDE = LENGTH + 1
 _SIMILAR = 0.5  # rad between headings of a path that are hard to tell apart
 _SPACING = 5.0  # m between the places of a path that are compared
 _ALTITUDES = np.nextafter(50.0, 0.0), np.nextafter(1000.0, 2000.0)  # m, both left out
-_OPTIONS = ("start", "goal", "obstacles", "altitude")
+_OPTIONS = ("start", "goal", "obstacles", "altitude", "radius")
 
 
 @compiled
@@ -90,7 +90,8 @@ class Flight(Task):
             uniforms: Random numbers for the poses, the altitude and the obstacles.
             options: ``{"start": (x, y, heading), "goal": (x, y, heading), "obstacles": [(x, y,
                 radius), ...], "altitude": h}`` replace random values. With obstacles but no poses,
-                these are (0, 0, 0) and (750, 0, 0).
+                these are (0, 0, 0) and (750, 0, 0). ``{"radius": 100.0}`` sets the radius of the
+                path's turns [m], 100 in the paper.
 
         Raises:
             ValueError: for an unknown option, a value out of range, poses that no path joins, or
@@ -98,6 +99,7 @@ class Flight(Task):
         """
         for option in options:
             one_of("reset option", option, _OPTIONS)
+        radius = self._checked_radius(options["radius"]) if "radius" in options else self.radius
         obstacles, poses = np.zeros((0, 3)), np.full((2, 3), np.nan)
         if "obstacles" in options:
             obstacles = self._obstacles(options["obstacles"])
@@ -106,10 +108,12 @@ class Flight(Task):
             if name in options:
                 pose[:] = three_numbers(name, options[name], "metres x and y and rad")
         if np.isfinite(poses).all():  # between two given poses at least the shortest path
-            scenarios = np.tile(self._planned(poses[0], poses[1], obstacles), (len(uniforms), 1))
+            path = self._planned(poses[0], poses[1], obstacles, radius)
+            scenarios = np.tile(path, (len(uniforms), 1))
         if "obstacles" not in options:
-            scenarios = self._drawn(uniforms, np.tile(poses.ravel(), (len(uniforms), 1)))
-            self._check_lengths(scenarios[:, LENGTH])
+            given = np.tile(poses.ravel(), (len(uniforms), 1))
+            scenarios = self._drawn(uniforms, given, np.array(radius))
+            self._check_lengths(scenarios[:, LENGTH], radius)
         low, high = self.altitudes
         scenarios[:, ALTITUDE] = low + (high - low) * uniforms[:, 13]
         if "altitude" in options:
@@ -118,13 +122,20 @@ class Flight(Task):
             )
         return scenarios
 
-    @compiled
-    def _drawn(self, uniforms: np.ndarray, given: np.ndarray) -> np.ndarray:
+    def _checked_radius(self, value: object) -> float:
+        """Radius [m] of the path's turns, within the bank's limit in still air."""
+        tightest = self.body.cruise_speed**2 / (self.body.gravity * np.tan(self.body.bank_limit))
+        what = f"between {tightest:.0f} and {10.0 * tightest:.0f} m"
+        return number("radius", value, tightest, 10.0 * tightest, what)
+
+    @compiled(axes=(1, 1, 0))
+    def _drawn(self, uniforms: np.ndarray, given: np.ndarray, turn: np.ndarray) -> np.ndarray:
         """Scenarios ``(..., 97)`` without altitudes.
 
         Args:
             uniforms: ``(..., 14)``.
             given: ``(..., 6)`` start and goal, NaN where they are drawn.
+            turn: Radius [m] of the path's turns.
         """
         heading, bearing, distance, turned = (uniforms[..., i] for i in range(4))
         along, across, size = (uniforms[..., i:13:3] for i in (4, 5, 6))
@@ -137,20 +148,22 @@ class Flight(Task):
         way = np.stack([north, east, bearing + np.pi * (turned - 0.5)], -1)
         goal = np.where(np.isnan(given[..., 3:]), start * [1.0, 1.0, 0.0] + way, given[..., 3:])
         radius = low + (high - low) * size
-        turn, margin, longest = (np.array(x) for x in (self.radius, self.margin, self._longest))
+        margin, longest = np.array(self.margin), np.array(self._longest)
         across = 2.0 * across - 1.0
         return _listed(*scene(start, goal, turn, along, across, radius, margin, longest))
 
-    def _planned(self, start: np.ndarray, goal: np.ndarray, obstacles: np.ndarray) -> np.ndarray:
+    def _planned(
+        self, start: np.ndarray, goal: np.ndarray, obstacles: np.ndarray, radius: float
+    ) -> np.ndarray:
         """Scenario ``(97,)`` without an altitude, of poses ``(3,)`` and obstacles ``(m, 3)``."""
-        path = plan(start, goal, self.radius, obstacles, self.margin)
+        path = plan(start, goal, radius, obstacles, self.margin)
         if len(path.segments) > SEGMENTS:
             raise ValueError(
                 f"the path has {len(path.segments)} pieces, more than {SEGMENTS}: leave out"
                 " obstacles"
             )
-        self._check_lengths(np.array([path.length]))
-        if self._comes_back(path):
+        self._check_lengths(np.array([path.length]), radius)
+        if _comes_back(path, radius):
             raise ValueError(
                 "the path comes back to where it was on the same heading: move the start or the"
                 " goal"
@@ -162,22 +175,11 @@ class Flight(Task):
         """Length [m] of the longest permitted path."""
         return 0.8 * self.horizon * self.dt * self.body.cruise_speed
 
-    def _check_lengths(self, lengths: np.ndarray) -> None:
-        wrong = lengths[(lengths < self.radius) | (lengths > self._longest)]
+    def _check_lengths(self, lengths: np.ndarray, radius: float) -> None:
+        wrong = lengths[(lengths < radius) | (lengths > self._longest)]
         if wrong.size:
-            wanted = f"{self.radius:.0f} to {self._longest:.0f} m long, got {wrong[0]:.0f} m"
+            wanted = f"{radius:.0f} to {self._longest:.0f} m long, got {wrong[0]:.0f} m"
             raise ValueError(f"the path to the goal must be {wanted}")
-
-    def _comes_back(self, path: Path) -> bool:
-        """Does the path come near an earlier place on a similar heading?
-
-        Places count as different if a quarter of a circle or more lies between them, and as near
-        within the straight that prolongs the path.
-        """
-        x, y, heading = path.sample(_SPACING).T
-        i, j = np.nonzero((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2 <= LEAD**2)
-        later = (j - i) * _SPACING > 0.5 * np.pi * self.radius
-        return bool((np.cos(heading[j[later]] - heading[i[later]]) > np.cos(_SIMILAR)).any())
 
     def _obstacles(self, value: object) -> np.ndarray:
         """Checked obstacles of a reset option, few and near enough."""
@@ -341,6 +343,18 @@ class Flight(Task):
     def goal(self, scenario: np.ndarray) -> np.ndarray:
         """End of the path ``(..., 3)``: x, y [m], heading [rad]."""
         return np.stack(end_pose(scenario[..., :LENGTH]), -1)
+
+
+def _comes_back(path: Path, radius: float) -> bool:
+    """Does the path come near an earlier place on a similar heading?
+
+    Places count as different if a quarter of a circle or more lies between them, and as near
+    within the straight that prolongs the path.
+    """
+    x, y, heading = path.sample(_SPACING).T
+    i, j = np.nonzero((x[:, None] - x) ** 2 + (y[:, None] - y) ** 2 <= LEAD**2)
+    later = (j - i) * _SPACING > 0.5 * np.pi * radius
+    return bool((np.cos(heading[j[later]] - heading[i[later]]) > np.cos(_SIMILAR)).any())
 
 
 def _listed(path: np.ndarray, obstacles: np.ndarray) -> np.ndarray:

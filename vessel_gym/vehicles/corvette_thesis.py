@@ -84,7 +84,7 @@ class ThesisCorvette(Ship):
     increments = ()
     incremented = ()
     ambient_flows = ("yaw increment",)
-    kinds = ("corrected", "as-printed")
+    kinds = ("corrected", "as_printed")
     linear_kinds = kinds
     sensors = (
         replace(COMPASS, reads=_foreseeing, sd=(NOISE,)), replace(MOTION_UNIT, sd=(NOISE,))
@@ -156,8 +156,8 @@ class ThesisCorvette(Ship):
     def linear(self, kind: str) -> tuple[Any, ...]:
         """A, B and the effect of d.
 
-        The kind ``"corrected"`` is about the commanded turn, ``"as-printed"`` is eqs. 4.3 and 4.4.
+        The kind ``"corrected"`` is about the commanded turn, ``"as_printed"`` is eqs. 4.3 and 4.4.
         """
         printed = A, np.pad(B, ((0, 0), (0, 2)))
-        own = printed if kind == "as-printed" else linear_matrices(self.ship, self.dt, 3)
+        own = printed if kind == "as_printed" else linear_matrices(self.ship, self.dt, 3)
         return *own, np.array([[0.0], [0.0], [1.0]])

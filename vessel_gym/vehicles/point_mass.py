@@ -71,3 +71,19 @@ def forces(
     pressure = 0.5 * density * speed * np.abs(speed) * c[I.area]
     lift = pressure * (c[I.lift_1] * alpha + c[I.lift_0])
     return lift, pressure * ((c[I.drag_2] * alpha + c[I.drag_1]) * alpha + c[I.drag_0])
+
+
+def in_wind_axes(
+    thrust: np.ndarray, lift: np.ndarray, drag: np.ndarray, angle: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Forces [N] along the velocity and across it, by sine and cosine of the angle of attack."""
+    sin_alpha, cos_alpha = angle
+    return thrust * cos_alpha - drag, lift + thrust * sin_alpha
+
+
+def printed_axes(
+    thrust: np.ndarray, lift: np.ndarray, drag: np.ndarray, angle: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Forces [N] along the velocity and across it, eq. 1: lift is along the body's normal."""
+    sin_alpha, cos_alpha = angle
+    return thrust * cos_alpha - drag - lift * sin_alpha, thrust * sin_alpha + lift * cos_alpha

@@ -9,8 +9,8 @@ on the wind. The equations have no pole at the vertical.
 
 Sources: the paper on Dubins paths and the ensemble Kalman filter for a PUNA ("Pesawat Udara Nir
 Awak", in Indonesian) for the task and the controls (thrust and angle of attack);
-`agents.papers.puna.model` has the paper's own equations. Beard & McLain (2012), ch. 9, for the
-point mass and the bank.
+`printed_rates` has its equation of motion. Beard & McLain (2012), ch. 9, for the point mass and the
+bank.
 """
 
 from collections.abc import Iterator
@@ -24,7 +24,15 @@ from vessel_gym.sensors import Bias, Known, Sensor, plain
 from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
 from vessel_gym.vehicles.equilibrium import root
 from vessel_gym.vehicles.files import Particulars, load
-from vessel_gym.vehicles.point_mass import COEFFICIENTS, UNCERTAIN, I, PointMass, forces
+from vessel_gym.vehicles.point_mass import (
+    COEFFICIENTS,
+    UNCERTAIN,
+    I,
+    PointMass,
+    forces,
+    in_wind_axes,
+    printed_axes,
+)
 from vessel_gym.vehicles.simulated import SimulatedVehicle
 
 STATE = ("x", "y", "h", "north", "east", "climb", "phi")
@@ -158,6 +166,25 @@ def puna_rates(
         wind: North, east and down [m/s] ``(..., 3)``.
         c: ``(..., k)``, `COEFFICIENTS`.
     """
+    return _rates(state, control, wind, c, as_printed=False)
+
+
+@compiled
+def printed_rates(
+    state: np.ndarray, control: np.ndarray, wind: np.ndarray, c: np.ndarray
+) -> np.ndarray:
+    """Rates ``(..., 7)`` by eq. 1 of the paper, for arguments as of `puna_rates`.
+
+    Lift is along the body's normal and drag along the velocity, and the weight brakes by g sin
+    alpha, where g sin gamma is right. Turns are those of `puna_rates`, because the paper has none.
+    """
+    return _rates(state, control, wind, c, as_printed=True)
+
+
+def _rates(
+    state: np.ndarray, control: np.ndarray, wind: np.ndarray, c: np.ndarray, as_printed: bool
+) -> np.ndarray:
+    """Rates ``(..., 7)`` with the forces of `puna_rates` or of eq. 1."""
     _, _, altitude, *velocity, phi = np.moveaxis(state, -1, 0)
     (thrust, alpha, command), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
     north, east = velocity[0] - wind[..., 0], velocity[1] - wind[..., 1]
@@ -165,12 +192,15 @@ def puna_rates(
     level = np.sqrt(north * north + east * east)
     V = np.sqrt(level * level + up * up)
     lift, drag = forces(altitude, V, alpha, c)
-    (sin_alpha, cos_alpha), (sin_phi, cos_phi) = sincos(alpha), sincos(phi)
-    force = c[I.thrust] * thrust
-    along = (force * cos_alpha - drag) / c[I.mass]
-    across = np.clip((lift + force * sin_alpha) / c[I.mass], -HARDEST, HARDEST)
+    (sin_phi, cos_phi), angle = sincos(phi), sincos(alpha)
+    resolve = printed_axes if as_printed else in_wind_axes
+    along, across = resolve(c[I.thrust] * thrust, lift, drag, angle)
+    along = along / c[I.mass]
+    across = np.clip(across / c[I.mass], -HARDEST, HARDEST)
     # Avoid a division by 0 for vertical or no motion, in which no aircraft flies.
     V, level = np.maximum(V, 1e-3), np.maximum(level, 1e-3)
+    if as_printed:
+        along = along + c[I.gravity] * (up / V - angle[0])
     above, aside = across * cos_phi / V, across * sin_phi / level
     ahead = along / V - above * up / level
     return np.stack([
@@ -226,7 +256,7 @@ def _along(measurements: np.ndarray, known: Known) -> Known:
 @compiled
 @dataclass(frozen=True)
 class Puna(SimulatedVehicle):
-    """The PUNA in batches: actuators, state, sensors, and filters' model.
+    """The PUNA in batches: actuators, state, sensors, and filters' model; or eq. 1 as printed.
 
     Over a step the wind is constant; increments change velocities and bank at the end of a step.
     Figures of the sensors are from public models of small aircraft (Beard & McLain 2012, ch. 7):
@@ -237,9 +267,12 @@ class Puna(SimulatedVehicle):
     body: PunaParameters = field(default_factory=lambda: load("puna", PunaParameters))
     dt: float = 0.1  # s
     substeps: int = 1  # one RK4 step is converged to 3 cm and 2e-4 rad in 30 s of full reversals
+    as_printed: bool = False
 
+    kinds = ("nonlinear", "as_printed")
     state_names = STATE
     equations = staticmethod(puna_rates)
+    printed_equations = staticmethod(printed_rates)
     angles = ("phi",)
     parameter_names = COEFFICIENTS
     action_names = ("thrust", "angle of attack", "bank")

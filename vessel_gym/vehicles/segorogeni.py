@@ -9,6 +9,7 @@ hydrodynamic coefficient, and its printed inverse inertia matrix has negative ei
 (2001) for symbols; Fossen (2011) for Kirchhoff's equations and the kinematics.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
@@ -35,7 +36,7 @@ I = IntEnum("I", (
     "X_uu", "Y_vv", "Y_rr", "Z_ww", "Z_qq", "K_pp", "M_ww", "M_qq", "N_vv", "N_rr",
     "Y_uv", "Y_ur", "Z_uw", "Z_uq", "M_uw", "M_uq", "N_uv", "N_ur", "K_up",
     "Y_rudder", "N_rudder", "Z_uuds", "M_uuds", "propeller_torque",
-    "net_weight", "righting_moment", "printed_kinematics",
+    "net_weight", "righting_moment",
 ), start=0)  # fmt: skip
 """Index of each coefficient in the vector of the equations of motion."""
 
@@ -47,7 +48,6 @@ class SegorogeniParameters(AUVParameters):
     """Particulars of a vehicle in six degrees of freedom, SI units."""
 
     propeller_torque: float = 0.0  # m, torque per thrust
-    printed_kinematics: bool = False  # eqs. 1-4 of the paper, which ignore roll and pitch
 
     TABLES = AUVParameters.TABLES | {
         "propulsion": (*AUVParameters.TABLES["propulsion"], "propeller_torque"),
@@ -62,7 +62,6 @@ class SegorogeniParameters(AUVParameters):
             "Y_rudder": -values["Y_uudr"],
             "N_rudder": -values["N_uudr"],
             "propeller_torque": self.propeller_torque,
-            "printed_kinematics": float(self.printed_kinematics),
         }
 
 
@@ -130,13 +129,17 @@ def _accelerations(
     )
 
 
-def attitude(state: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+Attitude = list[tuple[np.ndarray, np.ndarray]]
+"""Sines and cosines ``(...)`` of roll, pitch and yaw."""
+
+
+def attitude(state: np.ndarray) -> Attitude:
     """Sines and cosines ``(...)`` of roll, pitch and yaw of states ``(..., 12)``."""
     return [sincos(state[..., i]) for i in (9, 10, 11)]
 
 
 def kinematics(
-    velocity: list[np.ndarray], angles: list[tuple[np.ndarray, np.ndarray]], current: np.ndarray
+    velocity: list[np.ndarray], angles: Attitude, current: np.ndarray
 ) -> tuple[np.ndarray, ...]:
     """Rates ``(...)`` of position and Euler angles.
 
@@ -159,6 +162,19 @@ def kinematics(
     )  # fmt: skip
 
 
+def yaw_kinematics(
+    velocity: list[np.ndarray], angles: Attitude, current: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Rates ``(...)`` of position and Euler angles as printed, eqs. 1-4: only yaw turns.
+
+    Arguments are velocities in body axes, `attitude` and the current ``(..., 2)``.
+    """
+    (u, v, w, _, _, r), (sin_psi, cos_psi) = velocity, angles[2]
+    north, east = current[..., 0], current[..., 1]
+    level = np.zeros_like(r)
+    return u * cos_psi - v * sin_psi + north, u * sin_psi + v * cos_psi + east, w, level, level, r
+
+
 @compiled
 def segorogeni_rates(
     state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray
@@ -171,19 +187,29 @@ def segorogeni_rates(
         current: North and east [m/s] ``(..., 2)``.
         c: ``(..., k)``, `COEFFICIENTS`.
     """
-    (north, east), c = np.moveaxis(current, -1, 0), np.moveaxis(c, -1, 0)
+    return _rates(state, control, current, c, kinematics)
+
+
+@compiled
+def printed_rates(
+    state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray
+) -> np.ndarray:
+    """Rates ``(..., 12)`` with the printed kinematics, for arguments as of `segorogeni_rates`."""
+    return _rates(state, control, current, c, yaw_kinematics)
+
+
+def _rates(
+    state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray,
+    motion: Callable[..., tuple[np.ndarray, ...]],
+) -> np.ndarray:  # fmt: skip
+    """Rates ``(..., 12)``, those of position and Euler angles by ``motion``."""
     velocity, angles = list(np.moveaxis(state, -1, 0)[:6]), attitude(state)
-    u, v, w, _, _, r = velocity
-    (sin_phi, cos_phi), (sin_theta, cos_theta), (sin_psi, cos_psi) = angles
+    (sin_phi, cos_phi), (sin_theta, cos_theta), _ = angles
     gravity = (-sin_theta, cos_theta * sin_phi, cos_theta * cos_phi)
-    accelerations = _accelerations(velocity, np.moveaxis(control, -1, 0), gravity, c)
-    spatial = kinematics(velocity, angles, current)
-    printed = u * cos_psi - v * sin_psi + north, u * sin_psi + v * cos_psi + east, w, 0.0, 0.0, r
-    rates = (
-        np.where(c[I.printed_kinematics] != 0.0, *pair)
-        for pair in zip(printed, spatial, strict=True)
+    accelerations = _accelerations(
+        velocity, np.moveaxis(control, -1, 0), gravity, np.moveaxis(c, -1, 0)
     )
-    return np.stack([*accelerations, *rates], -1)
+    return np.stack([*accelerations, *motion(velocity, angles, current)], -1)
 
 
 @compiled
@@ -205,14 +231,17 @@ def _over_ground(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
 @compiled
 @dataclass(frozen=True)
 class Segorogeni(AUV):
-    """The Segorogeni in six degrees of freedom."""
+    """The Segorogeni in six degrees of freedom, or with the printed kinematics, eqs. 1-4."""
 
     body: SegorogeniParameters = field(
         default_factory=lambda: load("segorogeni", SegorogeniParameters)
     )
+    as_printed: bool = False
 
+    kinds = ("nonlinear", "as_printed")
     state_names = STATE
     equations = staticmethod(segorogeni_rates)
+    printed_equations = staticmethod(printed_rates)
     parameter_names = COEFFICIENTS
     action_names = ("rudder", "stern plane", "thrust")
     angles = ("phi", "theta", "psi")

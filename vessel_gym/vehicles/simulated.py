@@ -29,6 +29,9 @@ class SimulatedVehicle(Vehicle):
     """Number of equal parts of a step, each of which is one Runge-Kutta step."""
     equations: ClassVar[Any]
     """Equations of motion, a `vessel_gym.vehicles.integration.Rates`."""
+    printed_equations: ClassVar[Any]
+    """Equations of motion with the misprints of the source paper, used if ``as_printed``."""
+    as_printed: Any = False
     _actuators: Any
     """Parameters of the actuators, see `vessel_gym.vehicles.actuators.actuator_parameters`."""
     __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -54,6 +57,5 @@ class SimulatedVehicle(Vehicle):
         parameters: np.ndarray,
     ) -> np.ndarray:  # fmt: skip
         """State ``(..., n)`` one step later, without increments."""
-        return runge_kutta(
-            self.equations, state, before, after, flow, parameters, self.dt, self.substeps
-        )
+        rates = self.printed_equations if self.as_printed else self.equations
+        return runge_kutta(rates, state, before, after, flow, parameters, self.dt, self.substeps)

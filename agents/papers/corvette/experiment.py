@@ -14,7 +14,7 @@ from vessel_gym.envs import ThesisCorvetteEnv
 from vessel_gym.tasks.turning import SAMPLES, SWITCH
 from vessel_gym.vehicles.corvette_thesis import NOISE, SIMULATIONS, A, B, Simulation
 
-MODELS = ("as-printed", "corrected")
+MODELS = ("as_printed", "corrected")
 QUANTITIES = ("heading", "unknown input")
 TRIAL: Any = ThesisCorvetteEnv.system.task
 PRIOR, RECORD = TRIAL.prior_sd[0] ** 2, TRIAL.record[:SAMPLES, 2]
@@ -111,8 +111,8 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
         "changes": [("simulations", *(f"{q}, second less first [mrad]" for q in QUANTITIES))],
     }
     for name, choice in settings["open"].items():
-        told = (str(choice[key]) for key in ("first", "believed", "where"))
-        tables["choices"].append((name.replace("_", " "), *told))
+        cells = (str(choice[key]) for key in ("first", "believed", "where"))
+        tables["choices"].append((name.replace("_", " "), *cells))
     for s in SIMULATIONS:
         cells = (mean_and_half(of, 5) for model in MODELS for of in rmse[model][s])
         tables["models"].append((s, *cells))

@@ -163,8 +163,7 @@ def estimate(
     assumed, errors = replace(flight, measured=seen, measurement_sd=sd[seen]), {}
     for size in members:
         enkf = make("enkf", assumed.model, members=size, draws="independent")
-        rng = np.random.default_rng([seed, size])
-        means = assumed.estimates(enkf, measurements[..., seen], rng)
+        means = assumed.estimates(enkf, np.ascontiguousarray(measurements[..., seen]), seed)
         errors[size] = rmse(means[1:], truth[1:], angles=(0,), axis=0)
     return errors
 

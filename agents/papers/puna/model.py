@@ -10,20 +10,25 @@ import numpy as np
 
 from estimators.engine import sincos
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.point_mass import I, PointMass, forces
+from vessel_gym.vehicles.point_mass import I, PointMass, forces, printed_axes
 from vessel_gym.vehicles.puna import PunaParameters
 
 
-def planar_derivative(state: np.ndarray, control: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Eq. (1) on (gamma, v, x, h) by thrust and angle of attack, g sin(alpha) as g sin(gamma)."""
+def planar_derivative(
+    state: np.ndarray, control: np.ndarray, c: np.ndarray, as_printed: bool = False
+) -> np.ndarray:
+    """Rates of (gamma, v, x, h) by thrust and angle of attack, eqs. 19 and 21; as printed: eq. 1.
+
+    Eq. 1 has g sin alpha in the rate of the speed, where eqs. 19 and 21 have g sin gamma.
+    """
     gamma, v, _, h = np.moveaxis(state, -1, 0)
     (thrust, alpha), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
     mass, gravity = c[I.mass], c[I.gravity]
-    lift, drag = forces(h, v, alpha, c)
     (sin_alpha, cos_alpha), (sin_gamma, cos_gamma) = sincos(alpha), sincos(gamma)
-    turning = (thrust * sin_alpha + lift * cos_alpha) / (mass * v) - gravity * cos_gamma / v
-    faster = (thrust * cos_alpha - drag - lift * sin_alpha) / mass - gravity * sin_gamma
-    return np.stack([turning, faster, v * cos_gamma, v * sin_gamma], -1)
+    along, across = printed_axes(thrust, *forces(h, v, alpha, c), (sin_alpha, cos_alpha))
+    weight = gravity * (sin_alpha if as_printed else sin_gamma)
+    turning = across / (mass * v) - gravity * cos_gamma / v
+    return np.stack([turning, along / mass - weight, v * cos_gamma, v * sin_gamma], -1)
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,7 @@ class PlanarPuna:
 
     body: PointMass = field(default_factory=lambda: load("puna", PunaParameters))
     dt: float = 0.01  # s, assumed: the paper prints none
+    as_printed: bool = False
 
     def step(self, state: np.ndarray, control: np.ndarray) -> np.ndarray:
         """Eqs. (19) and (21), forward Euler, with "+ v_k" for "+ gamma_k" in the second row.
@@ -45,4 +51,5 @@ class PlanarPuna:
             state: ``(..., 4)``.
             control: ``(..., 2)`` thrust [N] and angle of attack [rad].
         """
-        return state + self.dt * planar_derivative(state, control, self.body.vector())
+        rates = planar_derivative(state, control, self.body.vector(), self.as_printed)
+        return state + self.dt * rates

@@ -1,6 +1,6 @@
 """Segorogeni's dive in three dimensions with ensembles of 50 to 300 members."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ from agents.papers.measures import (
 from agents.papers.vehicle import Advance, Experiment, channel_sd, own_step
 from estimators import make, rmse
 from vessel_gym.envs import SegorogeniAUVEnv
-from vessel_gym.vehicles.segorogeni import STATE, Segorogeni, segorogeni_rates
+from vessel_gym.vehicles.segorogeni import STATE, Segorogeni, printed_rates
 
 QUANTITIES = {"x": "m", "y": "m", "z": "m", "angle": "rad"}
 REFERENCES = ("planned path", "true position")
@@ -33,7 +33,7 @@ MEASUREMENT_SD = channel_sd(
 )
 OWN_STEP = _SHIPPED.dt
 PROCESS_SD = SegorogeniAUVEnv.system.disturbances["moderate"].white.diagonal()
-PRIOR_SD = SegorogeniAUVEnv.system.task.prior(np.zeros((1, 3))).cov.diagonal()[:6] ** 0.5
+PRIOR_SD = np.array(SegorogeniAUVEnv.system.task.prior_sd)[:6]
 
 
 class Trial(NamedTuple):
@@ -48,9 +48,8 @@ class Trial(NamedTuple):
     @property
     def vehicle(self) -> Segorogeni:
         """The vehicle with the printed kinematics."""
-        return Segorogeni(
-            replace(_SHIPPED.body, printed_kinematics=True, buoyancy_excess=-self.weight_excess)
-        )
+        heavy = replace(_SHIPPED.body, buoyancy_excess=-self.weight_excess)
+        return Segorogeni(heavy, as_printed=True)
 
 
 def read(values: dict[str, Any]) -> Trial:
@@ -59,28 +58,33 @@ def read(values: dict[str, Any]) -> Trial:
 
 
 def estimate(
-    trial: Trial, own: bool, members: int, runs: int, seed: int = 0, process: float = 1.0
+    trial: Trial,
+    own: bool,
+    members: int,
+    runs: int,
+    seeds: Sequence[int] = (0,),
+    process: float = 1.0,
 ) -> dict[str, np.ndarray]:
-    """Errors of the position in some dives; truth and measurements depend on the seed alone.
+    """Errors of the position in some dives; truth and measurements depend on the seeds alone.
 
     Args:
         trial: The dive.
         own: Runge-Kutta at the vehicle's step; else forward Euler at the paper's.
         members: N; 0: the extended Kalman filter.
-        runs: Dives.
-        seed: Of truth, measurements and filter.
+        runs: Dives of each seed.
+        seeds: Of truth and measurements.
         process: Factor on the process noise.
 
     Returns:
-        ``planned path`` and ``true position``: RMSE ``(runs, 4)`` of x, y, z [m] and yaw [rad]
-        against each; ``final (runs, 3)`` distances from the planned end [m].
+        ``planned path`` and ``true position``: RMSE ``(B, 4)`` of x, y, z [m] and yaw [rad] against
+        each in all dives; ``final (B, 3)`` distances from the planned end [m].
     """
     experiment = dive(trial, own, process)
-    truth, measurements = experiment.simulate(runs, np.random.default_rng([seed, 0]))
+    dives = (experiment.simulate(runs, np.random.default_rng([seed, 0])) for seed in seeds)
+    truth, measurements = (np.concatenate(each, 1) for each in zip(*dives, strict=True))
     options: dict[str, Any] = {"members": members, "draws": "independent"} if members else {}
     filter_ = make("enkf" if members else "ekf", experiment.model, **options)
-    rng = np.random.default_rng([seed, members])
-    places = positions(experiment, experiment.estimates(filter_, measurements, rng))
+    places = positions(experiment, experiment.estimates(filter_, measurements))
     plan = experiment.planned[:, None, _PLACE]
     references = zip(REFERENCES, (plan, truth[..., _PLACE]), strict=True)
     found = {name: rmse(places[1:], of[1:], axis=0) for name, of in references}
@@ -157,7 +161,7 @@ def _euler_step(trial: Trial) -> Advance:
     coefficients, still = trial.vehicle.body.vector(), np.zeros(2)
 
     def advance(states: np.ndarray, control: np.ndarray) -> np.ndarray:
-        return states + trial.step * segorogeni_rates(states, control, still, coefficients)
+        return states + trial.step * printed_rates(states, control, still, coefficients)
 
     return advance
 
@@ -169,9 +173,7 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Tables and measures."""
     members, printed, runs = settings["members"], settings["printed"], settings["own_runs"]
     trial, few = read(settings["trial"]), settings["runs_of_a_seed"]
-    euler = {
-        n: [estimate(trial, False, n, few, seed) for seed in settings["seeds"]] for n in members
-    }
+    euler = {n: estimate(trial, False, n, few, settings["seeds"]) for n in members}
     own = {n: estimate(trial, True, n, runs) for n in (*members, 0)}
     noise = settings["open"]["process_noise"]["believed"]
     believed = estimate(trial, True, 0, runs, process=noise)
@@ -181,14 +183,14 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
     columns = {}
     for of in REFERENCES:
-        joined = {n: np.concatenate([each[of] for each in found]) for n, found in euler.items()}
+        errors = {n: found[of] for n, found in euler.items()}
         times = zip(members, printed["time"], strict=False)
         lines = {str(n): [*printed[str(n)], time] for n, time in times}
-        found = against_table("Table III", lines, QUANTITIES, joined, settings["averaged"])
-        ends = np.concatenate([each["final"] for each in euler[members[-1]]])
+        found = against_table("Table III", lines, QUANTITIES, errors, settings["averaged"])
+        ends = zip("xyz", printed["end"], euler[members[-1]]["final"].T, strict=True)
         found += [
             Comparison("end of the dive", name, "m", text, "sec. III D", ours)
-            for name, text, ours in zip("xyz", printed["end"], ends.T, strict=True)
+            for name, text, ours in ends
         ]
         columns[f"against the {of}"] = found
         tables["own"] += by_members(of, {n: own[n][of] for n in members})

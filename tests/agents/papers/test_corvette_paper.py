@@ -35,5 +35,5 @@ def test_a_combination_of_choices_is_what_the_filter_does():
     """The baseline combination has the errors of the experiment as it was set up before the search."""
     first = {name: choice["first"] for name, choice in S["open"].items()}
     for name, found in experiment.explain(first, 200, 0).items():
-        expected = experiment.simulate(name, "as-printed", 200, 1)
+        expected = experiment.simulate(name, "as_printed", 200, 1)
         np.testing.assert_allclose(found.mean(-1), expected.mean(-1), rtol=0.02)
