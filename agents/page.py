@@ -1,5 +1,6 @@
 """Numbers and lists in words, tables, and reports as one HTML file."""
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -14,6 +15,9 @@ from vessel_gym.extras import require
 
 if TYPE_CHECKING:
     import pandas as pd
+
+LATEX = {"−": "$-$", "±": r"$\pm$", "–": "--", "°": r"$^\circ$", "σ": r"$\sigma$"}
+"""Characters of tables that LaTeX lacks in text."""
 
 
 def number(value: float, decimals: int, signed: bool = False) -> str:
@@ -66,16 +70,21 @@ def markdown_table(heading: Sequence[str], rows: Iterable[Sequence[str]], words:
 
 @dataclass(frozen=True)
 class Block:
-    """A part of a page: a heading, its content as HTML, and what a reader must know to read it."""
+    """A part of a page: a heading, its content as HTML, and what a reader must know to read it.
+
+    A table is also kept as it is, for files beside the page.
+    """
 
     title: str
     html: str
     note: str = ""
+    table: "pd.DataFrame | None" = None
 
 
 def table(title: str, frame: "pd.DataFrame", note: str = "") -> Block:
     """A table of texts as a block."""
-    return Block(title, frame.reset_index().to_html(border=0, index=False), note)
+    frame = frame.reset_index()
+    return Block(title, frame.to_html(border=0, index=False), note, frame)
 
 
 def picture(title: str, data_uri: str, note: str = "") -> Block:
@@ -100,6 +109,9 @@ def write_page(
 ) -> Path:
     """Write a report to a file, whole or not at all: its answer, and then its blocks.
 
+    Its tables are also written into the folder ``tables`` beside it, as CSV and, with the rules of
+    booktabs, as LaTeX.
+
     Raises:
         OSError: if it cannot be written.
         ModuleNotFoundError: without Jinja.
@@ -119,4 +131,17 @@ def write_page(
     )
     with replacing(path) as temporary:
         temporary.write_text(html, encoding="utf-8")
+    for block in blocks:
+        if block.table is not None:
+            _write_table(
+                path.parent / "tables" / re.sub(r"\W+", "-", block.title.lower()), block.table
+            )
     return path
+
+
+def _write_table(path: Path, frame: "pd.DataFrame") -> None:
+    """Write a table as ``.csv`` and ``.tex``."""
+    latex = frame.to_latex(index=False, escape=True).translate(str.maketrans(LATEX))
+    for suffix, text in ((".csv", frame.to_csv(index=False)), (".tex", latex)):
+        with replacing(path.with_name(path.name + suffix)) as temporary:
+            temporary.write_text(text, encoding="utf-8")

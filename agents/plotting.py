@@ -6,6 +6,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from agents.files import replacing
 from vessel_gym.extras import require
 
 if TYPE_CHECKING:
@@ -43,19 +44,29 @@ def styled() -> AbstractContextManager[None]:
     return rc_context(rc_params_from_file(_STYLE, use_default_template=False))
 
 
-def save_figure(figure: "Figure", file: Path | io.BytesIO, kind: str = "svg") -> None:
-    """Write a figure to a file, as PDF or SVG, without a date: equal figures have equal bytes."""
-    names = ("CreationDate",) if kind == "pdf" else ("Date", "Creator", "Format", "Type")
-    with styled():
-        figure.savefig(file, format=kind, metadata=dict.fromkeys(names))
-
-
 def svg(figure: "Figure") -> bytes:
-    """The figure as SVG."""
-    save_figure(figure, buffer := io.BytesIO())
+    """The figure as SVG, without a date: equal figures have equal bytes."""
+    buffer = io.BytesIO()
+    nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    with styled():
+        figure.savefig(buffer, format="svg", metadata=nothing)
     return buffer.getvalue()
 
 
 def data_uri(figure: "Figure") -> str:
     """The figure as an SVG data URI: nothing outside the page, and no ids that clash within it."""
     return "data:image/svg+xml;base64," + base64.b64encode(svg(figure)).decode()
+
+
+def save_figure(figure: "Figure", path: Path) -> None:
+    """Write a figure whole or not at all: as PDF, or as SVG where the path ends so.
+
+    Raises:
+        OSError: if it cannot be written.
+    """
+    with replacing(path) as temporary:
+        if path.suffix.lower() == ".svg":
+            temporary.write_bytes(svg(figure))
+        else:
+            with styled():
+                figure.savefig(temporary, format="pdf", metadata={"CreationDate": None})

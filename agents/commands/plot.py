@@ -14,14 +14,12 @@ OPTIONS = {
 
 def main(training: tuple[Path, ...], /, out: Path = Path("results/curves.svg")) -> None:
     """Draw the learning curves of trainings: mean returns in evaluations over steps."""
-    from agents.files import replacing
     from vessel_gym.checks import one_of
 
     with asked():
-        kind = one_of("kind of file", out.suffix.lower(), KINDS)
+        one_of("kind of file", out.suffix.lower(), KINDS)
         curves = {path.stem: learning_curves(path) for path in training}
-    with replacing(out) as path:
-        save_figure(_figure(curves), path, kind[1:])
+    save_figure(_figure(curves), out)
     print(f"wrote {out}")
 
 

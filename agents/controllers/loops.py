@@ -15,15 +15,15 @@ Control = tuple[np.ndarray, np.ndarray]
 class Controller:
     """A controller of a kind of task; subclasses take its parameters as keywords.
 
-    Its law, `control`, is a pure function, which is compiled once for a task and a vehicle. All
-    that depends on parameters is in ``numbers``, so that new parameters compile nothing.
+    Its law is a pure function, which is compiled once for a task and a vehicle. All that depends on
+    parameters is in ``numbers``, so that new parameters compile nothing.
 
     Args:
         system: The environment's system.
 
     Attributes:
-        numbers: An argument of `control`, ``(n,)`` or, for rows of a batch with different
-            parameters, ``(B, n)``; subclasses set it.
+        numbers: Gains and others that follow from parameters, ``(n,)``, which subclasses set; rows
+            of a batch with parameters of their own have numbers ``(B, n)``.
 
     Raises:
         ValueError: if the system's task or vehicle is of another kind.
@@ -36,6 +36,12 @@ class Controller:
     tunable: ClassVar[Mapping[str, Linear]] = {}
     """Ranges of the parameters, by name."""
     numbers: np.ndarray
+    control: Callable[..., Control]
+    """The law: actions ``(..., a)`` in [-1, 1], and the next state ``(..., m)``.
+
+    Its arguments are the observation ``(..., k)``, the state, which is zero at an episode's start,
+    the numbers ``(..., n)``, and as keywords the system's task and vehicle.
+    """
 
     def __init__(self, system: System) -> None:
         if not isinstance(system.task, self.kind) or not isinstance(system.vehicle, self.vehicle):
@@ -58,21 +64,6 @@ class Controller:
             task=self._task, vehicle=self._vehicle,
         )  # fmt: skip
         return actions.astype(np.float32)
-
-    @staticmethod
-    def control(
-        observation: np.ndarray, state: np.ndarray, numbers: np.ndarray, *, task: Any, vehicle: Any
-    ) -> Control:
-        """Actions ``(..., a)`` in [-1, 1], and the next state ``(..., m)``.
-
-        Args:
-            observation: ``(..., k)``.
-            state: ``(..., m)``, such as an integral; zeros at an episode's start.
-            numbers: ``(..., n)``, gains and others that follow from parameters.
-            task: The system's.
-            vehicle: The system's.
-        """
-        raise NotImplementedError
 
 
 def pid_gains(
@@ -175,4 +166,6 @@ def regulator_gains(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) 
             P, G, F = P + F.mT @ P @ W @ F, G + F @ W @ G @ F.mT, F @ W @ F
             if np.abs(F).max() < 1e-16:
                 return np.linalg.solve(R + B.mT @ P @ B, B.mT @ P @ A)
-    raise np.linalg.LinAlgError("no regulator stabilises this system with these costs")
+    raise np.linalg.LinAlgError(
+        "no gains stabilise the system at these costs: choose tolerances nearer to each other"
+    )

@@ -98,7 +98,7 @@ class _Regulator(Controller):
     state_size = 1  # the integral
 
     def _design(self, limit: float, *tolerances: float) -> None:
-        """Set the numbers, by the limit of the integral in its tolerance and those of `gains`."""
+        """Set the numbers from tolerances as of `gains`, and the integral's limit in its own."""
         _, _, distance, integral, _ = tolerances
         K = gains(self._task.ship, self._vehicle.dt, *tolerances)
         self.numbers = np.array([6.0 * distance, limit * integral, *K.flat])
@@ -125,8 +125,8 @@ class _Regulator(Controller):
             state[..., 0],
         ], -1)  # fmt: skip
         turn = np.abs(task.command_scale * observation[..., 5:6]) / turns.yaw_rate[-1]
-        polynomials = numbers[..., 2:].reshape(*numbers.shape[:-1], -1, 6)
-        K = np.polyval(np.moveaxis(polynomials, -2, 0), np.minimum(turn, 1.0))
+        powers = np.minimum(turn, 1.0) ** np.arange(6, -1, -1)
+        K = np.vecmat(powers, numbers[..., 2:].reshape(*numbers.shape[:-1], 7, 6))
         wanted = -(K * deviation).sum(-1)
         # The integral waits while the steering gear is saturated, so that it cannot wind up.
         grown = state[..., 0] + vehicle.dt * integrated * (np.abs(wanted) < 1.0)
@@ -269,20 +269,12 @@ class TrackPID(TurningPID):
 class ConstantRudder(Controller):
     """The rudder of the trial, whatever is observed.
 
-    It is the reference agent of ``ThesisCorvette-v0``. Its one number is the rudder angle as a
-    share of its limit.
+    It is the reference agent of ``ThesisCorvette-v0``.
     """
 
     kind = TurningTrial
 
-    def __init__(self, system: System) -> None:
-        super().__init__(system)
-        self.numbers = np.array([self._task.helm / self._task.ship.rudder_limit])
-
-    @staticmethod
-    @compiled
-    def control(
-        observation: np.ndarray, state: np.ndarray, numbers: np.ndarray, *, task: Any, vehicle: Any
-    ) -> Control:
-        """Rudder angle ``(..., 1)`` as a share of its limit."""
-        return np.zeros_like(observation[..., :1]) + numbers, state
+    def act(self, observations: np.ndarray) -> np.ndarray:
+        """Rudder angles ``(B, 1)`` as shares of their limit."""
+        share = self._task.helm / self._task.ship.rudder_limit
+        return np.full((len(observations), 1), share, np.float32)

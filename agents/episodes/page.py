@@ -23,8 +23,6 @@ from vessel_gym.rendering.surroundings import Surroundings
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-FRAMES = 1500
-"""Moments that a page holds at most; of a longer one it holds every second, third and so on."""
 SCRIPTS = ("data", "canvas", "plan", "space", "charts", "sea", "controls")
 """Files of the page's own script, in the order in which they are joined."""
 
@@ -94,10 +92,10 @@ class Episode:
             OSError: if it cannot be written there.
             ModuleNotFoundError: as `figure`.
         """
-        with replacing(path := Path(path)) as temporary:
-            if (kind := path.suffix.lower()) in KINDS:
-                save_figure(self.figure(), temporary, kind[1:])
-            else:
+        if (path := Path(path)).suffix.lower() in KINDS:
+            save_figure(self.figure(), path)
+        else:
+            with replacing(path) as temporary:
                 temporary.write_text(self.html(), encoding="utf-8")
 
     def _repr_html_(self) -> str:
@@ -108,36 +106,26 @@ class Episode:
         )
 
 
-def packed(value: Any, keep: Any = slice(None)) -> Any:
+def packed(value: Any) -> Any:
     """A value as JSON can hold it: arrays as float32, little-endian, in base64, records by name.
 
     Args:
         value: An array, a number, a text or None; or a record, a list or a dictionary of such.
-        keep: Moments of each array that are kept.
     """
     if isinstance(value, np.ndarray):
-        values = np.asarray(value[keep], "<f4")
+        values = np.asarray(value, "<f4")
         return {"shape": values.shape, "float32": base64.b64encode(values.tobytes()).decode()}
     if hasattr(value, "_asdict"):
         value = value._asdict()
     if isinstance(value, dict):
-        return {key: packed(each, keep) for key, each in value.items()}
-    return [packed(each, keep) for each in value] if isinstance(value, list | tuple) else value
+        return {key: packed(each) for key, each in value.items()}
+    return [packed(each) for each in value] if isinstance(value, list | tuple) else value
 
 
-def curves(charts: Sequence[Chart], keep: np.ndarray) -> dict[str, Any]:
-    """Charts as a page holds them, at the moments that are kept."""
+def curves(charts: Sequence[Chart]) -> dict[str, Any]:
+    """Charts as a page holds them."""
     names = ("title", "limits", "ticks", "series", "band", "measured")
-    return {"charts": [packed({n: getattr(c, n) for n in names}, keep) for c in charts]}
-
-
-def root(cov: np.ndarray) -> np.ndarray:
-    """Lower triangular roots ``(T, k, k)`` of covariances, which may be singular."""
-    values, vectors = np.linalg.eigh(cov)
-    any_root = vectors * np.sqrt(np.maximum(values, 0.0))[:, None]
-    upper = np.asarray(np.linalg.qr(any_root.mT, mode="r"))
-    signs = np.where(np.diagonal(upper, axis1=-2, axis2=-1) < 0.0, -1.0, 1.0)
-    return (upper * signs[..., None]).mT
+    return {"charts": [packed({n: getattr(c, n) for n in names}) for c in charts]}
 
 
 def drawn(around: Surroundings, tracks: Sequence[np.ndarray]) -> dict[str, Any]:

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from agents.episodes.page import FRAMES, Episode, curves, drawn, packed, root
+from agents.episodes.page import Episode, curves, drawn, packed
 from agents.metrics import metrics, scores
 from agents.page import listed, number
 from agents.rollouts import Rollout, batch, rollout
 from agents.seeds import evaluation_seeds
 from agents.wrapped import core_of
 from estimators.checks import short_repr
+from estimators.linalg import semidefinite_cholesky
 from vessel_gym import checks
 from vessel_gym.rendering.scene import Chart, Scene, Series, ambients, waves_of
 from vessel_gym.rendering.surroundings import surroundings_of
@@ -129,14 +130,13 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     """
     ours, core = hasattr(flown[0].env.unwrapped, "core"), flown[0].core
     name, dt = core.config.system.name, core.config.system.vehicle.dt
-    every = 1 + int(max(each.length[0] for each in flown)) // FRAMES
     histories = [_first_row(each) for each in flown]
     page: dict[str, Any] = {
         "title": f"{name}: one episode on {listed(names)}",
         "name": name,
         "environment": flown[0].env_id,
         "conditions": [f"seed {flown[0].seeds[0]}"],
-        "dt": dt * every,
+        "dt": dt,
         "unit": "s" if ours or dt != 1.0 else "steps",
         "placed": False,
         "located": False,
@@ -146,7 +146,7 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     }
     if not ours:
         page["flights"] = [
-            _figures(each, name) | curves(_estimates(history), _kept(each, every))
+            _figures(each, name) | curves(_estimates(history))
             for each, name, history in zip(flown, names, histories, strict=True)
         ]
         return page
@@ -163,14 +163,8 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
         ],
         "scene": drawn(around, [scene.true for scene in scenes]),
         "waves": packed(waves_of(core, flown[0].constants[0])),
-        "flights": [_flight(*each, every) for each in zip(flown, names, scenes, strict=True)],
+        "flights": [_flight(*each) for each in zip(flown, names, scenes, strict=True)],
     }
-
-
-def _kept(flown: Rollout, every: int) -> np.ndarray:
-    """Indices of every so many moments of an episode, and of the last."""
-    last = flown.length[0]
-    return np.unique(np.append(np.arange(0, last + 1, every), last))
 
 
 def _first_row(flown: Rollout) -> dict[str, np.ndarray]:
@@ -202,9 +196,9 @@ def _figures(flown: Rollout, name: str) -> dict[str, Any]:
     }
 
 
-def _flight(flown: Rollout, name: str, scene: Scene, every: int) -> dict[str, Any]:
-    """Data of a page about a rollout's episode, in every so many moments and the last."""
-    keep, position = _kept(flown, every), scene.position
+def _flight(flown: Rollout, name: str, scene: Scene) -> dict[str, Any]:
+    """Data of a page about a rollout's episode."""
+    position = scene.position
     # of the end itself there are none
     members = None if position.members is None else position.members[:-1]
     apart = 1 + len(scene.true) // CLOUDS
@@ -212,17 +206,17 @@ def _flight(flown: Rollout, name: str, scene: Scene, every: int) -> dict[str, An
         "true": scene.true,
         "believed": scene.believed,
         "error": position.error,
-        "root": None if position.cov is None else root(position.cov),
+        "root": None if position.cov is None else semidefinite_cholesky(position.cov),
         "fix": scene.fixes,
         "ambient": ambients(scene.core, scene.history),
     }
     return {
         **_figures(flown, name),
         "legend": scene.legend,
-        **packed(moving, keep),
+        **packed(moving),
         "members": None if members is None else packed(members[::apart, :MEMBERS]),
         "period": apart * scene.core.config.system.vehicle.dt,
-        **curves(scene.charts(CHARTS), keep),
+        **curves(scene.charts(CHARTS)),
     }
 
 

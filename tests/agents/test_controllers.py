@@ -280,7 +280,7 @@ def test_actions_depend_on_observations_of_row_since_reset(env_id: str, name: st
         np.testing.assert_allclose(alone[:, 0], actions[:, row], atol=1e-6)
 
 
-@every_controller
+@pytest.mark.parametrize(("env_id", "name"), [c for c in CONTROLLERS if c[1] != "constant-rudder"])
 def test_a_compiled_control_law_equals_its_equations_in_numpy(env_id: str, name: str):
     controller = make_controller(name, system_of(env_id))
     seen = observations(env_id).astype(float)

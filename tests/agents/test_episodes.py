@@ -175,14 +175,6 @@ def test_a_task_that_nobody_has_drawn_has_its_page(flown: tuple[str, Episode]):
     assert data(flight.html())["flights"][0]["charts"]
 
 
-def test_a_long_episode_keeps_every_second_moment_and_its_end(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("agents.episodes.recording.FRAMES", 40)
-    kept = rollout("autopilot", "ThesisCorvette-v0", [0], {"max_episode_steps": 61}, ensembles=True)
-    page = page_of([kept], ["kf-umv-ui"])
-    assert page["dt"] == 2.0 * kept.env.unwrapped.core.config.system.vehicle.dt
-    assert page["flights"][0]["true"]["shape"][0] == 31 + 1
-
-
 @pytest.mark.parametrize(
     ("env_id", "names"),
     [

@@ -43,6 +43,20 @@ def test_page_is_complete_escaped_and_self_contained(tmp_path):
     assert not re.search(r'(?:src|href)="(?!data:)', html)
 
 
+def test_tables_of_a_page_lie_beside_it_as_csv_and_latex(tmp_path):
+    table = pd.DataFrame({"a_b [°]": ["−1.0 ± 0.1", "–"]}, index=["5 %", "σ"]).rename_axis("name")
+    write_page(tmp_path / "a.html", "t", "s", [], [page.table("Costs: x/y", table, "n")])
+    assert {each.name for each in (tmp_path / "tables").iterdir()} == {
+        "costs-x-y.csv", "costs-x-y.tex"
+    }  # fmt: skip
+    found = pd.read_csv(tmp_path / "tables" / "costs-x-y.csv", index_col="name")
+    pd.testing.assert_frame_equal(found, table, check_dtype=False)
+    latex = (tmp_path / "tables" / "costs-x-y.tex").read_text(encoding="utf-8")
+    assert latex.isascii()
+    for part in (r"\toprule", r"name & a\_b [$^\circ$] \\", r"5 \% & $-$1.0 $\pm$ 0.1 \\", "--"):
+        assert part in latex
+
+
 def test_a_page_is_written_whole_or_not_at_all(tmp_path):
     path = write_page(tmp_path / "a.html", "t", "s", [], [Block("b", "c")])
     before = path.read_text(encoding="utf-8")

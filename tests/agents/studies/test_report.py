@@ -37,6 +37,7 @@ def test_page_markdown_and_table_are_written_and_agree(small, tmp_path):
         "report.html",
         "ranking.md",
         "results.parquet",
+        "tables",
     }
     assert (tmp_path / "ranking.md").read_text(encoding="utf-8") == markdown(small)
     assert len(pd.read_parquet(tmp_path / "results.parquet")) == 8 * len(small.plan.flights)
