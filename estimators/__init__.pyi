@@ -47,6 +47,9 @@ from estimators.robust import RobustKalmanFilter as RobustKalmanFilter
 from estimators.series import Series as Series
 from estimators.series import run as run
 from estimators.smoothers import smooth as smooth
+from estimators.steady import SteadyKalmanFilter as SteadyKalmanFilter
+from estimators.steady import SteadyState as SteadyState
+from estimators.steady import steady_state as steady_state
 from estimators.tunable import Linear as Linear
 from estimators.tunable import Log as Log
 from estimators.tuning import Fit as Fit

@@ -1,5 +1,6 @@
 """Checks of users' arguments: they return arrays and numbers, or raise naming the argument."""
 
+import operator
 from typing import Any
 
 import numpy as np
@@ -187,6 +188,21 @@ def integer(name: str, value: object, lowest: int) -> int:
     if value > 2**31 - 1:
         raise ValueError(f"{name} must be at most {2**31 - 1}, got {short_repr(value)}")
     return int(value)
+
+
+def indices(name: str, value: Any, size: int) -> tuple[int, ...]:
+    """``value`` as a tuple of indices below ``size``.
+
+    Raises:
+        ValueError: if it is not a sequence of such indices.
+    """
+    try:
+        found = tuple(map(operator.index, value))
+    except TypeError:
+        found = (-1,)
+    if any(not 0 <= i < size for i in found):
+        raise ValueError(f"{name} must be indices below {size}, got {short_repr(value)}")
+    return found
 
 
 def short_repr(value: object) -> str:

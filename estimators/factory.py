@@ -13,6 +13,7 @@ _FILTERS = {
     "kf": "KalmanFilter",
     "ekf": "ExtendedKalmanFilter",
     "iekf": "IteratedExtendedKalmanFilter",
+    "steady-kf": "SteadyKalmanFilter",
     "kf-umv-ui": "UMVFilter",
     "kf-umv-ui-wdf": "DelayedUMVFilter",
     "ekf-ui-wdf": "ExtendedUMVFilter",

@@ -1,13 +1,12 @@
 """Matrices of a model, which may depend on the known input or the state."""
 
-import operator
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from estimators.checks import as_covariance, finite_array, frozen, integer, number, short_repr
+from estimators.checks import as_covariance, finite_array, frozen, indices, integer, number
 from estimators.engine import Compiled, TracedMatrix, by_entries, is_traced, lookup, matrix
 
 Matrix = np.ndarray | Callable[[np.ndarray | None], np.ndarray]
@@ -142,14 +141,7 @@ def check_matrices(model: Any, shapes: dict[str, str], **options: tuple[str, int
             raise ValueError(f"{name} has shape {table.shape}, expected (..., {expected})")
     vars(model).update(sizes)
     for name, size in ("state_angles", sizes["n"]), ("measurement_angles", sizes["p"]):
-        indices = getattr(model, name)
-        try:
-            angles = tuple(operator.index(i) for i in indices)
-        except TypeError:
-            angles = (-1,)
-        if any(not 0 <= i < size for i in angles):
-            raise ValueError(f"{name} must be indices below {size}, got {short_repr(indices)}")
-        vars(model)[name] = angles
+        vars(model)[name] = indices(name, getattr(model, name), size)
 
 
 def _size(

@@ -310,9 +310,10 @@ class Case:
 
     Laws: ``kalman`` is exactly the Kalman filter on a linear Gaussian model; ``unknown-input``
     estimates state and unknown input without bias; ``consistent`` has errors as large as it says;
-    ``linear`` has linear systems; ``deterministic`` uses no randomness; ``ensemble`` carries
-    members, and with ``square-root`` updates them without; ``long`` is tried over a very long run,
-    one case for each way in which filters carry a covariance on.
+    ``own-noise`` takes a covariance with a measurement as it takes the model's; ``linear`` has
+    linear systems; ``deterministic`` uses no randomness; ``ensemble`` carries members, and with
+    ``square-root`` updates them without; ``long`` is tried over a very long run, one case for each
+    way in which filters carry a covariance on.
     """
 
     id: str
@@ -330,7 +331,8 @@ class Case:
 def _case(
     id: str, name: str, system: Callable[[int], System], laws: str, **options: object
 ) -> Case:
-    return Case(id, name, system, frozenset(laws.split()), options)
+    own = () if name == "steady-kf" else ("own-noise",)
+    return Case(id, name, system, frozenset((*laws.split(), *own)), options)
 
 
 def _kalman_case(id: str, laws: str, **options: object) -> Case:
@@ -371,6 +373,8 @@ CASES = (
     _case("pf on a turning vehicle", "pf", turning_vehicle, "", particles=40),
     _case("ekf on a turning vehicle", "ekf", turning_vehicle, "deterministic"),
     _kalman_case("iekf", _EXACT),
+    _case("steady-kf", "steady-kf", kalman_system, ""),
+    _case("steady-kf with two rates", "steady-kf", kalman_system, "", periods=(1, 2, 1)),
     _input_case("kf-umv-ui", _LONG, feedthrough=True),
     _input_case("kf-umv-ui with two inputs", feedthrough=True, p=4, q=2),
     _input_case("kf-umv-ui on a shaken vehicle", "", shaken_vehicle),

@@ -180,7 +180,7 @@ def test_masking_a_channel_equals_a_model_without_it(case: Case, seed: int):
 
 
 @pytest.mark.slow
-@every_case()
+@every_case("own-noise")
 def test_a_covariance_of_a_measurement_replaces_the_models(case: Case):
     system, rows = case.system(0), 3
     model = system.model

@@ -284,7 +284,7 @@ def _random_model(
 
     matrices = {
         "A": random_transition(rng, n, rng.uniform(0.3, 1.02)), "C": rng.normal(size=(p, n)),
-        "Q": scaled(n) * (rng.random() < 0.8), "R": scaled(p),
+        "Q": scaled(n) * (rng.random() < 0.8 or name == "steady-kf"), "R": scaled(p),
     }  # fmt: skip
     if any(case.name == name and "unknown-input" in case.laws for case in CASES):
         matrices["G"] = rng.normal(size=(n, q))

@@ -1,0 +1,244 @@
+"""Steady state of a Kalman filter, and the filter that has its gain from the start."""
+
+import math
+from collections.abc import Callable
+from functools import reduce
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from estimators.checks import indices, integer, short_repr
+from estimators.engine import compiled
+from estimators.filter import Changes, Model
+from estimators.kalman import ExtendedKalmanFilter, joseph_update
+from estimators.linalg import congruence, identity, masked, rescue, solve, symmetrise
+from estimators.models import LinearModel
+from estimators.varying import resolve
+
+_NEAR = 1e-4
+"""Eigenvalues this near to 1 count as 1: rounding moves those of coupled integrators as far."""
+_ROUNDING = 1e-9
+"""Singular values below this share of the largest entry of A are rounding."""
+_RESIDUAL = 1e-10
+"""Largest change of a steady covariance over a period, in units of standard deviations."""
+_DOUBLINGS, _LONGEST = 40, 1000
+
+
+class SteadyState(NamedTuple):
+    """Gain and covariances to which the Kalman filter of a time-invariant model converges.
+
+    Attributes:
+        gain: ``(T, n, p)`` in each of the T phases of the measurements' common period; columns of
+            channels that a phase does not measure are 0.
+        before: ``(T, n, n)`` covariance of the prediction.
+        after: ``(T, n, n)`` covariance after the measurement.
+    """
+
+    gain: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+
+
+def steady_state(model: LinearModel, periods: Any = 1, names: Any = None) -> SteadyState:
+    """Steady state of a Kalman filter, from the stationary solution of the Riccati equation.
+
+    Channels may be measured at different rates. Then the filter converges to a cycle, the solution
+    of the periodic Riccati equation. The period T is the least common multiple of the channels'
+    periods. In phase 0 all channels are measured.
+
+    The solution exists if measurements show, and process noise excites, each mode of A that does
+    not decay (tests of Popov, Belevitch and Hautus). It is computed by doubling the number of
+    periods. Then it is tried: one more period must reproduce the covariance to 1e-10, and the
+    filter's errors must decay.
+
+    Sources: Anderson & Moore (1979), Optimal Filtering, ch. 4; Bittanti, Colaneri & De Nicolao
+    (1991), The periodic Riccati equation; Chu, Fan, Lin & Wang (2004), Structure-preserving
+    algorithms for periodic discrete-time algebraic Riccati equations, for the doubling.
+
+    Args:
+        model: A `LinearModel` of which A, C, Q and R are matrices, without batch axes. Its unknown
+            input is ignored.
+        periods: ``(p,)`` steps from one measurement of each channel to the next, or one number.
+        names: Names of the n states, for error messages; None: their indices.
+
+    Raises:
+        ValueError: if there is no steady state, naming the states that measurements do not show or
+            that no noise excites; if a matrix of the model depends on the known input; or if the
+            common period is longer than 1000 steps.
+    """
+    A, C, Q, R = _matrices(model)
+    measured, eye = _schedule(periods, model.p), identity(model.n)
+    for hidden, why in ((_hidden(A, C), _UNDETERMINED), (_hidden(A.T, Q), _WITHOUT_NOISE)):
+        if hidden.any():
+            listed = ", ".join(str((names or range(model.n))[i]) for i in np.flatnonzero(hidden))
+            raise ValueError(f"there is no steady state: {why.format(listed)}")
+    C, R = np.where(measured[..., None], C, 0.0), masked(R, measured)
+    with np.errstate(all="ignore"), rescue():  # channels without noise may repeat others
+        period = limit = reduce(_then, zip(*_steps(A, C, Q, R), strict=True))
+        for _ in range(_DOUBLINGS):
+            limit = _then(limit, limit)
+        cov, phases = limit[1], []
+        for each in zip(C, R, strict=True):
+            before = symmetrise(congruence(A, cov) + Q)
+            # Unit innovations move means of 0 by the columns of the gain.
+            gain, cov, _ = joseph_update(np.zeros(C.shape[1:]), before, identity(model.p), *each)
+            phases.append((gain.T, before, cov))
+        sd = np.sqrt(np.maximum(phases[0][1].diagonal(), np.finfo(float).tiny))
+        residual = (np.abs(cov - limit[1]) / sd / sd[:, None]).max()
+    errors = period[0] @ np.linalg.inv(eye + cov @ period[2]) if residual <= _RESIDUAL else eye
+    if np.abs(np.linalg.eigvals(errors)).max() > 1.0 - _ROUNDING:
+        raise ValueError("there is no steady state: the errors of the filter do not decay")
+    return SteadyState(*map(np.stack, zip(*phases, strict=True)))
+
+
+_UNDETERMINED = "measurements do not determine {}: add a sensor that does, or leave them out"
+_WITHOUT_NOISE = "no process noise excites {}, whose gain so ends at 0: give them noise in Q"
+
+
+def _matrices(model: Any) -> tuple[Any, Any, Any, Any]:
+    """A, C, Q and R of a model, checked to be matrices."""
+    A, C, Q, R = (getattr(model, name, None) for name in "ACQR")
+    if any(getattr(each, "ndim", 0) != 2 for each in (A, C, Q, R)):
+        raise ValueError(
+            "a steady state needs a LinearModel of which A, C, Q and R are single matrices: give"
+            " steady-kf such a model of the usual motion as design"
+        )
+    return A, C, Q, R
+
+
+def _schedule(periods: Any, p: int) -> np.ndarray:
+    """Mask ``(T, p)`` of the channels that are measured in each phase."""
+    if np.shape(periods) not in ((), (p,)):
+        raise ValueError(f"periods must be a number or {p} of them, got {short_repr(periods)}")
+    steps = [integer("each of periods", k, 1) for k in np.broadcast_to(periods, p).tolist()]
+    if (period := math.lcm(*steps)) > _LONGEST:
+        raise ValueError(f"the common period is {period} steps, of {_LONGEST} at most")
+    return np.arange(period)[:, None] % steps == 0
+
+
+def _hidden(A: np.ndarray, C: np.ndarray) -> np.ndarray:
+    """Mask ``(n,)`` of the states in modes that do not decay and that C does not show."""
+    modes, hidden = np.linalg.eigvals(A), np.zeros(len(A), bool)
+    modes = np.where(np.abs(modes - 1.0) < _NEAR, 1.0, modes)
+    C = C / np.maximum(np.linalg.norm(C, axis=1, keepdims=True), np.finfo(float).tiny)
+    for mode in {*modes[np.abs(modes) > 1.0 - _NEAR].tolist()}:
+        both = np.concatenate([A - mode * identity(len(A)), C])
+        _, values, directions = np.linalg.svd(both)
+        unseen = directions[values < _ROUNDING * max(1.0, np.abs(A).max())]
+        hidden |= (np.abs(unseen) > _NEAR).any(0)
+    return hidden
+
+
+Map = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""A, G and H of the map ``P -> A P (I + H P)^-1 A' + G`` of covariances after measurements."""
+
+
+def _steps(A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray) -> Map:
+    """The map of each step: a prediction, then the measurement ``C (T, p, n)``, ``R (T, p, p)``."""
+    CQ, CA = C @ Q, C @ A
+    S = CQ @ C.mT + R
+    left = identity(len(A)) - solve(S, CQ).mT @ C
+    return left @ A, left @ Q, CA.mT @ solve(S, CA)
+
+
+def _then(one: Map, two: Map) -> Map:
+    """The map of one, then two."""
+    (A, G, H), (A2, G2, H2) = one, two
+    WA, WG = np.split(np.linalg.solve(identity(len(A)) + G @ H2, np.hstack([A, G])), 2, -1)
+    return A2 @ WA, symmetrise(G2 + congruence(A2, WG)), symmetrise(H + A.T @ H2 @ WA)
+
+
+@compiled
+class SteadyKalmanFilter(ExtendedKalmanFilter):
+    """Kalman filter of constant gain: predictions have the covariance of the `steady_state`.
+
+    The gain is constant for each set of channels that are measured together. The covariance before
+    a measurement is the mean over the phases that measure the smallest set with all channels that
+    have arrived. Between measurements, and without them, the filter dead-reckons: it predicts by
+    the model, which need not have a Jacobian, and its covariance does not grow.
+
+    With ``axes`` the covariance is constant in axes that turn with the vehicle, such as those along
+    and across the path. The gain turns with them.
+
+    States of ``nuisance``, such as constant biases, keep their prior mean and covariance, and get
+    no gain, where there is no steady state with them: all without noise, and of those that
+    measurements do not determine as few as possible, the last ones first.
+
+    Source: Anderson & Moore (1979), Optimal Filtering, ch. 4.
+
+    Args:
+        model: A `LinearModel` or `NonlinearModel`; an unknown input is ignored.
+        design: `LinearModel` of matrices, of which the steady state is; None: ``model``.
+        periods: ``(p,)`` steps from one measurement of each channel to the next, or one number.
+        nuisance: Indices of states that may do without a gain.
+        axes: Function of the mean ``(..., n)`` that returns the matrix ``(..., n, n)`` from the
+            axes of ``design`` to those of ``model``; None: the axes are the same.
+        names: Names of the n states, for error messages; None: their indices.
+
+    Raises:
+        ValueError: as `steady_state`, or for a design model of another size.
+    """
+
+    name = "steady-kf"
+    _axes = {"predict": (1,), "update": (1, 2, 2)}
+
+    def __init__(
+        self, model: Model, design: LinearModel | None = None, periods: Any = 1,
+        nuisance: tuple[int, ...] = (), axes: Callable[[np.ndarray], np.ndarray] | None = None,
+        names: Any = None,
+    ) -> None:  # fmt: skip
+        super().__init__(model)
+        A, C, Q, R = _matrices(model if design is None else design)
+        if C.shape != (model.p, model.n):
+            raise ValueError(f"C of design has shape {C.shape}, expected {(model.p, model.n)}")
+        kept = _with_gain(A, C, Q, indices("nuisance", nuisance, model.n))
+        square, every = np.ix_(kept, kept), names or range(model.n)
+        reduced = LinearModel(A[square], C[:, kept], Q[square], R)
+        steady = steady_state(reduced, periods, [every[i] for i in kept])
+        before = congruence(identity(model.n)[:, kept], steady.before)
+        measured = _schedule(periods, model.p)
+        sets = sorted({tuple(each) for each in measured if each.any()}, key=sum)
+        means = [before[(measured == each).all(-1)].mean(0) for each in sets]
+        self.axes, self._sets, self._before = axes, np.array(sets), np.array(means)
+        self._between = before.mean(0)
+        fixed = ~np.isin(np.arange(model.n), kept)
+        self._fixed = fixed & fixed[:, None]
+
+    def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
+        """Next mean ``(..., n)``."""
+        function, linear = self.model.transition, isinstance(self.model, LinearModel)
+        return (function(belief.mean, u) if linear else resolve(function, belief.mean, u),)
+
+    def _predict(self, belief: Any, u: Any, mean: Any, *_: Any) -> Changes:
+        cov = self._turned(mean, self._between)
+        return {"mean": mean, "cov": np.where(self._fixed, belief.cov, cov)}
+
+    def _update(
+        self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any, *_: Any
+    ) -> Changes:
+        arrived, before = 1.0 * available, self._before[-1]
+        for measured, smaller in zip(self._sets[-2::-1], self._before[-2::-1], strict=True):
+            fits = (arrived * ~measured).sum(-1) == 0.0
+            before = np.where(fits[..., None, None], smaller, before)
+        mean, cov, S = joseph_update(belief.mean, self._turned(belief.mean, before), e, C, R)
+        some = (arrived.sum(-1) > 0.0)[..., None, None]
+        cov = np.where(some & ~self._fixed, cov, belief.cov)
+        return {"mean": mean, "cov": cov, "innovation_cov": S}
+
+    def _turned(self, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
+        """A covariance in the axes of the model."""
+        return cov if self.axes is None else symmetrise(congruence(self.axes(mean), cov))
+
+
+def _with_gain(A: np.ndarray, C: np.ndarray, Q: np.ndarray, nuisance: tuple[int, ...]) -> Any:
+    """Indices of the states that get a gain: all but those of ``nuisance`` that prevent it."""
+    kept = np.arange(len(A))
+    while True:
+        square = np.ix_(kept, kept)
+        lost = np.isin(kept, nuisance) & _hidden(A[square].T, Q[square])
+        if not lost.any():
+            lost = np.isin(kept, nuisance) & _hidden(A[square], C[:, kept])
+            lost[: np.flatnonzero(lost).max(initial=0)] = False
+        if not lost.any():
+            return kept
+        kept = kept[~lost]
