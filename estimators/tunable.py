@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.checks import number
+from estimators.checks import number, short_repr
 from estimators.factory import unknown
 
 
@@ -74,6 +74,8 @@ def check_parameters(
             is not above 0 though it is searched by its logarithm.
     """
     for name, value in parameters.items():
+        if not tunable:
+            raise ValueError(f"{title} has no parameters: leave out {short_repr(name)}")
         if name not in tunable:
             raise ValueError(unknown(f"parameter of {title}", name, tunable))
         low, what = (0.0, " above 0") if isinstance(tunable[name], Log) else (-np.inf, "")

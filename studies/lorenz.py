@@ -10,8 +10,9 @@ Kalman filter; Sakov, Oliver & Bertino (2012), An iterative EnKF for strongly no
 those that ``data/lorenz.toml`` names. The values are those printed in DAPPER (Raanes et al.,
 https://github.com/nansencenter/DAPPER) beside the settings of these papers, in ``mods/Lorenz63``
 and ``mods/Lorenz96``: all but those of methods that are not here (smoothers, local, serial and
-variational ones, members that are rotated, inflation that adapts), of Laplace's noise, of 400
-members or 3000 particles and more, which take minutes, and doubles.
+variational ones, members that are rotated, inflation that adapts), of Laplace's noise, of at most
+100 particles, whose mean varies widely, of 400 members or 3000 particles and more, which take
+minutes, and doubles.
 """
 
 import tomllib

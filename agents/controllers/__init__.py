@@ -41,8 +41,9 @@ CONTROLLERS: Registry[Factory] = Registry("controller", _ours)
 def register_controller(task_type: type, name: str) -> Callable[[F], F]:
     """Decorator: register a class, or a function of a `System`, as a controller for a task class.
 
-    The class or function makes the controller from a `System`. Subclasses of the task class inherit
-    the controller.
+    The class or function makes the controller from a `System`, and from parameters as keywords, if
+    it has an attribute ``tunable``: their ranges (`estimators.Log`, `estimators.Linear`) by name.
+    Subclasses of the task class inherit the controller.
 
     Args:
         task_type: The class of the task.
