@@ -76,6 +76,8 @@ class Filter(ABC, Generic[Record]):
     """True if the filter runs compiled; its attributes are then constants of the program."""
     tunable: ClassVar["dict[str, Linear]"] = {}
     """Options that can be tuned beside Q and R, and the range of each."""
+    varies_by_row: bool = True
+    """True if `by_rows` serves; False if Q and R have entered other constants of the filter."""
     _axes: ClassVar[dict[str, tuple[int, ...]]] = {"predict": (1, 2, 2, 2), "update": (1, 2, 2, 2)}
     """Number of axes of a row of each array from `propagate` or `expect`; the last is G or H."""
 

@@ -100,6 +100,7 @@ class KalmanFilter(ExtendedKalmanFilter):
         if input_cov is not None:
             self.input_cov = input_covariance("input_cov", input_cov, model.q)
             self.input_delay, self.record = int(model.delayed_feedthrough), InputBelief
+            self.varies_by_row = False
 
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
         if self.input_cov is None:

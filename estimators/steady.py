@@ -180,6 +180,7 @@ class SteadyKalmanFilter(ExtendedKalmanFilter):
     """
 
     name = "steady-kf"
+    varies_by_row = False
     _axes = {"predict": (1,), "update": (1, 2, 2)}
 
     def __init__(

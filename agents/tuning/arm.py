@@ -77,8 +77,9 @@ class Arm:
         config = self.configuration
         if config is None or config.raw is not None or not is_controller(self.agent, self.system):
             return False
-        own = type(config.estimation.filter).__module__
-        return own.startswith(("estimators.", "vessel_gym.")) and not config.estimation.fuses
+        filter = config.estimation.filter
+        ours = type(filter).__module__.startswith(("estimators.", "vessel_gym."))
+        return ours and filter.varies_by_row and not config.estimation.fuses
 
     @cached_property
     def every(self) -> dict[str, Parameter]:
