@@ -9,3 +9,7 @@ from agents.metrics import register_metrics as register_metrics
 from agents.policies.checkpoint import save_agent as save_agent
 from agents.rollouts import Rollout as Rollout
 from agents.rollouts import rollout as rollout
+from agents.tuning.arm import Arm as Arm
+from agents.tuning.tune import tune as tune
+from agents.tuning.tuned import Tuned as Tuned
+from agents.tuning.tuned import load_tuned as load_tuned
