@@ -1,7 +1,7 @@
-"""Filters as the source papers print them, misprints included: ``make(name, model, as_printed=True)``.
+"""Filters as the source papers print them, misprints included, to reproduce the papers.
 
-They serve to reproduce the papers. `estimators.make` builds the filters without misprints by
-default.
+``estimators.make(name, model, as_printed=True)`` builds them, and without the option the filters of
+these names without misprints.
 """
 
 from typing import Any

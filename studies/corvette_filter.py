@@ -45,7 +45,7 @@ def rates(x: np.ndarray, rudder: np.ndarray) -> np.ndarray:
     return np.concatenate([moved[..., :6], -0.01 * x[..., 6:]], -1)
 
 
-def transition(x: Any, rudder: Any, rates: Callable[..., Any] = rates) -> Any:
+def transition(x: Any, rudder: Any) -> Any:
     """State ``(..., 8)`` after a step by the classical Runge-Kutta method."""
     k1 = rates(x, rudder)
     k2 = rates(x + 0.5 * DT * k1, rudder)

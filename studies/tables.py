@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from shutil import copyfile
+from shutil import copyfile, copytree
 from typing import Any
 
 import numpy as np
@@ -14,23 +14,24 @@ import pandas as pd
 
 from agents.commands.console import command, progress
 from agents.page import markdown_table
-from agents.papers import opening
 from agents.papers.measures import Row
+from agents.papers.pages import file_name
 from agents.refusal import Refusal
 from studies.markdown import ROOT, put
 
 
 def papers() -> str:
-    """Measures of the papers as ``vessel-gym reproduce`` stored them."""
-    kept, last = (ROOT / f"{at}/summary.json" for at in ("agents/papers", "results/reproduction"))
-    if last.exists():
-        copyfile(last, kept)
+    """Measures and figures of the papers as ``vessel-gym reproduce`` stored them."""
+    kept, made = ROOT / "docs/papers.json", ROOT / "results/reproduction"
+    if made.exists():
+        copyfile(made / "summary.json", kept)
+        copytree(made / "figures", ROOT / "docs/images/papers", dirs_exist_ok=True)
     return papers_page(json.loads(kept.read_text(encoding="utf-8")))
 
 
 def papers_page(summary: Mapping[str, Any]) -> str:
-    """A line for each way of a paper, and the openings of the pages."""
-    lines, rows = [], [row for each in summary.values() for row in each]
+    """A line for each way of a paper, and the figures."""
+    lines, rows = [], [row for each in summary.values() for row in each["rows"]]
     for paper, of in pd.DataFrame(rows, columns=Row._fields).groupby("paper", sort=False):
         total: Any = of.sum()
         scored, logs = of.numbers - of.incomparable, np.log(of.factor.replace(0.0, 1.0))
@@ -38,9 +39,18 @@ def papers_page(summary: Mapping[str, Any]) -> str:
         numbers = total.agree, total.better, total.worse, total.near, factor
         lines.append([str(paper), *map(str, numbers)])
     head = "Errors", "agree", "better", "worse", "within 25 %", "typical factor"
-    openings = [(name.title(), opening(name)) for name in summary]
-    verdicts = markdown_table(("Paper", "What holds, and what is wrong"), openings, 2)
-    return f"{verdicts}\n\n{markdown_table(head, lines, 1)}"
+    figures = (_figures(name, each["figures"]) for name, each in summary.items())
+    return "\n\n".join((markdown_table(head, lines, 1), *figures))
+
+
+def _figures(name: str, captions: Mapping[str, str]) -> str:
+    """The figures of a paper, which show their captions, in a grid."""
+    items = (
+        f":::{{grid-item}}\n![{caption}](images/papers/{file_name(name, title)})\n:::"
+        for title, caption in captions.items()
+    )
+    grid = "\n".join(["::::{grid} 1 2 2 2", ":gutter: 3", "", *items, "::::"])
+    return f"### {name.title()}: figures\n\n{grid}"
 
 
 def _made(module: str, function: str, *arguments: str) -> str:

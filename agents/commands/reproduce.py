@@ -1,6 +1,5 @@
 """Run the source papers' experiments beside their tables: ``vessel-gym reproduce all``."""
 
-import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -34,7 +33,7 @@ def main(
     from vessel_gym.checks import one_of
     from vessel_gym.extras import require
 
-    require("joblib")  # before the experiments, not after them
+    require("joblib", "jinja2", "matplotlib")  # before the experiments, not after them
     from agents.papers import PAPERS, job
 
     with asked():
@@ -53,27 +52,16 @@ def main(
 def _report(made: dict[str, Any], out: Path) -> None:
     """Write the pages, tables and summary of finished papers, and print a row an experiment."""
     from agents.papers.measures import Row, summary_table
+    from agents.papers.pages import write_paper
 
     for name, values in made.items():
-        print(f"Page: {_write(name, values['tables'], out)}")
+        print(f"Page: {write_paper(name, values, out)}")
     rows = [Row(*row) for values in made.values() for row in values["rows"]]
     print(f"\n{summary_table(rows)}")
-    summary = {name: values["rows"] for name, values in made.items()}
+    summary = {
+        name: values
+        | {"figures": {f"Figure {f['number']}": f["caption"] for f in values["figures"]}}
+        for name, values in made.items()
+    }
     text = json.dumps(summary, ensure_ascii=False, indent=1)
     (out / "summary.json").write_text(f"{text}\n", encoding="utf-8")
-
-
-def _write(name: str, tables: dict[str, Any], out: Path) -> Path:
-    """Write the explanation of a paper with its tables, and these as CSV; returns the page."""
-    from agents.papers import read
-    from agents.papers.measures import page
-
-    (out / "tables").mkdir(parents=True, exist_ok=True)
-    for table, rows in tables.items():
-        with (out / "tables" / f"{name}-{table}.csv").open(
-            "w", encoding="utf-8", newline=""
-        ) as file:
-            csv.writer(file, lineterminator="\n").writerows(rows)
-    path = out / f"{name}.md"
-    path.write_text(page(read(name, "page.md"), tables), encoding="utf-8")
-    return path

@@ -25,11 +25,6 @@ def read(name: str, file: str) -> str:
     return (Path(__file__).parent / name / file).read_text(encoding="utf-8")
 
 
-def opening(name: str) -> str:
-    """The paragraph of the explanation that says what holds, below title and source."""
-    return " ".join(read(name, "page.md").split("\n\n")[2].split())
-
-
 def job(name: str) -> Job:
     """The report of a paper as a job: see `agents.papers.measures`."""
     return Job(f"agents.papers.{name}.experiment:report", {"settings": settings(name)})

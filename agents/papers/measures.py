@@ -1,10 +1,9 @@
 """Printed numbers beside ours: closeness for each number, each experiment and each paper.
 
-The report of a paper is ``{"tables": ..., "rows": ...}``: tables by name, the heading first, and a
-`Row` for each experiment.
+The report of a paper is ``{"tables": ..., "figures": ..., "rows": ...}``: tables by name, the
+heading first, figures as in `agents.papers.figures`, and a `Row` for each experiment.
 """
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -157,12 +156,6 @@ class Row(NamedTuple):
     incomparable: int = 0
     near: int = 0
     factor: float = 0.0
-
-
-def page(text: str, tables: Mapping[str, Any]) -> str:
-    """The explanation of a paper with its tables in their places."""
-    made = {name: markdown_table(of[0], of[1:], 2) for name, of in tables.items()}
-    return re.sub("<!-- table: (.*) -->", lambda found: made[found[1]], text)
 
 
 def row(paper: str, experiment: str, found: Sequence[Comparison]) -> Row:

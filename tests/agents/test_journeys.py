@@ -25,12 +25,20 @@ LESS_CONSISTENT = {"SegorogeniAUV-v0": 0.05, "ItsunusaAUV-v0": 0.05, PUNA: 0.5}
 """Share of times in the chi-square band that an ensemble loses, at least, with independent draws."""
 
 
-@pytest.fixture(scope="module", params=DEFAULTS)
+BY_DAY = "ItsunusaAUV-v0"  # one for all tests, so that they share its flights
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(each, marks=() if each == BY_DAY else pytest.mark.nightly) for each in DEFAULTS
+    ],
+)
 def env_id(request: pytest.FixtureRequest) -> str:
     return request.param
 
 
-@lru_cache(maxsize=2)  # one of the aircraft holds 125 MB
+@lru_cache(maxsize=3)  # one of the aircraft holds 125 MB
 def flown(
     env_id: str, estimator: str | None = None, plain: bool = False, first: int = 0
 ) -> Rollout:

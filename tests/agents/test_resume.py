@@ -52,7 +52,8 @@ def interrupt(monkeypatch: pytest.MonkeyPatch, share: float) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("algorithm", "memory"), [("ppo", "none"), ("sac", "none"), ("ppo", "lstm")]
+    ("algorithm", "memory"),
+    [("ppo", "none"), pytest.param("sac", "none", marks=pytest.mark.nightly), ("ppo", "lstm")],
 )
 def test_interrupted_training_goes_on_from_last_checkpoint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, algorithm: str, memory: str
@@ -109,7 +110,7 @@ def test_interrupted_training_goes_on_from_last_checkpoint(
     assert path.read_bytes() != before
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_killed_training_loses_steps_after_last_checkpoint(tmp_path: Path):
     out = tmp_path / "agent"
     settings = [f"{name}={value}" for name, value in TINY["ppo"].items() if name != "policy_kwargs"]
@@ -133,6 +134,7 @@ def test_without_a_training_nothing_is_resumed(tmp_path: Path):
         learned(tmp_path / "agent", resume=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("runs", [1, 2])
 def test_training_without_checkpoint_begins_anew(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, runs: int

@@ -207,6 +207,7 @@ def test_equivalence_takes_three_spans_over_the_margin(margin, span, needed):
     assert verdict(met, margin, span) == "not decided"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("margin", "drop"), [(0.01, 1.0), (0.01, 0.6), (0.05, 1.0)])
 def test_with_rare_disasters_equivalent_errs_in_5_percent(margin, drop):
     """300 studies a cell, scores' differences as in `studies/quick.toml`: at 3.6 %, 7 % and more come once in 300."""

@@ -1,4 +1,4 @@
-"""Peers of engine and environments: equations are written once, and all compute the same."""
+"""Peers of the engine: equations are written once, and all compute the same."""
 
 import math
 from pathlib import Path
@@ -54,14 +54,12 @@ def test_lines_that_numpy_writes_compute_the_step():
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize(("script", "page"), [("engine", "engine"), ("environment", "speed")])
-def test_peers_run_in_an_environment_of_their_own(script: str, page: str, tmp_path: Path):
-    """Each script compares the results itself before it measures."""
-    path, copy = ROOT / f"studies/{script}_peers.py", tmp_path / "page.md"
-    copy.write_text((ROOT / f"docs/{page}.md").read_text())
+def test_compilers_run_in_an_environment_of_their_own(tmp_path: Path):
+    """The script compares the results itself before it measures."""
+    path, copy = ROOT / "studies/engine_peers.py", tmp_path / "page.md"
+    copy.write_text((ROOT / "docs/engine.md").read_text())
     printed = run_script(path, "--rounds", "1", "--page", str(copy), timeout=1800.0)
     assert printed in copy.read_text()
-    if script == "engine":
-        assert printed.count("256 of 256 | 3 of 3") == 1
-        for name in ("ours", "Numba", "CasADi", "JAX", "heyoka"):
-            assert f"| {name} " in printed
+    assert printed.count("256 of 256 | 3 of 3") == 1
+    for name in ("ours", "Numba", "CasADi", "JAX", "heyoka"):
+        assert f"| {name} " in printed

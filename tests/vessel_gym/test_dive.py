@@ -99,7 +99,7 @@ def test_goal_beyond_a_limit_is_refused_with_the_limit(
 
 
 @DIVES
-def test_at_rest_a_dive_begins_without_speed_and_is_else_the_same(system: System):
+def test_at_rest_a_dive_begins_without_speed_on_the_same_path(system: System):
     task, uniforms = system.task, np.random.default_rng(3).random((4, 3))
     resting, cruising = (task.scenario(uniforms, {"at_rest": of}) for of in (True, False))
     np.testing.assert_array_equal(task.prior(resting).mean, 0.0)

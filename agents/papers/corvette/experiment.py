@@ -1,13 +1,14 @@
 """Hermawan's five simulations: KF-UMV-UI follows a turn with an unknown input in measurements."""
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from agents import rollout
 from agents.metrics import scores
 from agents.page import mean_and_half
+from agents.papers.figures import figure, over_time
 from agents.papers.measures import EXPLORATORY, Comparison, comparison_table, row, rows
 from estimators import Gaussian, LinearModel, Series, make, run
 from vessel_gym.envs import ThesisCorvetteEnv
@@ -15,6 +16,8 @@ from vessel_gym.tasks.turning import SAMPLES, SWITCH
 from vessel_gym.vehicles.corvette_thesis import NOISE, SIMULATIONS, A, B, Simulation
 
 MODELS = ("as_printed", "corrected")
+WAYS = ("eq. 4.3", "corrected model", "eq. 4.3 and Table 2.5")
+"""Filter models and, last, filter and model as printed with the believed choices."""
 QUANTITIES = ("heading", "unknown input")
 TRIAL: Any = ThesisCorvetteEnv.system.task
 PRIOR, RECORD = TRIAL.prior_sd[0] ** 2, TRIAL.record[:SAMPLES, 2]
@@ -54,12 +57,17 @@ def follow(
     heading: np.ndarray,
     d: np.ndarray,
     noise: np.ndarray,
+    as_printed: bool = False,
 ) -> Series:
-    """KF-UMV-UI from ``start (runs, 3)`` on measurements ``(psi + d, d)`` with noise, eq. 4.5."""
+    """KF-UMV-UI from ``start (runs, 3)`` on measurements ``(psi + d, d)`` with noise, eq. 4.5.
+
+    The filter is the one that the thesis cites or, ``as_printed``, Table 2.5.
+    """
     model = LinearModel(A, C, s.Q * np.eye(3), s.R * np.eye(2), B, G, H)
     y = np.stack([heading + d, d], -1)[:, None] + noise.swapaxes(0, 1)
     belief = Gaussian(start, prior * np.eye(3))
-    return run(make("kf-umv-ui", model), belief, y, np.full((SAMPLES, 1), RUDDER))
+    filter_ = make("kf-umv-ui", model, as_printed=as_printed)
+    return run(filter_, belief, y, np.full((SAMPLES, 1), RUDDER))
 
 
 def errors(series: Series, heading: np.ndarray, d: np.ndarray, scored: str = "updated") -> Any:
@@ -70,8 +78,16 @@ def errors(series: Series, heading: np.ndarray, d: np.ndarray, scored: str = "up
     return np.stack([np.sqrt(np.mean(of**2, 0)) for of in (of_heading, of_input)])
 
 
-def explain(choices: Mapping[str, Any], runs: int, seed: int) -> dict[str, np.ndarray]:
-    """RMSE ``(2, runs)`` of heading and d in each simulation under one combination of choices.
+class Simulated(NamedTuple):
+    """A simulation: true heading and d ``(T,)`` [rad], and the filter's series of all runs."""
+
+    heading: np.ndarray
+    d: np.ndarray
+    series: Series
+
+
+def simulated(choices: Mapping[str, Any], runs: int, seed: int) -> dict[str, Simulated]:
+    """The five simulations under one combination of choices.
 
     Of those that are the same before and after the search there is no alternative.
     """
@@ -86,9 +102,18 @@ def explain(choices: Mapping[str, Any], runs: int, seed: int) -> dict[str, np.nd
     found = {}
     for name, s in SIMULATIONS.items():
         d = (s.size if name == "V" else choices["size"]) * switched
-        series = follow(s, choices["prior"], start, heading, d, noise)
-        found[name] = errors(series, heading, d, choices["scored"])
+        as_printed = choices["recursion"] == "Table 2.5"
+        series = follow(s, choices["prior"], start, heading, d, noise, as_printed)
+        found[name] = Simulated(heading, d, series)
     return found
+
+
+def explain(choices: Mapping[str, Any], runs: int, seed: int) -> dict[str, np.ndarray]:
+    """RMSE ``(2, runs)`` of heading and d in each simulation under one combination of choices."""
+    return {
+        name: errors(of.series, of.heading, of.d, choices["scored"])
+        for name, of in simulated(choices, runs, seed).items()
+    }
 
 
 # --- tables ---------------------------------------------------------------------------------------
@@ -102,19 +127,19 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     first = rmse[MODELS[0]]
     before = _comparisons(settings["printed"], first, circular=True)
     after = _comparisons(settings["printed"], explain(choices, *sizes))
+    letter = explain(choices | {"recursion": "Table 2.5"}, *sizes)
     tables: dict[str, Any] = {
         "published": comparison_table({"before the search": before, "believed": after}),
         "choices": [("choice", "before the search", "believed", "where")],
-        "models": [
-            ("simulation", *(f"{q}, {model} [rad]" for model in MODELS for q in QUANTITIES))
-        ],
+        "models": [("simulation", *(f"{q}, {model} [rad]" for model in WAYS for q in QUANTITIES))],
         "changes": [("simulations", *(f"{q}, second less first [mrad]" for q in QUANTITIES))],
     }
     for name, choice in settings["open"].items():
         cells = (str(choice[key]) for key in ("first", "believed", "where"))
         tables["choices"].append((name.replace("_", " "), *cells))
     for s in SIMULATIONS:
-        cells = (mean_and_half(of, 5) for model in MODELS for of in rmse[model][s])
+        ways = *(rmse[model][s] for model in MODELS), letter[s]
+        cells = (mean_and_half(of, 5) for way in ways for of in way)
         tables["models"].append((s, *cells))
     changes = {f"I, {s}": (first["I"], first[s]) for s in [*SIMULATIONS][1:]}
     # d drives the heading, too
@@ -124,7 +149,28 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
         tables["changes"].append((label, *cells))
     paper, combinations = settings["paper"], settings["search"]["combinations"]
     way = f"{paper}, likely choices ({EXPLORATORY}, of {combinations:,} combinations)"
-    return {"tables": tables, "rows": [*rows(paper, before), row(way, "simulations I to V", after)]}
+    return {
+        "tables": tables,
+        "figures": _figures(choices, settings["seed"]),
+        "rows": [*rows(paper, before), row(way, "simulations I to V", after)],
+    }
+
+
+def _figures(choices: Mapping[str, Any], seed: int) -> list[Any]:
+    """Figures 4.1 to 4.10: heading and unknown input in a run of each simulation."""
+    found: list[Any] = []
+    for name, of in simulated(choices, 1, seed).items():
+        series: Any = of.series
+        belief = series if choices["scored"] == "updated" else series.predicted
+        heading = {"real": of.heading, "estimate": belief.mean[: len(of.d), 0, 2]}
+        d = {"real": of.d, "estimate": series.input_mean[:, 0, 0]}
+        for what, lines in (("yaw angle", heading), ("unknown input", d)):
+            panel = over_time(np.arange(SAMPLES), f"{what} [rad]", lines, x="time step")
+            if what == "yaw angle":
+                panel["ylim"] = [0.0, 7.0]  # as printed
+            caption = f"Estimate of the {what}, simulation {name}."
+            found.append(figure(f"4.{len(found) + 1}", caption, panel))
+    return found
 
 
 def _comparisons(

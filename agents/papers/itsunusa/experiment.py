@@ -8,6 +8,7 @@ import numpy as np
 
 from agents.controllers.dive import DiveAutopilot
 from agents.page import mean_and_half
+from agents.papers.figures import figure, over_time
 from agents.papers.measures import (
     EXPLORATORY,
     against_table,
@@ -157,5 +158,29 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     published = comparison_table({plain: as_printed, pitched: other})
     return {
         "tables": {"published": published, "forms": forms},
+        "figures": _figures(settings["members"][-1], settings["seed"], settings["trial"]),
         "rows": [*rows(paper, as_printed), *rows(way, other)],
     }
+
+
+def _figures(members: int, seed: int, trial: Mapping[str, float]) -> list[Any]:
+    """Figures 3 to 6: motions and depth in a dive with the update of Table 1."""
+    experiment = dive(trial)
+    truth, measurements = experiment.simulate(1, np.random.default_rng([seed, 0]))
+    means = experiment.estimates(printed(experiment.model, members), measurements, seed)
+    estimated = [*means[:, 0, :3].T, depths(experiment, means)[:, 0]]
+    times = VEHICLE.dt * np.arange(len(truth))
+    return [
+        figure(
+            str(3 + i),
+            f"Estimate of {name} by EnKF-SR with {members} members.",
+            over_time(
+                times,
+                f"{name} [{unit}]",
+                {"real": truth[:, 0, state], "EnKF-SR": of},
+            ),
+        )
+        for i, ((name, unit), state, of) in enumerate(
+            zip(QUANTITIES.items(), _SCORED, estimated, strict=True)
+        )
+    ]

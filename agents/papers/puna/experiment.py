@@ -4,13 +4,14 @@ Poses are (x, y, theta) [m, m, rad], theta from +x towards +y; states are (gamma
 m/s, m, m].
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import product
+from functools import cache
 from typing import Any
 
 import numpy as np
 
+from agents.papers.figures import figure, over_time
 from agents.papers.measures import (
     Comparison,
     between,
@@ -72,6 +73,17 @@ def string(
     return float(arc + np.sqrt((ways**2).sum(1) - radius**2).sum()), headings
 
 
+def way_round(
+    start: Sequence[float], goal: Sequence[float], obstacle: Sequence[float], side: float
+) -> list[np.ndarray]:
+    """X and y ``(n,)`` of a `string` round a circle."""
+    first, last = string(start, goal, obstacle, side)[1]
+    turn = np.linspace(first, first + side * (side * (last - first) % (2.0 * np.pi)), 61)
+    around = obstacle[2] * side * np.array([np.sin(turn), -np.cos(turn)])
+    arc = np.array(obstacle[:2])[:, None] + around
+    return [*np.column_stack([start, arc, goal])]
+
+
 def open_case(paths: Mapping[str, Any]) -> dict[str, Any]:
     """Length of each word by interpretation of the headings, without an obstacle."""
     radius = paths["radius"]
@@ -118,19 +130,25 @@ def controls(kind: str, steps: int, swing: float, period: float) -> np.ndarray:
     return np.stack([np.full(steps, level.thrust), alpha], -1)
 
 
+def flight(known: np.ndarray, process: np.ndarray, measurement: np.ndarray) -> Experiment:
+    """A flight under known controls with variances ``(4,)`` of a step; every state is measured."""
+    every, noise, sd = MEASURED["all"], np.sqrt(process), np.sqrt(measurement)
+    return Experiment(PLANE.step, START, known, every, every, noise, sd, noise, angles=(0,))
+
+
 def estimate(
     control: str,
     measured: str,
     process: np.ndarray,
     measurement: np.ndarray,
-    members: list[int],
+    members: int,
     runs: int,
     seed: int,
     steps: int,
     swing: float,
     period: float,
-) -> dict[int, np.ndarray]:
-    """RMS errors of flights with ensembles of several sizes; all see the same flights.
+) -> np.ndarray:
+    """RMS errors of flights; truth and measurements depend neither on what is measured nor on N.
 
     The start is drawn as the members of eq. (24) are: from the initial guess with the noise of a
     step.
@@ -140,7 +158,7 @@ def estimate(
         measured: One of the sets `MEASURED`.
         process: ``(4,)`` variances of the process noise of a step.
         measurement: ``(4,)`` variances of the measurements.
-        members: Sizes.
+        members: N.
         runs: Flights.
         seed: Of truth, measurements and filters.
         steps: Of a flight.
@@ -148,36 +166,36 @@ def estimate(
         period: Of a varying angle [s].
 
     Returns:
-        RMSE ``(runs, 4)`` by size, over the steps of a flight.
+        RMSE ``(runs, 4)`` over the steps of a flight.
     """
-    known, every, seen = (
-        controls(control, steps, swing, period),
-        MEASURED["all"],
-        MEASURED[measured],
-    )
-    noise, sd = np.sqrt(process), np.sqrt(measurement)
-    flight = Experiment(PLANE.step, START, known, every, every, noise, sd, noise, angles=(0,))
+    known, seen = controls(control, steps, swing, period), MEASURED[measured]
+    sd = np.sqrt(measurement)
+    flown, noise = flight(known, process, measurement), np.sqrt(process)
     rng = np.random.default_rng(seed)
     start = START + noise * rng.standard_normal((runs, len(START)))
-    truth, measurements = replace(flight, start=start).simulate(runs, rng)
-    assumed, errors = replace(flight, measured=seen, measurement_sd=sd[seen]), {}
-    for size in members:
-        enkf = make("enkf", assumed.model, members=size, draws="independent")
-        means = assumed.estimates(enkf, np.ascontiguousarray(measurements[..., seen]), seed)
-        errors[size] = rmse(means[1:], truth[1:], angles=(0,), axis=0)
-    return errors
+    truth, measurements = replace(flown, start=start).simulate(runs, rng)
+    assumed = replace(flown, measured=seen, measurement_sd=sd[seen])
+    enkf = make("enkf", assumed.model, members=members, draws="independent")
+    means = assumed.estimates(enkf, np.ascontiguousarray(measurements[..., seen]), seed)
+    return rmse(means[1:], truth[1:], angles=(0,), axis=0)
 
 
 # --- tables ---------------------------------------------------------------------------------------
 
 
-Errors = dict[tuple[str, str, str], dict[int, np.ndarray]]
-"""Errors ``(runs, 4)`` by noise level, control and measurements, and by members."""
+Errors = Callable[[str, str, str, int], np.ndarray]
+"""Errors ``(runs, 4)`` by noise level, control, measurements and members."""
 
 
 def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Tables and measures."""
-    errors = _errors(settings)
+    shared = {key: settings[key] for key in ("runs", "seed", "steps", "swing", "period")}
+
+    @cache
+    def errors(level: str, control: str, measured: str, members: int) -> np.ndarray:
+        process, measurement = np.outer(settings["levels"][level], settings["D"])
+        return estimate(control, measured, process, measurement, members, **shared)
+
     columns = {
         label: _comparisons(settings["printed"], errors, *of)
         for label, *of in (
@@ -189,8 +207,9 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     units = [f"{name} [{unit}]" for name, unit in QUANTITIES.items()]
     own: list[Any] = [("angle", "members", *units)]
     for control in CONTROLS:
-        own += by_members(control, errors["flight", control, "all"])
-        every, x = (np.log(errors["flight", control, measured][300]) for measured in MEASURED)
+        sizes = {n: errors("flight", control, "all", n) for n in settings["members"]}
+        own += by_members(control, sizes)
+        every, x = (np.log(errors("flight", control, measured, 300)) for measured in MEASURED)
         gains = (between(geometric(each), 2) for each in (x - every).T)
         own.append((control, "300, x alone / every state", *gains))
     found = open_case(settings["paths"])
@@ -205,17 +224,44 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     published = comparison_table(columns)
     return {
         "tables": {"published": published, "own": own, "words": lengths, "obstacle": ways},
+        "figures": _figures(settings),
         "rows": rows(settings["paper"], columns["noise of a flight"]),
     }
 
 
-def _errors(settings: Mapping[str, Any]) -> Errors:
-    """Errors at each noise level, under each control, with each set of measurements."""
-    shared = {key: settings[key] for key in ("seed", "steps", "swing", "period", "members", "runs")}
-    found = {}
-    for level, control, measured in product(settings["levels"], CONTROLS, MEASURED):
-        noise = np.outer(settings["levels"][level], settings["D"])
-        found[level, control, measured] = estimate(control, measured, *noise, **shared)
+def _figures(settings: Mapping[str, Any]) -> list[Any]:
+    """Figures 2 and 3, the paths, and both figures 4, a flight with each angle of attack."""
+    paths = settings["paths"]
+    open_path = shortest(*poses(paths["open"], "from the x axis"), paths["radius"])
+    case, obstacle = paths["obstructed"], paths["obstacle"]
+    turn, radius = np.linspace(0.0, 2.0 * np.pi, 121), obstacle[2]
+    ways = {
+        "obstacle": [obstacle[0] + radius * np.cos(turn), obstacle[1] + radius * np.sin(turn)],
+        "SRS": way_round(case["start"], case["goal"], obstacle, -1.0),
+        "SLS": way_round(case["start"], case["goal"], obstacle, 1.0),
+    }
+    plane = {"x": "x [m]", "y": "y [m]", "equal": True}
+    lines = {open_path.word: [*open_path.sample(5.0).T[:2]]}
+    found = [
+        figure("2", "The path RSR without an obstacle.", plane | {"lines": lines}),
+        figure(
+            "3", "The path SRS round an obstacle, and the shorter SLS.", plane | {"lines": ways}
+        ),
+    ]
+    process, measurement = np.outer(settings["levels"]["flight"], settings["D"])
+    for control in CONTROLS:
+        members = settings["printed"][control]["members"]
+        known = controls(control, *(settings[key] for key in ("steps", "swing", "period")))
+        flown = flight(known, process, measurement)
+        truth, measured = flown.simulate(1, np.random.default_rng(settings["seed"]))
+        enkf = make("enkf", flown.model, members=members, draws="independent")
+        means, times = flown.estimates(enkf, measured), PLANE.dt * np.arange(len(truth))
+        panels = (
+            over_time(times, f"{name} [{unit}]", {"real": truth[:, 0, i], "EnKF": means[:, 0, i]})
+            for i, (name, unit) in enumerate(QUANTITIES.items())
+        )
+        caption = f"Estimates of angle, speed and position, {control} α, {members} members."
+        found.append(figure(f"4 {control}", caption, *panels))
     return found
 
 
@@ -228,7 +274,7 @@ def _comparisons(
     for control in CONTROLS:
         line = printed[control]
         size, meant = line["members"], line.get("meant", {})
-        ours = errors[level, control, measured][size].T
+        ours = errors(level, control, measured, size).T
         for (name, unit), text, of in zip(QUANTITIES.items(), line["errors"], ours, strict=True):
             found.append(Comparison(
                 f"{control} angle, {size} members", name, unit, text, line["where"], of,

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.papers.figures import figure, over_time
 from agents.papers.measures import Row, between, geometric
 from estimators import Gaussian, LinearModel, Series, make, run, van_loan, zero_order_hold
 
@@ -269,7 +270,48 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
         "systems": _systems(settings, rmse),
         "figures": _figures(settings, rmse),
     }
-    return {"tables": tables, "rows": [Row(settings["paper"], "no number is printed")]}
+    return {
+        "tables": tables,
+        "figures": _drawn(settings),
+        "rows": [Row(settings["paper"], "no number is printed")],
+    }
+
+
+def _drawn(settings: Mapping[str, Any]) -> list[Any]:
+    """Figures 1 to 5 in one run of the printed algorithm, the Kalman filter."""
+    model: Any = discretised([draw(settings["populations"]["paper"]["first"])])
+    sizes = settings["steps"], 1, settings["noise_seed"]
+    calm, hit = (
+        simulate(model, model, condition, *sizes)
+        for condition in (Condition(), Condition(**settings["outliers"]))
+    )
+    of, disturbed = (track({"kind": "kf"}, model, record.y) for record in (calm, hit))
+    times, x, estimates = STEP * np.arange(len(calm.x)), calm.x[:, 0, 0], of.mean[:, 0, 0]
+    cov, shaken = of.cov[:, 0, 0], disturbed.mean[:, 0, 0]
+    sd = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
+    gain = cov @ model.C[0, 0].T @ np.linalg.inv(model.R)
+    names = "x1", "x2"
+    single = (
+        over_time(times, name, {"estimate": of}, s)
+        for name, of, s in zip(names, estimates.T, sd.T, strict=True)
+    )
+    both = (
+        over_time(times, name, {"real": true, "estimate": of}, s)
+        for name, true, of, s in zip(names, x.T, estimates.T, sd.T, strict=True)
+    )
+    gains = {f"K{i + 1}{j + 1}": gain[:, i, j] for i in range(STATES) for j in range(MEASUREMENTS)}
+    variances = {f"P{i + 1}{i + 1}": cov[:, i, i] for i in range(STATES)}
+    with_and_without = (
+        over_time(times, name, {"real": true, "without disturbance": of, "with disturbance": off})
+        for name, true, of, off in zip(names, x.T, estimates.T, shaken.T, strict=True)
+    )
+    return [
+        figure("1", "Estimates of x1 and x2.", *single),
+        figure("2", "Estimates of x1 and x2 with the true states.", *both),
+        figure("3", "Kalman gain over time.", over_time(times, "gain", gains)),
+        figure("4", "Covariance of the error over time.", over_time(times, "variance", variances)),
+        figure("5", "Estimates with and without disturbance.", *with_and_without),
+    ]
 
 
 def ratio(ours: Any, other: Any, decimals: int) -> str:

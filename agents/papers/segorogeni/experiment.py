@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import root
 
 from agents.page import mean_and_half
+from agents.papers.figures import figure
 from agents.papers.measures import (
     Comparison,
     against_table,
@@ -201,5 +202,19 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     tables["published"] = comparison_table(columns)
     return {
         "tables": tables,
+        "figures": [_dive_figure(trial, members[-1])],
         "rows": rows(settings["paper"], columns[f"against the {REFERENCES[0]}"]),
     }
+
+
+def _dive_figure(trial: Trial, members: int) -> dict[str, Any]:
+    """Figure 2: path and estimate of a dive in three dimensions, one of the table's."""
+    experiment = dive(trial, own=False)
+    truth, measurements = experiment.simulate(1, np.random.default_rng([0, 0]))
+    filter_ = make("enkf", experiment.model, members=members, draws="independent")
+    places = positions(experiment, experiment.estimates(filter_, measurements))[:, 0]
+    every = round(OWN_STEP / trial.step)
+    ways = {"path": experiment.planned[:, _PLACE], "real": truth[:, 0, _PLACE], "EnKF": places}
+    lines = {name: [*way[::every, :3].T] for name, way in ways.items()}
+    panel = {"x": "X [m]", "y": "Y [m]", "z": "Z [m]", "lines": lines}
+    return figure("2", f"Estimated position in a dive, {members} members.", panel)

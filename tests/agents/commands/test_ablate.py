@@ -66,7 +66,7 @@ def test_study_is_reported_and_not_computed_twice(study, tmp_path, capsys):
     assert (out / "results.parquet").read_bytes() == table
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_study_of_documentation_runs_user_defined_parts(tmp_path, monkeypatch):
     def found(page: str, pattern: str) -> str:
         text = (ROOT / "docs" / page).read_text(encoding="utf-8")

@@ -44,7 +44,7 @@ def small(out: Path, prices: Path | None, processes: int = 1) -> int:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_interrupted_run_goes_on_to_same_answer(tmp_path, monkeypatch, capsys):
     (tmp_path / "prices.toml").write_text(PRICES)
     whole, broken, run = tmp_path / "whole", tmp_path / "broken", agents.jobs.run

@@ -1,5 +1,6 @@
 """The papers' tables and measures, and `vessel-gym reproduce`, which writes their pages."""
 
+import csv
 import json
 import re
 from importlib import import_module
@@ -12,8 +13,10 @@ import pytest
 from agents import papers
 from agents.commands import reproduce
 from agents.jobs import Job
-from agents.papers import PAPERS, opening, read, settings
-from agents.papers.measures import Comparison, comparison_table, page, rows, trend
+from agents.papers import PAPERS, pages, read, settings
+from agents.papers.figures import draw
+from agents.papers.measures import Comparison, comparison_table, rows, trend
+from agents.papers.pages import file_name, page_parts
 from studies.markdown import ROOT, around
 from studies.tables import papers_page
 
@@ -27,6 +30,12 @@ SMALLER: dict[str, dict[str, Any]] = {
 }
 NUMBERS = {"corvette": 10, "segorogeni": 18, "itsunusa": 10, "puna": 8}
 """Printed numbers of which there are as many here."""
+FIGURES = {
+    "corvette": [f"4.{i}" for i in range(1, 11)], "segorogeni": ["2"],
+    "itsunusa": ["3", "4", "5", "6"], "robust": ["1", "2", "3", "4", "5"],
+    "puna": ["2", "3", "4 constant", "4 varying"],
+}  # fmt: skip
+"""Result figures of each paper; two of the PUNA's are both called 4."""
 VERDICTS = {"agrees", "better", "worse", "not comparable"}
 _PLACE = re.compile(
     r"\b(?:eqs?|secs?)\. [\dIV]|\b(?:Table|[Ff]igure)s? [\dI]|"
@@ -52,11 +61,18 @@ def test_every_number_and_claim_has_a_verdict_and_a_place(name: str):
     report, text = made(name), read(name, "page.md")
     tables = report["tables"]
     assert set(re.findall(r"<!-- table: (.*) -->", text)) == set(tables)
-    assert "<!--" not in page(text, tables)
+    (_, _, opening), sections = page_parts(name, tables)
+    assert "<!--" not in "".join(section.html for section in sections)
+    assert [each["number"] for each in report["figures"]] == FIGURES[name]
+    for each in report["figures"]:
+        draw(each)
+        for panel in each["panels"]:
+            for line in panel["lines"].values():
+                assert {np.isfinite(of).all() for of in line} == {True}
     for table in tables.values():
         assert len(table) > 1
         assert {len(line) for line in table} == {len(table[0])}
-    assert len(_PLACE.findall(opening(name))) >= 3
+    assert len(_PLACE.findall(opening)) >= 3
     claim = r"^\| ([^|]+) \| (?:true|false|undecided|undefined)[^|]* \| ([^|]+) \|$"
     claims = re.findall(claim, text, re.M)
     assert len(claims) >= 3
@@ -115,7 +131,7 @@ def test_a_trend_follows_a_power_of_the_members():
     assert mean == pytest.approx(100.0 * (4.0**-0.5 - 1.0), abs=0.1)
 
 
-def test_the_papers_page_shows_stored_results_and_openings():
+def test_the_papers_page_shows_stored_results():
     before, after = around(ROOT / "docs/papers.md", "text: papers")
     text = (ROOT / "docs/papers.md").read_text(encoding="utf-8")
     assert text[len(before) : -len(after)].strip() == papers_page(STORED)
@@ -126,25 +142,52 @@ def test_the_stored_results_are_what_the_command_finds(tmp_path: Path):
     assert reproduce.main(("all",), out=tmp_path) == 0
     found = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     for name, of in STORED.items():
-        for one, other in zip(found[name], of, strict=True):
+        for one, other in zip(found[name]["rows"], of["rows"], strict=True):
             assert one == [*other[:-1], pytest.approx(other[-1], rel=1e-6)]
+
+
+def test_the_papers_page_shows_every_stored_figure():
+    stored = {file_name(name, title) for name, each in STORED.items() for title in each["figures"]}
+    assert {path.name for path in (ROOT / "docs/images/papers").iterdir()} == stored
+    assert {name: [*each["figures"]] for name, each in STORED.items()} == {
+        name: [f"Figure {number}" for number in numbers] for name, numbers in FIGURES.items()
+    }
+
+
+def test_numbers_of_the_table_of_items_are_stored_ones():
+    text = (ROOT / "docs/papers.csv").read_text(encoding="utf-8")
+    items = [*csv.DictReader(text.splitlines())]
+    assert all(all(item.values()) for item in items)
+    kept = json.dumps(STORED) + "".join(read(name, "page.md") for name in PAPERS)
+    for item in items:
+        for number in re.findall(r"\d+\.\d{2,}", item["printed"] + item["ours"]):
+            assert number in kept, (item["item"], number)
 
 
 def test_a_paper_is_computed_once_and_one_that_fails_says_why(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    report: Any = {"tables": {"sums": [["name"], ["3"]]}, "rows": [["A", "I", *range(6), 1.25]]}
+    panel = {"x": "t", "y": "x", "lines": {"real": [[0, 1], [2, 3]]}}
+    report: Any = {
+        "tables": {"sums": [["name", "sum"], ["a", "3"]]},
+        "figures": [{"number": "7", "caption": "A line.", "panels": [panel]}],
+        "rows": [["A", "I", *range(6), 1.25]],
+    }
     calls = []
     monkeypatch.setattr(papers, "made", lambda: calls.append(1) or report, raising=False)
-    monkeypatch.setattr(papers, "read", lambda *_: "# A\n\nof\n\nIt holds.\n\n<!-- table: sums -->")
+    text = "# A\n\nof\n\nIt holds.\n\n## Printed\n\n<!-- table: sums -->\n"
+    for module in (papers, pages):
+        monkeypatch.setattr(module, "read", lambda *_: text)
     jobs = {"robust": Job("agents.papers:made", {}),
             "puna": Job("agents.papers:settings", {"name": "x"})}  # fmt: skip
     monkeypatch.setattr(papers, "job", jobs.get)
     for _ in range(2):
         assert reproduce.main(("robust", "puna", "robust"), out=tmp_path, processes=1) == 1
     assert len(calls) == 1
-    assert (tmp_path / "robust.md").read_text().endswith("| 3 |")
-    assert (tmp_path / "tables" / "robust-sums.csv").read_text() == "name\n3\n"
+    html = (tmp_path / "robust.html").read_text()
+    assert html.index("It holds.") < html.index("A line.") < html.index("<td>3</td>")
+    assert (tmp_path / "figures" / "robust-7.svg").stat().st_size > 1000
+    assert (tmp_path / "tables" / "robust-sums.csv").read_text() == "name,sum\na,3\n"
     stored = json.loads((tmp_path / "summary.json").read_text())
-    assert stored == {"robust": report["rows"]}
+    assert stored == {"robust": report | {"figures": {"Figure 7": "A line."}}}
     assert "TOMLDecodeError" in capsys.readouterr().out

@@ -34,9 +34,9 @@ def test_strings_round_the_obstacle_have_the_lengths_of_errata():
 
 def test_errors_scale_with_the_root_of_q_and_r():
     process, measurement = np.outer([0.03, 1.5], [0.001, 3.0, 0.03, 0.03])
-    sizes = {"members": [50], "runs": 4, "seed": 0, "steps": 100, "swing": 2.0, "period": 1.0}
+    sizes = {"members": 50, "runs": 4, "seed": 0, "steps": 100, "swing": 2.0, "period": 1.0}
     whole, small, alone = (
-        puna.estimate("varying", measured, scale * process, scale * measurement, **sizes)[50]
+        puna.estimate("varying", measured, scale * process, scale * measurement, **sizes)
         for measured, scale in (("all", 1.0), ("all", 1e-4), ("x", 1.0))
     )
     np.testing.assert_allclose(small, 0.01 * whole, rtol=0.1)  # but for what is not linear
