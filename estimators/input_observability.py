@@ -8,6 +8,7 @@ from estimators.checks import finite_array
 from estimators.kalman import input_covariance
 from estimators.linalg import congruence, identity
 from estimators.models import LinearModel
+from estimators.steady import steady_state
 
 
 class InputConditions(NamedTuple):
@@ -63,19 +64,18 @@ def input_conditions(
         ValueError: naming the argument that has a wrong shape or is not a covariance.
         LinAlgError: if ``R`` or ``prior`` is singular.
     """
-    from scipy.linalg import solve_discrete_are  # late, as filters of known inputs do without
-
     given = zip("ACGHQR", (A, C, G, H, Q, R), strict=True)
     matrices: dict[str, Any] = {name: finite_array(name, each, "n", "m") for name, each in given}
-    q = LinearModel(**matrices).q
+    model = LinearModel(**matrices)
+    q = model.q
     A, C, G, H, Q, R = matrices.values()
     cov = input_covariance("prior", prior, q)
     root, noise = np.linalg.cholesky(cov), np.linalg.cholesky(R)
     G, H = G @ root, H @ root
     now, delayed = observable_ranks(C, G, H)
     try:
-        S = congruence(C, solve_discrete_are(A.T, C.T, Q, R)) + R
-    except (np.linalg.LinAlgError, ValueError):  # which SciPy raises where QZ fails
+        S = congruence(C, steady_state(model).before[0]) + R
+    except ValueError:
         S = R
     one_step, observable = _one_step(driven_measurements(C, G), H, np.linalg.inv(S))
     unseen = congruence(root, np.eye(q) - observable)
@@ -137,7 +137,7 @@ def _added_zeros(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> 
         )
         return bool(rank - undriven < q)
 
-    from scipy.linalg import block_diag, eigvals  # late, as above
+    from scipy.linalg import block_diag, eigvals  # late, as few filters need them
 
     rng = np.random.default_rng(0)
     if adds(complex(*rng.normal(size=2))):

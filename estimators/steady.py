@@ -1,13 +1,12 @@
-"""Steady state of a Kalman filter, and the filter that has its gain from the start."""
+"""Steady state of a Kalman filter, and the filter that has its covariance from the start."""
 
-import math
 from collections.abc import Callable
 from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.checks import indices, integer, short_repr
+from estimators.checks import as_mask, indices, shaped_array
 from estimators.engine import compiled
 from estimators.filter import Changes, Model
 from estimators.kalman import ExtendedKalmanFilter, joseph_update
@@ -21,15 +20,15 @@ _ROUNDING = 1e-9
 """Singular values below this share of the largest entry of A are rounding."""
 _RESIDUAL = 1e-10
 """Largest change of a steady covariance over a period, in units of standard deviations."""
-_DOUBLINGS, _LONGEST = 40, 1000
+_DOUBLINGS = 40
 
 
 class SteadyState(NamedTuple):
     """Gain and covariances to which the Kalman filter of a time-invariant model converges.
 
     Attributes:
-        gain: ``(T, n, p)`` in each of the T phases of the measurements' common period; columns of
-            channels that a phase does not measure are 0.
+        gain: ``(T, n, p)`` in each phase of the measurements' period; columns of channels that a
+            phase does not measure are 0.
         before: ``(T, n, n)`` covariance of the prediction.
         after: ``(T, n, n)`` covariance after the measurement.
     """
@@ -39,12 +38,11 @@ class SteadyState(NamedTuple):
     after: np.ndarray
 
 
-def steady_state(model: LinearModel, periods: Any = 1, names: Any = None) -> SteadyState:
+def steady_state(model: LinearModel, measured: Any = None, names: Any = None) -> SteadyState:
     """Steady state of a Kalman filter, from the stationary solution of the Riccati equation.
 
-    Channels may be measured at different rates. Then the filter converges to a cycle, the solution
-    of the periodic Riccati equation. The period T is the least common multiple of the channels'
-    periods. In phase 0 all channels are measured.
+    Where channels are measured at different rates, the filter converges to a cycle, the solution
+    of the periodic Riccati equation.
 
     The solution exists if measurements show, and process noise excites, each mode of A that does
     not decay (tests of Popov, Belevitch and Hautus). It is computed by doubling the number of
@@ -58,16 +56,17 @@ def steady_state(model: LinearModel, periods: Any = 1, names: Any = None) -> Ste
     Args:
         model: A `LinearModel` of which A, C, Q and R are matrices, without batch axes. Its unknown
             input is ignored.
-        periods: ``(p,)`` steps from one measurement of each channel to the next, or one number.
+        measured: ``(T, p)`` mask of the channels that are measured in each of the T phases of a
+            period; None: all channels in every step.
         names: Names of the n states, for error messages; None: their indices.
 
     Raises:
         ValueError: if there is no steady state, naming the states that measurements do not show or
-            that no noise excites; if a matrix of the model depends on the known input; or if the
-            common period is longer than 1000 steps.
+            that no noise excites; if a matrix of the model depends on the known input; or if
+            ``measured`` has another shape.
     """
     A, C, Q, R = _matrices(model)
-    measured, eye = _schedule(periods, model.p), identity(model.n)
+    measured, eye = _phases(measured, model.p), identity(model.n)
     for hidden, why in ((_hidden(A, C), _UNDETERMINED), (_hidden(A.T, Q), _WITHOUT_NOISE)):
         if hidden.any():
             listed = ", ".join(str((names or range(model.n))[i]) for i in np.flatnonzero(hidden))
@@ -77,17 +76,19 @@ def steady_state(model: LinearModel, periods: Any = 1, names: Any = None) -> Ste
         period = limit = reduce(_then, zip(*_steps(A, C, Q, R), strict=True))
         for _ in range(_DOUBLINGS):
             limit = _then(limit, limit)
-        cov, phases = limit[1], []
+        cov = limit[1]
+        errors = period[0] @ np.linalg.inv(eye + cov @ period[2])
+        sd = np.sqrt(np.maximum(cov.diagonal(), np.finfo(float).tiny))
+        residual = errors @ cov @ period[0].T + period[1] - cov
+        converged = (np.abs(residual) <= _RESIDUAL * sd * sd[:, None]).all()
+        if not converged or np.abs(np.linalg.eigvals(errors)).max() > 1.0 - _ROUNDING:
+            raise ValueError("there is no steady state: the errors of the filter do not decay")
+        phases = []
         for each in zip(C, R, strict=True):
             before = symmetrise(congruence(A, cov) + Q)
             # Unit innovations move means of 0 by the columns of the gain.
             gain, cov, _ = joseph_update(np.zeros(C.shape[1:]), before, identity(model.p), *each)
             phases.append((gain.T, before, cov))
-        sd = np.sqrt(np.maximum(phases[0][1].diagonal(), np.finfo(float).tiny))
-        residual = (np.abs(cov - limit[1]) / sd / sd[:, None]).max()
-    errors = period[0] @ np.linalg.inv(eye + cov @ period[2]) if residual <= _RESIDUAL else eye
-    if np.abs(np.linalg.eigvals(errors)).max() > 1.0 - _ROUNDING:
-        raise ValueError("there is no steady state: the errors of the filter do not decay")
     return SteadyState(*map(np.stack, zip(*phases, strict=True)))
 
 
@@ -106,14 +107,10 @@ def _matrices(model: Any) -> tuple[Any, Any, Any, Any]:
     return A, C, Q, R
 
 
-def _schedule(periods: Any, p: int) -> np.ndarray:
+def _phases(measured: Any, p: int) -> np.ndarray:
     """Mask ``(T, p)`` of the channels that are measured in each phase."""
-    if np.shape(periods) not in ((), (p,)):
-        raise ValueError(f"periods must be a number or {p} of them, got {short_repr(periods)}")
-    steps = [integer("each of periods", k, 1) for k in np.broadcast_to(periods, p).tolist()]
-    if (period := math.lcm(*steps)) > _LONGEST:
-        raise ValueError(f"the common period is {period} steps, of {_LONGEST} at most")
-    return np.arange(period)[:, None] % steps == 0
+    given = np.ones((1, p)) if measured is None else as_mask("measured", measured)
+    return shaped_array("measured", 1.0 * given, "T", p) > 0.0
 
 
 def _hidden(A: np.ndarray, C: np.ndarray) -> np.ndarray:
@@ -161,15 +158,15 @@ class SteadyKalmanFilter(ExtendedKalmanFilter):
     and across the path. The gain turns with them.
 
     States of ``nuisance``, such as constant biases, keep their prior mean and covariance, and get
-    no gain, where there is no steady state with them: all without noise, and of those that
-    measurements do not determine as few as possible, the last ones first.
+    no gain, where they have a part in a mode without noise, or in one that measurements do not
+    determine.
 
     Source: Anderson & Moore (1979), Optimal Filtering, ch. 4.
 
     Args:
         model: A `LinearModel` or `NonlinearModel`; an unknown input is ignored.
-        design: `LinearModel` of matrices, of which the steady state is; None: ``model``.
-        periods: ``(p,)`` steps from one measurement of each channel to the next, or one number.
+        design: `LinearModel` of matrices, of which the steady state and R are; None: ``model``.
+        measured: ``(T, p)`` mask of the channels in each phase, as for `steady_state`.
         nuisance: Indices of states that may do without a gain.
         axes: Function of the mean ``(..., n)`` that returns the matrix ``(..., n, n)`` from the
             axes of ``design`` to those of ``model``; None: the axes are the same.
@@ -184,7 +181,7 @@ class SteadyKalmanFilter(ExtendedKalmanFilter):
     _axes = {"predict": (1,), "update": (1, 2, 2)}
 
     def __init__(
-        self, model: Model, design: LinearModel | None = None, periods: Any = 1,
+        self, model: Model, design: LinearModel | None = None, measured: Any = None,
         nuisance: tuple[int, ...] = (), axes: Callable[[np.ndarray], np.ndarray] | None = None,
         names: Any = None,
     ) -> None:  # fmt: skip
@@ -192,16 +189,20 @@ class SteadyKalmanFilter(ExtendedKalmanFilter):
         A, C, Q, R = _matrices(model if design is None else design)
         if C.shape != (model.p, model.n):
             raise ValueError(f"C of design has shape {C.shape}, expected {(model.p, model.n)}")
-        kept = _with_gain(A, C, Q, indices("nuisance", nuisance, model.n))
+        kept = np.arange(model.n)
+        for transition, shown in ((A.T, Q), (A, C)):
+            square = np.ix_(kept, kept)
+            lost = _hidden(transition[square], shown[:, kept])
+            kept = kept[~(lost & np.isin(kept, indices("nuisance", nuisance, model.n)))]
         square, every = np.ix_(kept, kept), names or range(model.n)
         reduced = LinearModel(A[square], C[:, kept], Q[square], R)
-        steady = steady_state(reduced, periods, [every[i] for i in kept])
+        steady = steady_state(reduced, measured, [every[i] for i in kept])
         before = congruence(identity(model.n)[:, kept], steady.before)
-        measured = _schedule(periods, model.p)
-        sets = sorted({tuple(each) for each in measured if each.any()}, key=sum)
-        means = [before[(measured == each).all(-1)].mean(0) for each in sets]
+        phases = _phases(measured, model.p)
+        sets = sorted({tuple(each) for each in phases if each.any()}, key=sum)
+        means = [before[(phases == each).all(-1)].mean(0) for each in sets]
         self.axes, self._sets, self._before = axes, np.array(sets), np.array(means)
-        self._between = before.mean(0)
+        self._between, self._R = before.mean(0), R
         fixed = ~np.isin(np.arange(model.n), kept)
         self._fixed = fixed & fixed[:, None]
 
@@ -209,6 +210,10 @@ class SteadyKalmanFilter(ExtendedKalmanFilter):
         """Next mean ``(..., n)``."""
         function, linear = self.model.transition, isinstance(self.model, LinearModel)
         return (function(belief.mean, u) if linear else resolve(function, belief.mean, u),)
+
+    def _noise(self, belief: Any, u: np.ndarray | None, R: Any) -> Any:
+        """R ``(..., p, p)``: the one that is given, or the design's."""
+        return self._R if R is None else R
 
     def _predict(self, belief: Any, u: Any, mean: Any, *_: Any) -> Changes:
         cov = self._turned(mean, self._between)
@@ -218,8 +223,8 @@ class SteadyKalmanFilter(ExtendedKalmanFilter):
         self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any, *_: Any
     ) -> Changes:
         arrived, before = 1.0 * available, self._before[-1]
-        for measured, smaller in zip(self._sets[-2::-1], self._before[-2::-1], strict=True):
-            fits = (arrived * ~measured).sum(-1) == 0.0
+        for channels, smaller in zip(self._sets[-2::-1], self._before[-2::-1], strict=True):
+            fits = (arrived * ~channels).sum(-1) == 0.0
             before = np.where(fits[..., None, None], smaller, before)
         mean, cov, S = joseph_update(belief.mean, self._turned(belief.mean, before), e, C, R)
         some = (arrived.sum(-1) > 0.0)[..., None, None]
@@ -229,17 +234,3 @@ class SteadyKalmanFilter(ExtendedKalmanFilter):
     def _turned(self, mean: np.ndarray, cov: np.ndarray) -> np.ndarray:
         """A covariance in the axes of the model."""
         return cov if self.axes is None else symmetrise(congruence(self.axes(mean), cov))
-
-
-def _with_gain(A: np.ndarray, C: np.ndarray, Q: np.ndarray, nuisance: tuple[int, ...]) -> Any:
-    """Indices of the states that get a gain: all but those of ``nuisance`` that prevent it."""
-    kept = np.arange(len(A))
-    while True:
-        square = np.ix_(kept, kept)
-        lost = np.isin(kept, nuisance) & _hidden(A[square].T, Q[square])
-        if not lost.any():
-            lost = np.isin(kept, nuisance) & _hidden(A[square], C[:, kept])
-            lost[: np.flatnonzero(lost).max(initial=0)] = False
-        if not lost.any():
-            return kept
-        kept = kept[~lost]

@@ -11,9 +11,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("agents", "estimators", "vessel_gym")
-STUDIES = {f"studies/{path.name}" for path in ROOT.glob("studies/*.toml")} | {
-    "studies/fixed_gain.py"
-}
+STUDIES = {f"studies/{path.name}" for path in ROOT.glob("studies/*.toml")}
 FILES = ("CHANGELOG.md", "CITATION.cff", "LICENSE", "MANIFEST.in", "README.md", "pyproject.toml")
 BUILD = (
     "from setuptools import build_meta; build_meta.build_sdist('dist');"
@@ -79,7 +77,5 @@ def test_a_study_is_found_by_its_name_where_the_wheel_lies(dist: Path, tmp_path:
     done = subprocess.run(
         call, cwd=tmp_path, env={"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True
     )
-    assert {f"studies/{Path(path).name}" for path in done.stdout.split()} == STUDIES - {
-        "studies/fixed_gain.py"
-    }
+    assert {f"studies/{Path(path).name}" for path in done.stdout.split()} == STUDIES
     assert all((tmp_path / path).is_file() for path in done.stdout.split())

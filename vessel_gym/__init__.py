@@ -5,8 +5,6 @@ imports the package itself. An agent observes a filter's belief. The true state 
 is kept for scoring.
 """
 
-from typing import Any
-
 from gymnasium.envs.registration import register
 
 from vessel_gym.shadowing import shadowing
@@ -18,8 +16,9 @@ if _file := shadowing("estimators"):
         name=__name__,  # so that python -m vessel_gym prints the sentence alone
     )
 
+from estimators.lazy import public_names
+
 __version__ = "1.0.0"
-__all__ = ["__version__", "check_system"]
 
 for _where, _name, _steps in (
     ("", "SigmaCorvette", 600), ("", "SegorogeniAUV", 500), ("", "ItsunusaAUV", 600),
@@ -33,16 +32,4 @@ for _where, _name, _steps in (
         max_episode_steps=_steps,
     )
 
-
-def __getattr__(name: str) -> Any:
-    """`vessel_gym.contract.check_system`, imported when it is first asked for."""
-    if name != "check_system":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from vessel_gym.contract import check_system
-
-    return check_system
-
-
-def __dir__() -> list[str]:
-    """Public names."""
-    return __all__
+__getattr__, __dir__, __all__ = public_names(__name__)

@@ -374,7 +374,9 @@ CASES = (
     _case("ekf on a turning vehicle", "ekf", turning_vehicle, "deterministic"),
     _kalman_case("iekf", _EXACT),
     _case("steady-kf", "steady-kf", kalman_system, ""),
-    _case("steady-kf with two rates", "steady-kf", kalman_system, "", periods=(1, 2, 1)),
+    _case(
+        "steady-kf with two rates", "steady-kf", kalman_system, "", measured=[[1, 1, 1], [1, 0, 1]]
+    ),
     _input_case("kf-umv-ui", _LONG, feedthrough=True),
     _input_case("kf-umv-ui with two inputs", feedthrough=True, p=4, q=2),
     _input_case("kf-umv-ui on a shaken vehicle", "", shaken_vehicle),

@@ -4,16 +4,18 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
-from contract import make_core
+from contract import OURS, make_core
 from golden.models import ENVIRONMENTS, recorded, table
 from heading_ship import HEADING_SHIP
 from refusals import refused
 from scipy.stats import chi2
 from toy_system import SYSTEM, Cart
 
-from estimators import nees
+from estimators import ExtendedKalmanFilter, check_filter, nees
+from vessel_gym import model_of
 from vessel_gym.disturbances import Disturbance, Sea
 from vessel_gym.models.assumed import ASSUMED, assumed_space
 from vessel_gym.models.estimation import variant
@@ -33,6 +35,30 @@ def test_models_of_filters_are_the_recorded_ones(env_id: str):
     }
     for name, (_, sums) in found.items():
         np.testing.assert_allclose(sums, expected[name][1], rtol=1e-9, atol=1e-9, err_msg=name)
+
+
+@pytest.mark.parametrize("env_id", OURS)
+def test_model_of_is_what_a_filter_of_ones_own_gets(env_id: str):
+    got = []
+
+    def own(model: Any) -> ExtendedKalmanFilter:
+        got.append(model)
+        return ExtendedKalmanFilter(model)
+
+    gym.make(env_id, estimator=own)
+    model, start, u = model_of(env_id)
+    assert vars(model).keys() == vars(got[0]).keys()
+    for belief, given in ((start, u), (start, 0.5 * u)):
+        for method in ("linearise_transition", "linearise_measurement"):
+            found, expected = (getattr(m, method)(belief.mean, given) for m in (model, got[0]))
+            for one, other in zip(found, expected, strict=True):
+                np.testing.assert_array_equal(one, other)
+    check_filter(ExtendedKalmanFilter, model, start, u)
+
+
+def test_model_of_names_the_environment_that_has_none():
+    with refused(TypeError, "Pendulum-v1 must be of class VesselEnv"):
+        model_of("Pendulum-v1")
 
 
 # --- a toy system ---------------------------------------------------------------------------------

@@ -114,7 +114,7 @@ def test_the_version_is_said_once():
     )
 
 
-@pytest.mark.parametrize("package", ["estimators", "agents", "vessel_gym.envs"])
+@pytest.mark.parametrize("package", ["estimators", "agents", "vessel_gym", "vessel_gym.envs"])
 def test_every_public_name_exists_and_is_documented(package: str):
     module = importlib.import_module(package)
     assert module.__doc__

@@ -1,10 +1,14 @@
-"""Registration of a user's own environments."""
+"""A user's own environments and filters: registration, and the model that a filter gets."""
 
+from contextlib import closing
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 
+from estimators import Gaussian
 from estimators.checks import integer, short_repr
+from estimators.filter import Model
 from vessel_gym.checks import instance
 from vessel_gym.contract import check_system
 from vessel_gym.envs.single import VesselEnv
@@ -51,6 +55,36 @@ def register_environment(system: System, max_episode_steps: int | None = None) -
         max_episode_steps=system.task.horizon if max_episode_steps is None else max_episode_steps,
     )
     return system.name
+
+
+def model_of(env_id: str, **options: Any) -> tuple[Model, Gaussian, np.ndarray]:
+    """Model that the filter of an environment gets, with a belief and an input, to try a filter on.
+
+    ``check_filter(MyFilter, *model_of("SigmaCorvette-v0"))`` tries one of your own. The states are
+    in the order of ``info["estimate"]``, and the measurements in that of ``info["measurement"]``.
+    The docstring of the environment names both.
+
+    Args:
+        env_id: A registered environment of a `vessel_gym.system.System`.
+        options: Arguments of the environment, such as ``sensors="budget"``, or
+            ``estimator_options={"model": "linear"}`` for another kind of model.
+
+    Returns:
+        The model, the belief at the start of an episode with its mean ``(n,)`` and covariance
+        ``(n, n)``, and the known input ``(m,)`` of the first step.
+
+    Raises:
+        gymnasium.error.Error: if there is no such environment.
+        TypeError: if it is the environment of another package.
+    """
+    env: Any = gym.make(env_id, **options)
+    with closing(env):
+        instance(env_id, env.unwrapped, VesselEnv)
+        _, info = env.reset(seed=0)
+        env.step(np.zeros(env.action_space.shape))
+        core = env.unwrapped.core
+        start = Gaussian(info["estimate"], info["covariance"])
+        return core.config.estimation.filter.model, start, core.now.u[0]
 
 
 def _reduced(self: VesselEnv | VesselVectorEnv) -> tuple[Any, ...]:

@@ -1,5 +1,6 @@
 """Design of the filter of constant gain: a model about cruise, and axes that turn with the path."""
 
+import math
 from collections.abc import Callable
 from functools import partial
 from typing import Any
@@ -8,7 +9,7 @@ import numpy as np
 
 from estimators import LinearModel, Model
 from estimators.engine import sincos
-from estimators.linalg import identity
+from estimators.linalg import congruence, identity
 from estimators.varying import resolve
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.models.assumed import assumed_space
@@ -21,15 +22,27 @@ from vessel_gym.vehicles.vehicle import Vehicle
 _EAST = {"x": "y", "north": "east"}
 """Words in names of components to the north, and those in names of components to the east."""
 
+_LONGEST = 10_000
+"""Longest common period of sensors for which a gain is computed, in steps."""
+
 
 def steady_options(space: StateSpace, model: Model) -> dict[str, Any]:
-    """Options of ``steady-kf``: its gain is that of the cruising vehicle, in axes of its path."""
+    """Options of ``steady-kf``: its gain is that of the cruising vehicle, in axes of its path.
+
+    A constant bias, which has no gain, counts as noise of its sensor: otherwise a precise sensor
+    with a bias would be trusted.
+    """
     sensors, u = space.sensors, space.vehicle.cruise[1]
     parts: Any = space.vehicle, space.kind, space.disturbance, sensors, space.assumed_as
-    steps = np.array([sensor.period(sensors.dt) for sensor in sensors.each])
+    still = ~sensors.bias.root.any(-1)
+    biases = sensors.bias.start_cov * np.outer(still, still)
+    R = resolve(model.R, u) + congruence(sensors.bias_gain, biases)
+    steps = [sensor.period(sensors.dt) for sensor in sensors.each]
+    if (period := math.lcm(*steps)) > _LONGEST:
+        raise ValueError(f"the sensors report together every {period} steps, of {_LONGEST} at most")
     return {
-        "design": LinearModel(*_about_cruise(*parts), resolve(model.Q, u), resolve(model.R, u)),
-        "periods": steps[sensors.owner],
+        "design": LinearModel(*_about_cruise(*parts), resolve(model.Q, u), R),
+        "measured": (np.arange(period)[:, None] % steps == 0)[:, sensors.owner],
         "nuisance": [*map(space.names.index, sensors.bias_names)],
         "axes": path_axes(space.names),
         "names": space.names,

@@ -61,7 +61,7 @@ class Vehicle:
     parameter_names: tuple[str, ...]
     """Components of the parameters."""
     cruise: Any
-    """Estimated components ``(n,)`` and known input ``(m,)`` of the cruising vehicle."""
+    """Estimated components ``(n,)`` and known input ``(m,)`` of the vehicle cruising northward."""
     rates: Mapping[str, str]
     """State of which each rate is the derivative, such as ``{"r": "psi"}``.
 

@@ -72,8 +72,8 @@ def test_study_of_documentation_runs_user_defined_parts(tmp_path, monkeypatch):
         text = (ROOT / "docs" / page).read_text(encoding="utf-8")
         return re.findall(rf"^```{pattern}", text, re.M | re.S)[-1]
 
-    fading = found("tutorials/own-filter.md", r"\{code-cell\}\n(import gymnasium.*?)^check_filter")
-    (tmp_path / "my_filters.py").write_text(fading)  # in the working directory
+    observer = found("tutorials/own-filter.md", r"\{code-cell\}\n(import gymnasium.*?)^env = ")
+    (tmp_path / "my_filters.py").write_text(observer)  # in the working directory
     (folder := tmp_path / "studies").mkdir()
     for name, page, pattern in (
         ("usv.py", "recipes/differential-drive.md", "python usv\n(.*?)```"),
@@ -85,6 +85,7 @@ def test_study_of_documentation_runs_user_defined_parts(tmp_path, monkeypatch):
     assert command(ablate.main, ["studies/own.toml", "--out", "out", "--processes", "1"]) == 0
     table = pd.read_parquet(tmp_path / "out" / "results.parquet")
     flown = set(zip(table.environment, table.estimator, strict=True))
-    route = "usv:USV-v0"
-    assert flown == {(route, name) for name in ("truth", "dead-reckoning", "ekf", "fading")}
-    assert "fading" in (tmp_path / "out" / "report.html").read_text()
+    everywhere = {"truth", "dead-reckoning", "ekf"}
+    estimators = {"usv:USV-v0": everywhere, "SigmaCorvette-v0": everywhere | {"observer"}}
+    assert flown == {(env, name) for env, names in estimators.items() for name in names}
+    assert "observer" in (tmp_path / "out" / "report.html").read_text()
