@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.discretisation import held
+from estimators.discretisation import with_inputs
 from estimators.engine import compiled
 from estimators.linalg import joined
 from estimators.models import LinearModel, NonlinearModel
@@ -33,13 +33,13 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
             "stacked needs an unknown input that feeds through at once: give the model G, H or both"
         )
     options: dict[str, Any] = {
-        "Q": _assembled(lambda Q: held(Q, np.zeros((n, q))), model.Q),
+        "Q": _assembled(lambda Q: with_inputs(Q, np.zeros((n, q))), model.Q),
         "R": model.R, "G": np.eye(n + q, q, -n), "H": np.zeros((model.p, q)),
         "state_angles": model.state_angles, "measurement_angles": model.measurement_angles,
     }  # fmt: skip
     if isinstance(model, LinearModel):
         return LinearModel(
-            _assembled(held, model.A, model.G),
+            _assembled(with_inputs, model.A, model.G),
             _assembled(lambda C, H: joined([C, H], -1), model.C, model.H),
             B=None if model.B is None else _assembled(
                 lambda B: joined([B, np.zeros((q, B.shape[-1]))], -2), model.B

@@ -1,4 +1,4 @@
-"""The Kalman filter of continuous time, whose measurements never pause.
+"""The Kalman filter of continuous time, for continuous measurements.
 
 Measurements at single times are for `make` ``("kf", sampled(A, C, Q, R, B))``.
 """
@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import solve_continuous_are
 
 from estimators.checks import as_array, broadcast, finite_array
-from estimators.discretisation import held, matrices, riccati_step
+from estimators.discretisation import matrices, riccati_step, with_inputs
 from estimators.linalg import congruence, identity, lacks_rank, symmetrise
 from estimators.models import Gaussian, LinearModel
 
@@ -54,7 +54,7 @@ def kalman_bucy(
     u = finite_array("u", y[..., :0] if u is None else u, *y.shape[:-1], m)
     # u and y are further states, which stay: the innovation is linear in the states then.
     innovation = np.hstack([C, np.zeros((p, m)), -np.eye(p)])
-    system = held(A, np.hstack([B, np.zeros((n, p))]))
+    system = with_inputs(A, np.hstack([B, np.zeros((n, p))]))
     rates = system, np.pad(Q, (0, m + p)), congruence(innovation.T, precision)
     steps = {dt: riccati_step(*rates, dt) for dt in {*lengths}}
     mean = broadcast("the prior's mean", prior.mean, rows + (n,))

@@ -19,11 +19,11 @@ def zero_order_hold(A: np.ndarray, B: np.ndarray, dt: float) -> tuple[np.ndarray
         ValueError: if ``dt`` is negative, or A or B is no array.
     """
     A, B, dt = as_array("A", A), as_array("B", B), number("dt", dt, AT_LEAST_0, what="at least 0")
-    n, phi = A.shape[-1], _exponential(held(A, B) * dt)
+    n, phi = A.shape[-1], _exponential(with_inputs(A, B) * dt)
     return phi[..., :n, :n], phi[..., :n, n:]
 
 
-def held(A: np.ndarray, B: np.ndarray) -> np.ndarray:
+def with_inputs(A: np.ndarray, B: np.ndarray) -> np.ndarray:
     """``x' = A x + B u`` with u as more states ``(..., n + m, n + m)``, which stay."""
     above = joined([A, B], -1)
     return joined([above, np.zeros((B.shape[-1], above.shape[-1]))], -2)
@@ -68,25 +68,26 @@ def riccati_step(
     Returns:
         F, N and Y, each ``(n, n)``.
     """
-    n, hamiltonian = len(A), np.block([[-A, Q], [J, A.T]])
+    n, hamiltonian = len(A), np.vstack([np.hstack([-A, Q]), np.hstack([J, A.T])])
     # Units of the states in which its rows are about as large as its columns (Osborne 1960).
     size, units = np.abs(hamiltonian), np.ones(2 * n)
     for _ in range(3):
         rows, columns = (size @ units / units + 1e-100).reshape(2, n)
-        change = np.minimum(np.maximum(rows / columns, 1e-12), 1e12) ** 0.25
+        change = np.minimum(np.maximum(rows / columns, 1e-24), 1e24) ** 0.25
         units *= np.concatenate([change, 1.0 / change])
     hamiltonian = hamiltonian * units / units[:, None]
     rate = float(np.linalg.norm(hamiltonian, 1))
     doublings = math.ceil(math.log2(max(1.0, 0.5 * rate * dt)))
     part = _exponential(hamiltonian * (dt / 2**doublings))
     F = np.linalg.inv(part[:n, :n])
-    N, Y = symmetrise(F @ part[:n, n:]), symmetrise(part[n:, :n] @ F)
+    N, Y = F @ part[:n, n:], part[n:, :n] @ F
     for _ in range(doublings):
         both = np.linalg.solve(np.eye(n) + N @ Y, np.hstack([F, N @ F.T]))
-        Y = symmetrise(Y + F.T @ Y @ both[:, :n])
-        F, N = F @ both[:, :n], symmetrise(N + F @ both[:, n:])
-    scale = np.outer(units[:n], units[:n])
-    return F * units[:n, None] / units[:n], N * scale, Y / scale
+        after, added = both[:, :n], both[:, n:]
+        F, N, Y = F @ after, N + F @ added, Y + F.T @ Y @ after
+    units = units[:n]
+    scale = np.outer(units, units)
+    return F * units[:, None] / units, symmetrise(N) * scale, symmetrise(Y) / scale
 
 
 def _exponential(matrix: np.ndarray) -> np.ndarray:
@@ -130,8 +131,8 @@ def sampled(
     """
     model = LinearModel(A, C, Q, R, B)
     A, B, _, Q, _ = matrices(model)
-    steps = _Sampled(model.n, held(A, B), np.pad(Q, (0, B.shape[1])))
-    names = "AQ" if model.B is None else "AQB"
+    steps = _Sampled(model.n, with_inputs(A, B), np.pad(Q, (0, B.shape[1])))
+    names = [name for name in "ABQ" if getattr(model, name) is not None]
     over_steps: Any = {name: partial(steps.matrix, name) for name in names}
     return replace(model, **over_steps)
 

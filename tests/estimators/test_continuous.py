@@ -171,6 +171,7 @@ def test_it_settles_at_the_gain_of_python_control(model: LinearModel):
     [
         ([[1.0, 0.0], [0.0, -1.0]], [[0.0, 1.0]], np.eye(2)),  # what grows is not measured
         (np.zeros((2, 2)), [[1.0, 1.0]], np.eye(2)),  # a difference is not measured
+        (np.zeros((2, 2)), [[1.0, 1.0]], 1e-4 * np.eye(2)),  # here SciPy has a covariance of .0035
         (np.zeros((2, 2)), np.eye(2), np.zeros((2, 2))),  # constants: the gain tends to 0
     ],
 )

@@ -28,7 +28,12 @@ from case import (
     series,
 )
 from filterpy import kalman, stats
-from filterpy.common import Q_continuous_white_noise, Q_discrete_white_noise, kinematic_kf
+from filterpy.common import (
+    Q_continuous_white_noise,
+    Q_discrete_white_noise,
+    kinematic_kf,
+    van_loan_discretization,
+)
 
 from estimators import (
     Gaussian,
@@ -62,6 +67,10 @@ drift, push = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
 held = zero_order_hold(drift, push, 0.3)[1]
 close(Q_discrete_white_noise(2, 0.3, 2.0), 2.0 * held @ held.T)
 close(Q_continuous_white_noise(2, 0.3, 2.0), van_loan(drift, push, [[2.0]], 0.3)[1])
+stiff, unit = np.array([[-20.0, 0.0], [1.0, -0.01]]), np.eye(2)
+for dt, wrong in ((0.5, False), (3.0, True)):
+    F, noise = van_loan_discretization(stiff, unit, dt)
+    assert np.allclose(F, van_loan(stiff, unit, unit, dt)[0]) != wrong
 assert not hasattr(stats, "NESS")
 close(stats.NEES(Y, series.mean, series.cov), nees(series.mean, series.cov, Y))
 np.testing.assert_array_equal(kinematic_kf(2, 1).H, [[1.0, 0.0, 1.0, 0.0]])
