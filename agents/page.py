@@ -104,6 +104,11 @@ def bullets(title: str, items: Sequence[str]) -> Block:
     return Block(title, "<ul>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>")
 
 
+def preformatted(title: str, lines: Sequence[str]) -> Block:
+    """Lines of code as a block."""
+    return Block(title, f"<pre>{escape(chr(10).join(lines))}</pre>")
+
+
 def write_page(
     path: Path, title: str, subtitle: str, answer: Sequence[str], blocks: Sequence[Block]
 ) -> Path:

@@ -51,9 +51,11 @@ class Interval:
         return Interval(factor * self.mean, low, high)
 
 
-EQUIVALENT, UNDECIDED = "equivalent", "not decided"
+EQUIVALENT, UNDECIDED = "equivalent", "undecided"
 """A result of `verdict`, which defines when it is given."""
-BETTER, HIGHER, LOWER, WORSE = "better", "higher", "lower", "worse"
+CLEARLY_BETTER, SLIGHTLY_BETTER = "clearly better", "slightly better"
+"""A result of `verdict`, which defines when it is given."""
+SLIGHTLY_WORSE, CLEARLY_WORSE = "slightly worse", "clearly worse"
 """A result of `verdict`, which defines when it is given."""
 
 
@@ -67,8 +69,8 @@ def verdict(differences: np.ndarray, margin: float, span: float, comparisons: in
     - N is at least 3 span / margin. A disaster that happens in none of N episodes may happen in up
       to 3 / N of all episodes (rule of three), which changes the mean by up to 3 span / N.
 
-    Otherwise `BETTER` or `WORSE` if the interval lies beyond the margin, `HIGHER` or `LOWER` if it
-    excludes zero, and `UNDECIDED` if it contains zero.
+    Otherwise `CLEARLY_BETTER` or `CLEARLY_WORSE` if the interval lies beyond the margin,
+    `SLIGHTLY_BETTER` or `SLIGHTLY_WORSE` if it excludes zero, and `UNDECIDED` if it contains zero.
 
     Args:
         differences: Finite numbers.
@@ -87,9 +89,9 @@ def verdict(differences: np.ndarray, margin: float, span: float, comparisons: in
         if all(each and -margin < each.low and each.high < margin for each in intervals):
             return EQUIVALENT
     if found.low > 0.0:
-        return BETTER if found.low > margin else HIGHER
+        return CLEARLY_BETTER if found.low > margin else SLIGHTLY_BETTER
     if found.high < 0.0:
-        return WORSE if found.high < -margin else LOWER
+        return CLEARLY_WORSE if found.high < -margin else SLIGHTLY_WORSE
     return UNDECIDED
 
 

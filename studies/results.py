@@ -20,9 +20,9 @@ from agents.page import interval, listed, mean_and_half
 from agents.refusal import Refusal
 from agents.statistics import Interval, crossed_interval, paired_difference
 from agents.studies.plan import plan
+from agents.studies.ranking import Ranking
 from agents.studies.records import FLOOR, ORACLE
 from agents.studies.results import Results
-from agents.studies.shares import Ranking
 from agents.studies.study import read_study as study_file
 from agents.studies.worlds import system_of
 from estimators import compiled
@@ -187,7 +187,7 @@ def headline(study: str, environment: str) -> str:
           for each in chosen]  # fmt: skip
     return wrapped(
         f"Compared with the truth, the best filter lowers the autopilot's score by {lost[0]}, with"
-        " `nominal`, `budget` (cheap) and `denied` sensors (120 s without a position fix). Held"
+        " `nominal`, `budget` (cheap) and `denied` sensors (120 s without a position fix). Raw"
         f" measurements (`measurement`) lower it by {lost[1]}, and take {min(of):.1f} to"
         f" {max(of):.1f} times the steering of the best filter."
     )
@@ -195,7 +195,7 @@ def headline(study: str, environment: str) -> str:
 
 def wild_and_wrong(study: str) -> str:
     """Differences of scores with wild measurements and with wrong models."""
-    best = shares(study).splitlines()[2].split("|")[1].strip()
+    best = normalised(study).splitlines()[2].split("|")[1].strip()
     worlds = "PunaUAV-v0", "ItsunusaAUV-v0", "SegorogeniAUV-v0"
     pairs = [(world, "bad sensors", "huber-kf", PLAIN) for world in worlds]
     pairs += [(worlds[0], f"model {share} % off", ORACLE, best) for share in (10, 20)]
@@ -238,7 +238,7 @@ def latency(study: str) -> str:
     return table(("environment", "latency", "without latency", *ways), rows)
 
 
-def shares(study: str) -> str:
+def normalised(study: str) -> str:
     """The ranking of a study in all its conditions, from its report."""
     page = (ROOT / "results" / study / "ranking.md").read_text(encoding="utf-8")
     ranked = page.partition("## All conditions\n\n")[2].strip().splitlines()
@@ -258,11 +258,11 @@ def five(study: str) -> str:
     ):
         found = Results(planned, of[of.condition == condition] if condition else of)
         ranking = Ranking(found, [environment])
-        name = [*ranking.shares][-last]
+        name = [*ranking.scores][-last]
         more = ', sensors="degraded"' if condition else ""
         line = "" if last else f'`gym.make("{environment}", estimator="{name}"{more})`'
-        rows.append((what, f"`{name}`", interval(ranking.kept(name)), line))
-    return table(("for", "estimator", "share kept", "to copy"), rows)
+        rows.append((what, f"`{name}`", interval(ranking.score(name)), line))
+    return table(("for", "estimator", "normalised score", "code"), rows)
 
 
 # --- what would overturn them ---------------------------------------------------------------------
@@ -290,7 +290,7 @@ def variation(
 
 
 def overturn() -> str:
-    """The worlds in which differences of scores keep their sign, change it, or are not decided."""
+    """The worlds in which differences of scores keep their sign, change it, or are undecided."""
     first, *others = [variation(name, **changes) for name, changes in SETTINGS["overturn"].items()]
     rows = []
     for name, other in (
@@ -309,5 +309,5 @@ def overturn() -> str:
         held, *names = worlds.values()
         cells = ("; ".join(of) or NONE for of in names)
         rows.append((pair, interval(usual), f"{len(held)} of {len(others)}", *cells))
-    heads = "scores", "in the studies", "same sign in", "opposite sign", "not decided"
+    heads = "scores", "in the studies", "same sign in", "opposite sign", "undecided"
     return table(heads, rows)

@@ -1,5 +1,6 @@
 """Run a study file and write its report: ``vessel-gym ablate quick``."""
 
+import shlex
 import sys
 from contextlib import suppress
 from importlib import metadata
@@ -54,6 +55,7 @@ def main(
     from agents.jobs import run
     from agents.studies.examples import examples
     from agents.studies.plan import plan
+    from agents.studies.report import write_report
     from agents.studies.results import Results
     from agents.studies.study import read_study
     from vessel_gym.extras import require
@@ -65,36 +67,39 @@ def main(
         planned = plan(read_study(path))
         check_folder(out)
     _introduce(planned.study, path, out)
-    episodes = examples(planned)
-    with job_progress(study.stem, processes) as progress:
-        jobs = [*planned.jobs, *episodes.values()]
-        outcome = run(jobs, out, processes, scheduler, progress)
-    pages = {e: outcome.values[job.key] for e, job in episodes.items() if job.key in outcome.values}
-    _report(Results.of(planned, outcome), pages, out)
+
+    def compute(title: str, jobs: list[Any]) -> Any:
+        with job_progress(title, processes) as progress:
+            return run(jobs, out, processes, scheduler, progress)
+
+    outcome = compute(study.stem, planned.jobs)
+    results = Results.of(planned, outcome)
+    episodes = examples(results)
+    played = compute("example episodes", list(episodes.values()))
+    pages = {e: played.values[job.key] for e, job in episodes.items() if job.key in played.values}
+    command = shlex.join(["vessel-gym", "ablate", str(study), "--out", str(out)])
+    _print(results, write_report(results, out, pages, command))
     # Jobs that fail alike say it once: what differs is the name before the traceback.
-    failures = {text.partition("Traceback")[2] or text: text for text in outcome.failures.values()}
+    texts = (outcome.failures | played.failures).values()
+    failures = {text.partition("Traceback")[2] or text: text for text in texts}
     print(*failures.values(), sep="\n", end="")
-    return int(bool(outcome.failures))
+    return int(bool(failures))
 
 
-def _report(results: Any, pages: Any, out: Path) -> None:
-    """Write the report; print the share kept in each condition, the answer and the place."""
-    from agents.studies.answer import answer, conditions_table, heading, to_copy
-    from agents.studies.report import write_report
+def _print(results: Any, report: Path) -> None:
+    """Print the answer, a table of at most five rows, the code and the place of the report."""
+    from agents.studies.answer import answer
+    from agents.studies.ranking import rankings
+    from agents.studies.tables import BEST, code, effects_table, summary
 
-    report = write_report(results, out, pages)
-    for environment in results.environments:
-        table = conditions_table(results, environment).reset_index()
-        title = heading(results, environment)
-        print_table(title, table.columns, [table.itertuples(index=False)])
     print_answer(answer(results))
-    table = to_copy(results)
-    lines = list(filter(None, table.pop("to copy")))
-    if lines:
-        title = "To use (simultaneous 95 % intervals)"
+    title, table = "How much each factor moves the score", effects_table(results, BEST)
+    if len(table) < 2 and (found := rankings(results)):
+        head, ranking = next(iter(found.items()))
+        title, table = f"The best estimators, {head}", summary(ranking).reset_index()
+    if len(table):
         print_table(title, table.columns, [table.itertuples(index=False)])
-        print(*lines, sep="\n")
-    print(f"Report: {report}")
+    print(*code(results), f"Report: {report}", sep="\n")
 
 
 def _file(study: Path) -> Path:

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from datetime import timedelta
+from typing import Any
 
 from agents.commands.options import parsed
 from agents.refusal import Refusal
@@ -80,36 +81,64 @@ def _discard_output() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+WIDTH = 100
+"""Columns of a terminal that are used at most."""
+_WHOLE = 10_000
+"""Columns of a file or pipe, in which values stand whole."""
+
+
+def _console() -> Any:
+    """Console that wraps between words; a file or pipe has no width, unless ``COLUMNS`` says so."""
+    from rich.console import Console
+
+    plain: Any = {"markup": False, "emoji": False, "highlight": False}
+    if sys.stdout.isatty() or "COLUMNS" in os.environ:
+        return Console(width=min(Console().width, WIDTH), **plain)
+    return Console(width=_WHOLE, **plain)
+
+
 def print_table(
     title: str, header: Sequence[str], sections: Iterable[Iterable[Sequence[str]]]
 ) -> None:
     """Print a table of text: columns of words to the left, of numbers to the right.
 
-    In a file or pipe it is as wide as it needs to be, or as ``COLUMNS`` says.
+    Columns that do not fit beside the others stand below, after the first column again. In a file
+    or pipe the table has no lines, and its values stand whole.
     """
-    from rich.console import Console
+    console, filled = _console(), [[list(row) for row in rows] for rows in sections]
+    unbounded = console.options.update(max_width=_WHOLE)
+    columns, rest = [0], list(range(1, len(header)))
+    while rest:
+        wider = _table(header, filled, [*columns, rest[0]])
+        if len(columns) > 1 and console.measure(wider, options=unbounded).minimum > console.width:
+            console.print(title, _table(header, filled, columns), sep="\n")
+            columns = [0]
+        columns.append(rest.pop(0))
+    console.print(title, _table(header, filled, columns), sep="\n")
+
+
+def _table(header: Sequence[str], sections: list[list[list[str]]], columns: Sequence[int]) -> Any:
+    """Some columns of a table."""
     from rich.table import Table
 
-    follows = sys.stdout.isatty() or "COLUMNS" in os.environ
-    table, width = Table(title=title), None if follows else 1000
-    filled = [[list(row) for row in rows] for rows in sections]
-    for i, label in enumerate(header):
-        words = all(row[i][:1].isalpha() for rows in filled for row in rows if row[i])
-        table.add_column(label, justify="left" if words else "right", overflow="fold")
-    for rows in filled:
+    lines: Any = {} if sys.stdout.isatty() else {"box": None, "padding": (0, 2, 0, 0)}
+    table = Table(**lines)
+    for i in columns:
+        words = all(row[i][:1].isalpha() for rows in sections for row in rows if row[i])
+        table.add_column(header[i], justify="left" if words else "right", overflow="fold")
+    for rows in sections:
         for row in rows:
-            table.add_row(*row)
+            table.add_row(*(row[i] for i in columns))
         table.add_section()
-    Console(width=width, markup=False, emoji=False, highlight=False).print(table)
+    return table
 
 
 def print_answer(sentences: Sequence[str]) -> None:
     """Print the answer of a command, in a terminal its first sentences bold."""
-    from rich.console import Console
-
-    console, (first, *others) = Console(markup=False, emoji=False, highlight=False), sentences
-    console.print(first, style="bold", soft_wrap=True)
-    print(*others, sep="\n", end="\n" if others else "")
+    console, (first, *others) = _console(), sentences
+    console.print(first, style="bold")
+    for sentence in others:
+        console.print(sentence)
 
 
 @contextmanager
@@ -173,7 +202,7 @@ def job_progress(title: str, processes: int) -> Iterator[Callable[[int, int, int
     def report(done: int, failed: int, total: int) -> None:
         nonlocal kept, text
         if done and not kept:
-            print(f"goes on: {done} of {total} results are there", file=sys.stderr)
+            print(f"resuming: {done} of {total} results found", file=sys.stderr)
         kept = f"{done} of {total} results are kept, and the same command goes on from there"
         show(done + failed, total, f"{failed} failed" if failed else text * (done < total))
         text = ""

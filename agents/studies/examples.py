@@ -4,30 +4,29 @@ from typing import Any
 
 from agents.episodes.recording import typical_page
 from agents.jobs import Job
-from agents.studies.plan import Plan
-from agents.studies.records import FLOOR, ORACLE
-from agents.studies.worlds import environment_options, import_own, registered_id, system_of
+from agents.studies.ranking import rankings
+from agents.studies.records import ORACLE
+from agents.studies.results import Results
+from agents.studies.worlds import environment_options, import_own, registered_id
 
 
-def examples(plan: Plan) -> dict[str, Job]:
+def examples(results: Results) -> dict[str, Job]:
     """The job of each environment's example.
 
-    The classical agent flies the first condition on the environment's default estimator, on the
-    first and the last of the study's others, and on dead reckoning, at the study's `typical_seed`.
+    The classical agent acts in the first condition on the best estimator of the study, on its
+    reference and on the truth, at the study's `typical_seed`.
     """
     chosen: dict[str, Job] = {}
-    classical = next(agent.name for agent in plan.study.agents if not agent.learned)
+    plan = results.plan
     condition = plan.study.conditions[0].name
-    for environment in plan.study.environments:
-        flights = {
+    for environment, ranking in rankings(results).items():
+        jobs = {
             f.estimator: f.job.arguments
             for f in plan.flights
-            if (f.environment, f.condition, f.policy) == (environment, condition, classical)
+            if (f.environment, f.condition, f.policy) == (environment, condition, results.classical)
         }
-        default = system_of(environment).estimator
-        others = [name for name in flights if name not in (default, ORACLE, FLOOR)]
-        names = dict.fromkeys([default, *others[:1], *others[-1:], FLOOR])
-        arms = {name: flights[name] for name in names if name in flights}
+        names = dict.fromkeys((ranking.best, ranking.reference, ORACLE))
+        arms = {name: jobs[name] for name in names if name in jobs}
         if arms:
             arguments = {
                 "environment": environment,
@@ -48,7 +47,7 @@ def example(
     seeds: list[int],
     own: dict[str, str],
 ) -> dict[str, Any]:
-    """Fly the typical episode on several estimators, and keep the data of its page.
+    """Run the typical episode on several estimators, and keep the data of its page.
 
     Args:
         environment: As in the study, and so is the agent.

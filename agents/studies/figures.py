@@ -1,13 +1,14 @@
-"""Figures of a report. An estimator has one colour and one mark in all of them."""
+"""Figures of a report. An estimator has one colour and one mark in all panels."""
 
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from agents.plotting import INK, PALETTE, styled
+from agents.plotting import PALETTE, styled
 from agents.statistics import crossed_interval
-from agents.studies.records import FLOOR, ORACLE
+from agents.studies.answer import ordered
+from agents.studies.ranking import ALL, rankings
+from agents.studies.records import ENDS
 from agents.studies.results import Results
-from agents.studies.shares import ALL, ENDS, rankings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,45 +19,20 @@ _MARKS = "os^vDP<>Xp*h"
 
 
 def looks(results: Results) -> dict[str, dict[str, Any]]:
-    """Colour and mark of every estimator of the classical agent, in the study's order."""
-    found: dict[str, dict[str, Any]] = {
-        name: {"color": color, "marker": "|", "markersize": 8}
-        for name, color in ((ORACLE, INK), (FLOOR, "#8a8f96"))
+    """Colour and mark of every estimator of the classical agent, in the study's order.
+
+    The ends of the scale are left out: they are 0 and 1 in every condition.
+    """
+    names = [name for name in results.estimators() if name not in ENDS]
+    return {
+        name: {
+            "color": PALETTE[i % len(PALETTE)],
+            "marker": _MARKS[i % len(_MARKS)],
+            "markersize": 3.5,
+            "linewidth": 0.9,
+        }
+        for i, name in enumerate(names)
     }
-    for i, name in enumerate(name for name in results.estimators() if name not in ENDS):
-        found[name] = {"color": PALETTE[i % len(PALETTE)], "linewidth": 0.9}
-        found[name] |= {"marker": _MARKS[i % len(_MARKS)], "markersize": 3.5}
-    return found
-
-
-def shares_figure(results: Results) -> "Figure":
-    """Share kept on each estimator with its interval, the best on top, a panel an environment."""
-    from matplotlib.figure import Figure
-
-    columns, look = rankings(results), looks(results)
-    names = [*dict.fromkeys(n for ranking in columns.values() for n in ranking.shares), *ENDS]
-    height = dict(zip(names, range(len(names))[::-1], strict=True))
-    with styled():
-        across = min(len(columns), _that_fit(columns))
-        down = -(-len(columns) // across)
-        size = (_WIDTH, 0.5 + (0.4 + 0.19 * len(names)) * down)
-        figure = Figure(figsize=size, layout="constrained")
-        grid = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True)
-        axes = list(grid.flat)
-        while len(axes) > len(columns):
-            axes.pop().remove()
-        for panel, (head, ranking) in zip(axes, columns.items(), strict=True):
-            for name in (*ranking.shares, *ENDS):
-                if share := ranking.kept(name):
-                    ends = [[share.mean - share.low], [share.high - share.mean]]
-                    panel.errorbar(share.mean, height[name], xerr=ends, **look[name])
-            panel.set_title(head, loc="left", fontsize=9)
-            panel.grid(axis="x")
-            panel.tick_params(labelbottom=True)
-            panel.locator_params(axis="x", nbins=4)
-        axes[0].set_yticks(list(height.values()), list(height))
-        figure.supxlabel("share of the oracle's performance kept", fontsize=10)
-    return figure
 
 
 def _that_fit(names: Iterable[str]) -> int:
@@ -64,15 +40,14 @@ def _that_fit(names: Iterable[str]) -> int:
     return max(1, 90 // (max(map(len, names)) + 2))
 
 
-def robustness_figure(results: Results) -> "Figure":
-    """Share kept by the classical agent in each condition, by name, a panel an environment.
+def conditions_figure(results: Results) -> "Figure":
+    """Normalised score of the classical agent in each condition, a panel an environment.
 
-    The ends of the scale are left out: they are 0 and 1 in every condition.
+    Conditions that are `ordered` are joined by lines.
     """
     from matplotlib.figure import Figure
 
-    environments = [name for name in rankings(results) if name != ALL]
-    look = {name: each for name, each in looks(results).items() if name not in ENDS}
+    environments, look = [name for name in rankings(results) if name != ALL], looks(results)
     with styled():
         ncols = min(5, _that_fit(look))
         size = (_WIDTH, 0.7 + 0.19 * -(-len(look) // ncols) + 2.3 * len(environments))
@@ -80,12 +55,12 @@ def robustness_figure(results: Results) -> "Figure":
         axes = figure.subplots(len(environments), 1, squeeze=False)[:, 0]
         handles: dict[str, Any] = {}
         for panel, environment in zip(axes, environments, strict=True):
-            handles |= _curves(panel, results, environment, look)
+            handles |= _points(panel, results, environment, look)
             conditions = results.conditions(environment)
             rotation = 20 if len(conditions) > _that_fit(conditions) else 0
             ticks = {"rotation": rotation, "ha": "right" if rotation else "center"}
             panel.set_xticks(range(len(conditions)), conditions, **ticks)
-            panel.set_ylabel("share kept")
+            panel.set_ylabel("normalised score")
             panel.set_title(environment, loc="left")
             panel.grid(axis="y")
         if handles:
@@ -94,18 +69,47 @@ def robustness_figure(results: Results) -> "Figure":
     return figure
 
 
-def _curves(
+def _points(
     panel: "Axes", results: Results, environment: str, look: dict[str, dict[str, Any]]
 ) -> dict[str, Any]:
-    """Curves over conditions by estimator, moved a little so that intervals hide no other."""
-    handles = {}
-    for k, name in enumerate(results.estimators(environment)):
-        own, found = results.rows(results.kept, name), []
-        for i, condition in enumerate(results.conditions(environment)):
-            row = own[own.index == (environment, condition)].to_numpy()
-            if len(row) and (value := crossed_interval(row)):
-                found.append((i + 0.3 * (k / len(look) - 0.5), value.mean, value.half))
-        if name in look and found:
+    """Points in each condition by estimator, beside each other so that intervals hide none."""
+    handles, names = {}, results.conditions(environment)
+    study = results.plan.study
+    line = "-" if ordered([c for c in study.conditions if c.name in names]) else "none"
+    for k, (name, style) in enumerate(look.items()):
+        own = results.rows(results.normalised, name)
+        scores = {
+            i + 0.6 * ((k + 0.5) / len(look) - 0.5): crossed_interval(own.loc[[at]].to_numpy())
+            for i, at in enumerate((environment, condition) for condition in names)
+            if at in own.index
+        }
+        found = [(place, of.mean, of.half) for place, of in scores.items() if of]
+        if found:
             places, means, halves = zip(*found, strict=True)
-            handles[name] = panel.errorbar(places, means, halves, elinewidth=0.5, **look[name])
+            handles[name] = panel.errorbar(
+                places, means, halves, elinewidth=0.5, linestyle=line, **style
+            )
     return handles
+
+
+def learning_figure(curves: dict[str, list[list[list[float]]]]) -> "Figure":
+    """Learning curves: mean and range over training runs of the return of training episodes.
+
+    Args:
+        curves: For each training, by name, the (steps, return) of each run.
+    """
+    import numpy as np
+    from matplotlib.figure import Figure
+
+    with styled():
+        figure = Figure(figsize=(_WIDTH, 3.0), layout="constrained")
+        axes = figure.subplots()
+        for (name, runs), color in zip(curves.items(), PALETTE * len(curves), strict=False):
+            length = min(map(len, runs))
+            steps, returns = np.moveaxis(np.array([run[:length] for run in runs]), -1, 0)
+            axes.plot(steps[0], returns.mean(0), color=color, label=name)
+            axes.fill_between(steps[0], returns.min(0), returns.max(0), color=color, alpha=0.2)
+        axes.set(xlabel="environment steps", ylabel="return of training episodes")
+        axes.legend(loc="lower right", fontsize=8.5)
+        axes.grid(axis="y")
+    return figure

@@ -8,7 +8,10 @@ from agents.page import listed
 from agents.seeds import evaluation_seeds
 
 ORACLE, FLOOR = "truth", "dead-reckoning"
-"""Estimators that are always flown: what the classical agent scores on them is 1 and 0."""
+"""Estimators that are always run: the normalised scores of the classical agent on them are 1, 0."""
+ENDS = (ORACLE, FLOOR)
+MEASUREMENT = "measurement"
+"""Estimator that passes on raw measurements (zero-order hold): no filter, as `ENDS` are none."""
 DEFAULT = "default"
 """Stands for an environment's own default estimator."""
 RAW = "raw measurements"
@@ -87,7 +90,7 @@ class Agent(_Somewhere):
     @property
     def raw(self) -> bool:
         """True for an agent that sees measurements instead of estimates."""
-        return self.observe == "measurement"
+        return self.observe == MEASUREMENT
 
     def policy(self, trained_on: str) -> str:
         """Name of the policy that is trained on an estimator."""
@@ -176,10 +179,12 @@ class Study:
         episodes: Evaluation seeds, the same for everybody.
         training_seeds: Training runs of each learned agent: the unit of resampling.
         first_seed: The first evaluation seed, see `agents.seeds.evaluation_seeds`.
-        margin: Of equivalence: differences of the share kept that are smaller do not matter.
+        margin: Of equivalence: smaller differences of the normalised score do not matter.
         termination: One of `vessel_gym.simulation.configuration.TERMINATIONS`: what ends a
             mission, for all agents and both ends of the scale alike.
         tune: How classical agents and estimators are tuned together; None: not at all.
+        compare_to: The estimator that the others are compared with; empty, or where an environment
+            lacks it: the first. The reference of conditions is the first.
     """
 
     title: str
@@ -193,6 +198,12 @@ class Study:
     margin: float = 0.01
     termination: str = "belief"
     tune: Tuning | None = None
+    compare_to: str = ""
+
+    @property
+    def filters(self) -> list[str]:
+        """Names of the estimators that are filters."""
+        return [e.name for e in self.estimators if e.estimator not in (*ENDS, MEASUREMENT)]
 
     @property
     def seeds(self) -> list[int]:

@@ -10,34 +10,50 @@ from agents.episodes import Episode
 from agents.files import replacing
 from agents.jobs import versions
 from agents.metrics import NEES, SCORE, UNHEALTHY, Metric, mean, metrics
-from agents.page import Block, bullets, frame, listed, picture, table, text, write_page
+from agents.page import (
+    Block,
+    bullets,
+    frame,
+    listed,
+    picture,
+    preformatted,
+    table,
+    text,
+    write_page,
+)
 from agents.plotting import data_uri
 from agents.statistics import mean_interval
-from agents.studies.answer import (
-    answer,
+from agents.studies.answer import answer
+from agents.studies.figures import conditions_figure, learning_figure
+from agents.studies.ranking import ALL, policy_score, rankings
+from agents.studies.records import ORACLE
+from agents.studies.results import Results
+from agents.studies.tables import (
+    choices_table,
+    code,
     conditions_table,
+    differences_table,
+    effects_table,
     heading,
     legend,
     markdown,
     ranking_table,
     summary,
-    to_copy,
 )
-from agents.studies.figures import robustness_figure, shares_figure
-from agents.studies.records import ORACLE
-from agents.studies.results import Results
-from agents.studies.shares import ALL, kept, rankings
 from agents.studies.worlds import system_of
 from vessel_gym.extras import require
 
 
-def write_report(results: Results, out: Path, pages: Mapping[str, dict[str, object]]) -> Path:
+def write_report(
+    results: Results, out: Path, pages: Mapping[str, dict[str, object]], command: str = ""
+) -> Path:
     """Write ``report.html``, ``ranking.md`` and ``results.parquet``, each whole or not at all.
 
     Args:
         results: Of a run, perhaps of a part of it.
         out: The folder.
         pages: Data of the example episode of each environment, see `agents.episodes.Episode`.
+        command: The command that runs the study again, if there is one.
 
     Returns:
         The page.
@@ -53,58 +69,59 @@ def write_report(results: Results, out: Path, pages: Mapping[str, dict[str, obje
         path.write_text(markdown(results), encoding="utf-8")
     study = results.plan.study
     subtitle = f"{listed(study.environments)}, {study.episodes} evaluation seeds"
-    blocks = [*_ranked(results), *_environments(results), *_learned(results)]
-    blocks += [_episode(results, name, page) for name, page in pages.items()]
-    blocks += [*_left_out(results), _limits(), _run(results, out)]
+    blocks = [*_effects(results), *_ranked(results), *_environments(results), *_learned(results)]
+    blocks += [_episode(name, page) for name, page in pages.items()]
+    blocks += [*_left_out(results), _limits(), _run(results, command)]
     return write_page(out / "report.html", study.title, subtitle, answer(results), blocks)
 
 
+def _effects(results: Results) -> list[Block]:
+    """The table of the factors, if any moves the score."""
+    found = effects_table(results).set_index("factor")
+    note = (
+        f"Score of {results.who} at the best and at the worst level minus that at the reference,"
+        " the first of the study or the one that it names. All other factors are equal; combinations of"
+        " them count alike if they have a result at every level. The 95 % intervals hold for all"
+        " levels of a factor at once. Raw measurements are no level of the estimator."
+    )
+    return [] if found.empty else [table("How much each factor moves the score", found, note)]
+
+
 def _ranked(results: Results) -> list[Block]:
-    """Blocks about the share kept in all conditions together."""
+    """Blocks about normalised scores."""
     if not (columns := rankings(results)):
         return []
     head, ranking = next(iter(columns.items()))
     return [
-        table("To copy", to_copy(results).set_index("where"), legend(results)),
+        table(
+            "What to use under each condition",
+            choices_table(results),
+            "The estimator with the highest normalised score; in brackets others that are not"
+            " significantly worse.",
+        ),
+        preformatted("Code", code(results)),
         table(
             f"The best estimators for {results.who}, {head}",
             summary(ranking),
             "Means over conditions and evaluation seeds with 95 % intervals for other seeds, the"
-            f" first two for all estimators at once: the share kept of {ORACLE} over dead"
-            f" reckoning, the score lost against {ORACLE}, completed episodes, and the mean score"
-            " of the worst tenth of them.",
+            " first two for all estimators at once: normalised score, score below that"
+            f" with {ORACLE}, completed episodes, and the mean score of the worst tenth"
+            f" of them. {legend(results)}",
         ),
-        picture("Share of the oracle's performance kept", data_uri(shares_figure(results))),
+        picture("Normalised score in each condition", data_uri(conditions_figure(results)),
+                "The scale is that of each condition; the 95 % intervals are individual."),
         table(
-            "Share kept, and the verdict against the best of each column",
+            "Normalised score, and the verdict against the best of each column",
             ranking_table(results),
-            "In each environment and condition, the score on dead reckoning is 0 and that on the"
-            " truth 1, in the same episodes. Intervals and verdicts as above. A dash: not used"
-            " there, or not in every condition.",
+            "A dash: not used there, or not in every condition.",
         ),
         table(
-            "Difference from the best",
-            _differences(results),
-            "Share kept minus that on the best, paired by evaluation seed; the 95 % hold for all"
-            " pairs of a column at once.",
+            "Difference from the reference",
+            differences_table(results),
+            "Normalised score minus that on the reference estimator, paired by evaluation seed; the"
+            " 95 % hold for all pairs of a column at once.",
         ),
-        picture(
-            "Share kept in each condition",
-            data_uri(robustness_figure(results)),
-            "The scale is that of each condition; the 95 % intervals are individual.",
-        ),
-    ]
-
-
-def _differences(results: Results) -> pd.DataFrame:
-    columns = {
-        head: {
-            name: f"{text(ranking.gap(name, ranking.best), 3, True)}, {word}"
-            for name, word in ranking.verdicts.items()
-        }
-        for head, ranking in rankings(results).items()
-    }
-    return pd.DataFrame(columns).fillna("–").rename_axis("estimator")
+    ]  # fmt: skip
 
 
 def _environments(results: Results) -> list[Block]:
@@ -119,7 +136,7 @@ def _environments(results: Results) -> list[Block]:
         if (environment, first) in results.rows(results.wide("score"), ORACLE).index:
             blocks.append(
                 table(
-                    f"{environment}: costs, {first}",
+                    f"{environment}: secondary metrics, {first}",
                     costs(results, environment, chosen),
                     f"Of {results.who} on {ORACLE}, and on the others the differences from that,"
                     f" paired by evaluation seed. {meanings}",
@@ -138,7 +155,7 @@ def _environments(results: Results) -> list[Block]:
 
 
 def costs(results: Results, environment: str, chosen: Sequence[Metric]) -> pd.DataFrame:
-    """Score and costs of the classical agent in the first condition, beyond those on the truth."""
+    """Score and costs of the classical agent in the first condition, minus those on the truth."""
     columns, place = {}, (environment, results.conditions(environment)[0])
     for m in chosen:
         each = {
@@ -164,35 +181,49 @@ def consistency(results: Results, environment: str) -> pd.DataFrame:
 
 
 def _learned(results: Results) -> list[Block]:
-    """Shares that learned policies keep, at home and on other estimators."""
+    """Normalised scores of learned policies on every estimator, and their learning curves."""
     rows = {}
     for policy in results.learned:
-        shares = {e: kept(results, e, policy) for e in rankings(results) if e != ALL}
-        flown = results.table[results.table.policy == policy].estimator.unique()
-        rows[policy, "that of its training"] = shares
-        for estimator in flown if len(flown) > 1 else ():
-            rows[policy, estimator] = {e: kept(results, e, policy, estimator) for e in shares}
+        scores = {e: policy_score(results, e, policy) for e in rankings(results) if e != ALL}
+        used = results.table[results.table.policy == policy].estimator.unique()
+        rows[policy, "that of its training"] = scores
+        for estimator in used if len(used) > 1 else ():
+            rows[policy, estimator] = {
+                e: policy_score(results, e, policy, estimator) for e in scores
+            }
     found = pd.DataFrame.from_dict(rows, orient="index").dropna(axis=1, how="all")
     if found.empty:
         return []
     runs = results.plan.study.training_seeds
-    found = found.map(lambda share: text(share, 3)).rename_axis(["policy", "estimator"])
+    found = found.map(lambda score: text(score, 3)).rename_axis(["policy", "estimator"])
     return [
         table(
-            "Share kept by learned agents",
+            "Normalised scores of learned agents",
             found,
             f"Means over training runs ({runs}), conditions and evaluation seeds, with 95 %"
             " intervals for other runs, if there are several, on other seeds. Fewer than five say"
             " little of what another training would give. Policies learn in the first condition.",
-        )
+        ),
+        *(
+            picture(
+                f"Learning curves in {environment}",
+                data_uri(learning_figure(curves)),
+                "Mean and range over training runs of the return of the last training episodes,"
+                " whose actions are drawn at random about the policy's own.",
+            )
+            for environment in results.environments
+            if (curves := results.curves(environment))
+        ),
     ]
 
 
-def _episode(results: Results, environment: str, page: dict[str, object]) -> Block:
+def _episode(environment: str, page: dict[str, object]) -> Block:
     """The example episode of an environment, which plays."""
-    title = f"An episode in {environment}, {results.conditions(environment)[0]}"
-    note = "The seed whose scores lie nearest to their means over all evaluation seeds."
-    return frame(title, Episode(page).html(), note)
+    note = (
+        "The recommended estimator, the reference and the truth in the first condition, at the seed"
+        " whose scores lie nearest to their means over all evaluation seeds."
+    )
+    return frame(f"An episode in {environment}", Episode(page).html(), note)
 
 
 def _left_out(results: Results) -> list[Block]:
@@ -209,23 +240,23 @@ def _limits() -> Block:
     return bullets("Assumptions and limits", [
         "Intervals are for other evaluation seeds and other training runs; seeds are the same for"
         " everybody, so that differences are paired. Environments and conditions count alike.",
-        "The truth is the state, not what the disturbance will do next: a ceiling for estimators,"
-        " not for agents.",
+        "The truth is a reference: it knows the present state, but not what the disturbance will do"
+        " next. A filter that smooths may steer better.",
         "Estimators are tuned by their environments' authors, who know the disturbance's"
         " statistics: what is compared is an estimator with its tuning.",
         "Everything is simulated. Nothing here was measured in the world.",
     ])  # fmt: skip
 
 
-def _run(results: Results, out: Path) -> Block:
-    """All that is needed to run the study again; its settings are in the files beside the page."""
+def _run(results: Results, command: str) -> Block:
+    """All that is needed to run the study again."""
     study = results.plan.study
     minutes = sum(results.outcome.seconds.values()) / 60.0
     return bullets("To run it again", [
-        f"vessel-gym ablate {out}/study.toml --out {out}",
+        *filter(None, [command]),
         f"Evaluation seeds {study.seeds[0]} to {study.seeds[-1]}, termination {study.termination},"
-        f" margin of equivalence {study.margin:g}; every setting, and the source and"
-        " versions that a result depends on, are in jobs.",
+        f" margin of equivalence {study.margin:g}. The folder jobs has the settings, source and"
+        " versions behind each result.",
         f"{platform.system()} {platform.machine()}, Python {platform.python_version()}, "
         + ", ".join(f"{name} {version}" for name, version in versions().items()),
         f"{minutes:.1f} CPU minutes for {len(results.outcome.seconds)} jobs",

@@ -1,7 +1,9 @@
-"""Results of a study as one long table, and the share of the oracle's performance in it."""
+"""Results of a study as one long table, and the normalised scores in it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import pandas as pd
 
@@ -9,7 +11,7 @@ from agents.controllers import AUTOPILOT
 from agents.jobs import Outcome
 from agents.statistics import normalise
 from agents.studies.plan import Flight, Plan
-from agents.studies.records import FLOOR, ORACLE
+from agents.studies.records import DEFAULT, FLOOR, ORACLE
 from agents.studies.worlds import system_of
 
 FLIGHT = ["environment", "condition", "policy", "estimator", "run"]
@@ -76,6 +78,12 @@ class Results:
         names = [name for agent in self.plan.study.agents for name in agent.policies]
         return [name for name in names if name in set(self.table.policy)]
 
+    def reference(self, environment: str, names: Sequence[str]) -> str:
+        """The estimator among some names that others are compared with, see `Study.compare_to`."""
+        asked = self.plan.study.compare_to
+        asked = system_of(environment).estimator if asked == DEFAULT else asked
+        return asked if asked in names else names[0]
+
     def conditions(self, environment: str) -> list[str]:
         """The conditions of an environment, in the order of the study."""
         return [c.name for c in self.plan.study.conditions if c.is_in(environment)]
@@ -85,6 +93,22 @@ class Results:
         own = self.table[self.table.policy == self.classical]
         there = own if environment is None else own[own.environment == environment]
         return list(there.estimator.unique())
+
+    def filters(self, environment: str) -> list[str]:
+        """Filters among the estimators of the classical agent in an environment."""
+        study = self.plan.study
+        others = {each.name for each in study.estimators}.difference(study.filters)
+        return [name for name in self.estimators(environment) if name not in others]
+
+    def curves(self, environment: str) -> dict[str, list[Any]]:
+        """Learning curves of the runs of each policy, see `agents.studies.training.train_agent`."""
+        found: dict[str, dict[str, Any]] = {}
+        for flight in self.plan.flights:
+            for need in flight.job.needs if flight.environment == environment else ():
+                values = self.outcome.values.get(need.key, {})
+                if curve := values.get("curve"):
+                    found.setdefault(flight.policy, {})[need.key] = curve
+        return {policy: list(runs.values()) for policy, runs in found.items()}
 
     # --- a flight a row, a seed a column ----------------------------------------------------------
 
@@ -120,15 +144,15 @@ class Results:
         return scales[scales.mean(axis=1) > 0.0]
 
     @cached_property
-    def kept(self) -> pd.DataFrame:
-        """Share of the performance on the truth that is kept, as `wide`, where there is a scale."""
+    def normalised(self) -> pd.DataFrame:
+        """Normalised score as `wide`, where there is a scale."""
         score = self.wide("score")
         low, found = self.rows(score, FLOOR), [score.iloc[:0]]
         for name, runs in score.groupby(FLIGHT[:4], sort=False):
             if (place := name[:2]) in self.scales.index:
                 floor, scale = low.loc[place].to_numpy(), self.scales.loc[place].to_numpy()
-                shares = normalise(runs.to_numpy(), floor, floor + scale)
-                found.append(pd.DataFrame(shares, runs.index, runs.columns))
+                scores = normalise(runs.to_numpy(), floor, floor + scale)
+                found.append(pd.DataFrame(scores, runs.index, runs.columns))
         return pd.concat(found)
 
     def home(self, environment: str, policy: str) -> str:

@@ -150,6 +150,8 @@ class _Reader:
         title = values.pop("title", "What does the estimator cost?")
         found = tuple(estimators.values())
         study = Study(title, tuple(self.ids), found, agents, conditions, tune=tune, **values)
+        if study.compare_to:
+            self.known("filter of the study", [study.compare_to], study.filters, "compare_to")
         self.accepts("episodes", evaluation_seeds, study.episodes, study.first_seed)
         alone = plan(replace(study, environments=tuple(self.worlds), agents=()))
         for name, estimator in estimators.items():

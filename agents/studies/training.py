@@ -7,6 +7,9 @@ from agents.policies.checkpoint import description
 from agents.studies.worlds import environment_id, environment_options
 from agents.training.algorithms import train
 
+POINTS = 200
+"""Points of a learning curve at most."""
+
 
 def train_agent(
     environment: str,
@@ -23,8 +26,18 @@ def train_agent(
 
     Source digests of what is the user's ``own``, and the rest of what
     `agents.training.algorithms.describe` has ``described``, are here to be part of the job.
+
+    Returns:
+        ``steps`` of the training, and its learning ``curve``: pairs of steps and of the mean return
+        of the last training episodes.
     """
-    chosen = environment_options(environment, options)
+    chosen, curve = environment_options(environment, options), []
+
+    def note(done: int, total: int, mean_return: float) -> None:
+        if mean_return == mean_return:
+            curve.append((done, mean_return))
+
     settings = memory, hyperparameters
-    train(environment_id(environment), artifact, chosen, seed, steps, None, *settings)
-    return {"steps": description(artifact)["trained_steps"]}
+    train(environment_id(environment), artifact, chosen, seed, steps, note, *settings)
+    every = -(-len(curve) // POINTS)
+    return {"steps": description(artifact)["trained_steps"], "curve": curve[:: every or 1]}

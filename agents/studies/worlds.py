@@ -28,6 +28,8 @@ from vessel_gym.sensors.grades import NOMINAL, grades_of
 
 OURS = "vessel_gym.envs:"
 """Beginning of the entry points of the package's environments."""
+AT_RATE = re.compile(r"(.+) at (\d*\.?\d+) Hz")
+"""A grade of a sensor at a rate."""
 
 
 def environment_id(name: str) -> str:
@@ -156,7 +158,7 @@ def graded_sensors(environment: str, grades: Mapping[str, str]) -> list[Sensor]:
     found = []
     for name, known in grades_of(system_of(environment)).items():
         words = grades.get(name, NOMINAL)
-        at_rate = re.fullmatch(r"(.+) at (\d*\.?\d+) Hz", words)
+        at_rate = AT_RATE.fullmatch(words)
         if words in known:
             found.append(known[words])
         elif at_rate and at_rate[1] in known:

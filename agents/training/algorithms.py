@@ -201,9 +201,10 @@ def train(
         env_options: Passed to `gymnasium.make_vec`.
         seed: Number of the training run; the environments' seeds follow by `agents.seeds`.
         steps: Environment steps in all; None: ``n_timesteps``.
-        progress: Function of (steps so far, steps in all, mean return of the last evaluation). The
-            mean return is NaN before the first evaluation and without a folder. An algorithm ends
-            after whole rollouts, so the steps in all may exceed ``steps``.
+        progress: Function of (steps so far, steps in all, mean return). The mean return is that of
+            the last evaluation; without a folder, that of the last training episodes; NaN before
+            the first. An algorithm ends after whole rollouts, so the steps in all may exceed
+            ``steps``.
         memory: ``"none"``: the agent acts on the newest observation alone. ``"frames"``: it acts on
             its last observations, side by side, with zeros before the first. ``"lstm"``: it has a
             recurrent network (``RecurrentPPO``).

@@ -21,13 +21,17 @@ from stable_baselines3.common.callbacks import (  # noqa: E402
 )
 from stable_baselines3.common.logger import Logger, make_output_format  # noqa: E402
 from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm  # noqa: E402
+from stable_baselines3.common.utils import safe_mean  # noqa: E402
 
 EVALUATIONS, EPISODES, CHECKPOINTS = 10, 20, 20
 """Evaluations of a training, episodes of each, and checkpoints."""
 
 
 class Progress(BaseCallback):
-    """Progress by calls with (steps so far, steps in all, mean return of the last evaluation)."""
+    """Progress by calls with (steps so far, steps in all, mean return).
+
+    The return is that of the last evaluation, or without one of the last training episodes.
+    """
 
     def __init__(
         self, report: Callable[[int, int, float], None], evaluation: EvalCallback | None
@@ -46,7 +50,10 @@ class Progress(BaseCallback):
         return True
 
     def _on_rollout_start(self) -> None:
-        reward = self._evaluation.last_mean_reward if self._evaluation else -np.inf
+        if self._evaluation:
+            reward = self._evaluation.last_mean_reward
+        else:
+            reward = safe_mean([each["r"] for each in self.model.ep_info_buffer or ()])
         self._report(self.num_timesteps, self._total, reward if reward > -np.inf else np.nan)
 
     _on_training_end = _on_rollout_start

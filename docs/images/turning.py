@@ -1,4 +1,4 @@
-"""The moving picture of the README: one ship in the same waves on a filter and on held measurements.
+"""The moving picture of the README: one ship in the same waves on a filter and on raw measurements.
 
 Run it from the root of the repository: ``python docs/images/turning.py``.
 """

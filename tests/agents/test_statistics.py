@@ -165,21 +165,21 @@ def test_crossed_interval_covers_95_percent(runs, seeds, rest):
 @pytest.mark.parametrize(
     ("low", "high", "expected"),
     [
-        (-0.009, 0.009, "equivalent"), (0.001, 0.002, "equivalent"), (-0.011, 0.009, "not decided"),
-        (-0.018, -0.006, "lower"), (-0.5, -0.4, "worse"), (-0.02, -0.011, "worse"), (0.002, 0.011, "higher"),
-        (0.011, 0.02, "better"), (0.0, 0.02, "not decided"),
+        (-0.009, 0.009, "equivalent"), (0.001, 0.002, "equivalent"), (-0.011, 0.009, "undecided"),
+        (-0.018, -0.006, "slightly worse"), (-0.5, -0.4, "clearly worse"), (-0.02, -0.011, "clearly worse"),
+        (0.002, 0.011, "slightly better"),
+        (0.011, 0.02, "clearly better"), (0.0, 0.02, "undecided"),
     ],
 )  # fmt: skip
 def test_verdict_follows_from_interval_and_margin(low, high, expected):
     even = np.tile([-1.0, 1.0], 50)
     values = 0.5 * (low + high) + 0.5 * (high - low) * even / mean_interval(even).half
     assert verdict(values, 0.01, 0.01) == expected
-    turned = {"worse": "better", "better": "worse", "lower": "higher", "higher": "lower"}.get(
-        expected, expected
-    )
+    degree, _, way = expected.partition(" ")
+    turned = f"{degree} {'worse' if way == 'better' else 'better'}" if way else expected
     assert verdict(-values, 0.01, 0.01) == turned
     assert verdict(100.0 * values, 1.0, 1.0) == expected
-    assert verdict(values[:1], 0.01, 0.01) == "not decided"
+    assert verdict(values[:1], 0.01, 0.01) == "undecided"
 
 
 @pytest.mark.parametrize(
@@ -202,9 +202,9 @@ def test_a_verdict_is_wrong_in_one_study_of_forty(true, wrong):
 def test_equivalence_takes_three_spans_over_the_margin(margin, span, needed):
     flown = np.tile([-1e-6, 1e-6], needed)
     assert verdict(flown[:needed], margin, span) == "equivalent"
-    assert verdict(flown[: needed - 1], margin, span) == "not decided"
+    assert verdict(flown[: needed - 1], margin, span) == "undecided"
     met = np.append(np.zeros(needed - 1), -span)  # the mean lies within the margin
-    assert verdict(met, margin, span) == "not decided"
+    assert verdict(met, margin, span) == "undecided"
 
 
 @pytest.mark.slow

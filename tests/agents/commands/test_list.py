@@ -1,10 +1,12 @@
 """`vessel-gym list`: what there is, of environments of others too."""
 
+import re
+
 import gymnasium as gym
 import pytest
 
 from agents.commands import list as command
-from agents.commands.console import print_answer
+from agents.commands.console import print_answer, print_table
 from agents.refusal import Refusal
 from vessel_gym.models.estimation import accepted, chosen_disturbance
 
@@ -12,8 +14,13 @@ SWINGING = "swinging:Swinging-v0"
 
 
 def cells(printed: str) -> list[list[str]]:
-    rows = (line for line in printed.splitlines() if line[:1] in "│┃")
-    return [[cell.strip() for cell in row.strip("│┃").replace("┃", "│").split("│")] for row in rows]
+    """Cells of a table without lines, whose columns begin where the words of its header do."""
+    _, header, *rows = printed.splitlines()
+    begins = [found.start() for found in re.finditer(r"(?<!\S )\b\w", header)]
+    ends = [*begins[1:], None]
+    return [
+        [row[a:b].strip() for a, b in zip(begins, ends, strict=True)] for row in (header, *rows)
+    ]
 
 
 def test_an_environment_of_others_lists_what_its_wrapper_takes(capsys):
@@ -39,8 +46,7 @@ def test_one_without_the_keyword_is_one_sentence():
         del gym.registry["Fixed-v0"]
 
 
-def test_ours_lists_the_estimators_that_its_models_carry(capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "120")
+def test_ours_lists_the_estimators_that_its_models_carry(capsys):
     from vessel_gym.envs import SigmaCorvetteEnv
 
     command.main("estimators")
@@ -69,12 +75,27 @@ def test_what_is_no_list_is_one_sentence_that_helps(words, sentence):
     assert sentence in str(refused.value)
 
 
-def test_a_table_is_as_wide_as_columns_says(capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "60")
-    command.main("studies")
-    printed = capsys.readouterr().out
-    assert max(map(len, printed.splitlines())) == 60
-    assert cells(printed)[0] == ["study", "question"]
+@pytest.mark.parametrize("width", [40, 80, 100, 300])
+def test_tables_fit_a_terminal_and_break_no_word(capsys, monkeypatch, width):
+    monkeypatch.setenv("COLUMNS", str(width))
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    row = [f"word{i} and another" for i in range(12)]
+    print_table("title", [f"head{i}" for i in range(12)], [[row], [row]])
+    text = re.sub(r"\x1b\[[\d;]*m", "", capsys.readouterr().out)
+    assert max(map(len, text.splitlines())) <= min(width, 100)
+    for i in range(12):
+        assert re.search(rf"\bhead{i}\b", text)
+        assert len(re.findall(rf"\bword{i}\b", text)) >= 2
+
+
+def test_piped_table_has_whole_values_and_no_lines(capsys, monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    long = "long words " * 30
+    print_table("title", ["name", "value"], [[["one", long], ["two", "1.5"]]])
+    printed = capsys.readouterr().out.splitlines()
+    assert [re.sub(" {2,}", "  ", line.strip()) for line in printed] == [
+        "title", "name  value", f"one  {long}".strip(), "two  1.5",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("terminal", [True, False])
@@ -82,8 +103,10 @@ def test_the_first_line_of_an_answer_is_bold_in_a_terminal_alone(capsys, monkeyp
     for name in ("NO_COLOR", "FORCE_COLOR", "TTY_COMPATIBLE"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.delenv("COLUMNS", raising=False)
     monkeypatch.setattr("sys.stdout.isatty", lambda: terminal)
     print_answer([f"The [answer] {'is long ' * 30}", "More."])
-    first, rest = capsys.readouterr().out.splitlines()
-    assert first.startswith("\x1b[1mThe [answer]" if terminal else "The [answer]")
+    *first, rest = capsys.readouterr().out.splitlines()
+    assert first[0].startswith("\x1b[1mThe [answer]" if terminal else "The [answer]")
+    assert (len(first) == 1) is not terminal
     assert rest == "More."

@@ -19,10 +19,10 @@ class σ:
     def reset(self, num_envs): pass
     def act(self, observations): return np.zeros((len(observations), 3), np.float32)
 """
-TABLE = r"Score +│ +0\.\d{3} │"
+TABLE = r"Score +0\.\d{3}"
 SURROUNDINGS = {
-    "utf-8": ("", {"PYTHONIOENCODING": "utf-8"}, 0, "still:σ: means.*episodes: 1.*│"),
-    "ascii": ("", {"PYTHONIOENCODING": "ascii"}, 0, r"still:\\u03c3: means.*episodes: 1.*\|"),
+    "utf-8": ("", {"PYTHONIOENCODING": "utf-8"}, 0, "still:σ: means.*episodes: 1.*Score"),
+    "ascii": ("", {"PYTHONIOENCODING": "ascii"}, 0, r"still:\\u03c3: means.*episodes: 1.*Score"),
     "no home": ("", {"HOME": "", "XDG_CACHE_HOME": "", "TERM": ""}, 0, TABLE),
     "no folder to keep anything": ("", {"HOME": "/proc", "VESSEL_GYM_CACHE": "/proc"}, 0, TABLE),
     "a full disk": (">/dev/full", {}, 2, "No space left on device"),

@@ -60,7 +60,7 @@ def test_run_says_what_it_resumes_and_what_interruption_left(clock, capsys):
         console.command(interrupted, [])
     assert stop.value.code == 130
     lines = printed(capsys)
-    assert lines[0] == "goes on: 120 of 300 results are there"
+    assert lines[0] == "resuming: 120 of 300 results found"
     kept = "121 of 300 results are kept, and the same command goes on from there"
     assert lines[-1] == f"interrupted: {kept}"
 

@@ -119,4 +119,4 @@ def test_the_table_names_its_world_and_what_errors_are_of(capsys: pytest.Capture
     evaluate.main(ENV, estimator=("kf",), episodes=1, disturbance="calm")
     printed = " ".join(capsys.readouterr().out.split())
     assert "episodes: 1, disturbance=calm" in printed
-    assert "│ Position error, RMS [m] │" in printed
+    assert "Position error, RMS [m] " in printed

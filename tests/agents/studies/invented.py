@@ -73,6 +73,8 @@ def results(planned: Plan | Study, quality=QUALITY, noise=0.01, **changed) -> Re
         figures |= {"nees": figures["nees"] * claims, "nees_in_band": 0.9 * claims}
         figures |= {"score": score, "end": [""] * n, "completed": True}
         outcome.values[f.job.key] = figures
+        for need in f.job.needs:
+            outcome.values[need.key] = {"steps": 200, "curve": [[100, level], [200, 2.0 * level]]}
         outcome.seconds[f.job.key] = 1e-5 * (1.0 + len(f.estimator)) * 100 * n
     return Results.of(planned, outcome)
 

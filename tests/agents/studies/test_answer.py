@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from math import comb
 from types import SimpleNamespace
 
 import gymnasium as gym
@@ -21,20 +22,19 @@ from invented import (
     without,
 )
 
-from agents.statistics import LOWER, WORSE, paired_difference
-from agents.studies.answer import (
-    amount,
-    answer,
-    conditions_table,
-    markdown,
-    ordered,
-    ranking_table,
-    summary,
-    to_copy,
-)
+from agents.statistics import CLEARLY_WORSE, SLIGHTLY_WORSE, paired_difference
+from agents.studies.answer import amount, answer, ordered
+from agents.studies.ranking import Ranking, rankings
 from agents.studies.records import DEFAULT, Agent, Condition, Estimator
 from agents.studies.report import write_report
-from agents.studies.shares import Ranking, rankings
+from agents.studies.tables import (
+    choices_table,
+    code,
+    conditions_table,
+    markdown,
+    ranking_table,
+    summary,
+)
 
 
 @pytest.fixture(scope="module")
@@ -47,73 +47,82 @@ def small():
     return results(study((CORVETTE,)))
 
 
+def advice(found):
+    """The sentences on the estimator to use."""
+    (text,) = (line for line in answer(found) if line.startswith("Use "))
+    return text
+
+
 @pytest.mark.parametrize("best", ["kf", "ekf", "kf-umv-ui"])
-def test_the_advice_is_the_estimator_on_which_most_is_kept(small, best):
-    told = answer(results(small.plan, QUALITY | {best: 0.99}))[0]
-    assert told.startswith(f"Use {best} in {CORVETTE}: on it the autopilot keeps ")
-    assert told.endswith(f". Against {best}: worse on all others.")
+def test_the_advice_is_the_estimator_with_the_highest_score(small, best):
+    told = advice(results(small.plan, QUALITY | {best: 0.99}))
+    assert told.startswith(
+        f"Use {best} in {CORVETTE}: with it the autopilot reaches 99 % of the way "
+    )
+    assert told.endswith(" All other estimators are clearly worse.")
 
 
 def test_estimators_that_differ_by_chance_are_not_called_worse(small):
     level = dict.fromkeys(QUALITY, 0.9) | {"truth": 1.0, "dead-reckoning": 0.0}
-    told = answer(results(small.plan, level))[0]
-    assert "less" not in told
-    assert re.search(r"Against \S+: (equivalent|not decided) on .* and [^;]*\.$", told)
+    told = advice(results(small.plan, level))
+    assert "worse" not in told
+    assert re.search(r"(Equivalent|Undecided): \S+ ", told)
 
 
-def test_below_the_best_but_not_by_the_margin_is_lower(small):
-    told = answer(results(small.plan, QUALITY | {"ekf": 0.945}, noise=1e-3))[0]
-    assert told.endswith("Against kf-umv-ui: lower on ekf; worse on all others.")
+def test_undecided_estimators_say_how_many_episodes_decide(small):
+    level = QUALITY | {"ekf": 0.94}
+    told = advice(results(study((CORVETTE,), episodes=20), level, noise=0.06))
+    more = re.search(r"Undecided: ekf \(at most about (\d+) more episodes needed\)", told)
+    longer = results(study((CORVETTE,), episodes=20 + 3 * int(more[1])), level, noise=0.06)
+    assert rankings(longer)[CORVETTE].verdicts["ekf"] != "undecided"
+
+
+def test_below_the_best_but_not_by_the_margin_is_slightly_worse(small):
+    told = advice(results(small.plan, QUALITY | {"ekf": 0.945}, noise=1e-3))
+    assert told.endswith(" Slightly worse: ekf. All other estimators are clearly worse.")
 
 
 @pytest.mark.parametrize(("episodes", "noise"), [(2, 0.1), (4, 0.5), (20, 0.5)])
 def test_few_episodes_give_no_advice_but_the_number_that_would(episodes, noise):
     def said(number):
         short = study((CORVETTE,), conditions=CONDITIONS[:1], episodes=number)
-        return answer(results(short, noise=noise))[0]
+        return next(t for t in answer(results(short, noise=noise)) if f" {CORVETTE}" in t)
 
-    # of one episode not even the number is known
-    assert said(1).endswith("keeps the largest share of the truth's gain over dead reckoning.")
+    assert said(1).endswith("has the highest normalised score.")  # not even the number is known
     few = said(episodes)
     assert few.startswith(f"{episodes} episodes cannot tell which estimator to use in {CORVETTE}")
-    enough = int(re.search(r"; by their scatter it takes at least (\d+) to tell\.", few)[1])
+    enough = int(re.search(r" By their scatter, at least (\d+) are needed\.", few)[1])
     assert enough > episodes
     assert episodes == 2 or said(enough).startswith("Use ")  # two tell little of their own spread
 
 
 def test_an_estimator_that_beats_the_truth_is_warned_of(small):
     told = answer(results(small.plan, QUALITY | {"ekf": 1.3}))
-    assert told[1].startswith(f"On ekf in {CORVETTE} (1.30")
-    assert "check the task's score" in told[1]
+    (warning,) = (line for line in told if "check the task's score" in line)
+    assert warning.startswith(f"On ekf in {CORVETTE} (1.30")
     assert not any("check the task" in line for line in answer(small))
 
 
-def test_answer_names_better_estimator_of_single_environment(classical):
-    told = answer(classical)[0]
-    own = Ranking(classical, [CORVETTE])
-    assert own.best == "kf-umv-ui"
-    assert f" But in {CORVETTE} kf-umv-ui keeps {amount(own.gap(own.best, 'enkf'))} more" in told
-
-
 def test_only_estimators_of_all_environments_count(classical):
-    assert answer(classical)[0].startswith("Use enkf in both environments: on it")
+    assert advice(classical).startswith("Use enkf in both environments: with it")
     table = ranking_table(classical)
     assert table.loc["kf-umv-ui"].tolist()[::2] == ["–", "–"]
     assert table.loc["kf-umv-ui", CORVETTE].endswith(", best")
     common = ("truth", "dead-reckoning", "enkf")
     alone = without(classical, lambda f: f.environment == SEGOROGENI and f.estimator not in common)
-    first, *others = answer(alone)
-    assert first.startswith(f"Use kf-umv-ui in {CORVETTE}")
-    assert f"Use enkf in {SEGOROGENI}" in first
-    assert "no other estimator was compared" in first
+    told = answer(alone)
+    assert any(line.startswith(f"Use kf-umv-ui in {CORVETTE}") for line in told)
+    (single,) = (line for line in told if line.startswith(f"Use enkf in {SEGOROGENI}"))
+    assert single.endswith("No other estimator was compared.")
     assert list(ranking_table(alone)) == [CORVETTE, SEGOROGENI]
-    assert others == ["4 of 40 results are missing. Run the study again."]
+    assert told[-1] == "4 of 40 results are missing. Run the study again."
 
 
 def test_answer_says_what_a_ranking_takes(small):
     flat = results(small.plan, QUALITY | {"truth": -1.0})
-    assert answer(flat)[0].startswith(
-        f"No estimator can be ranked in {CORVETTE}: for that the autopilot needs"
+    assert any(
+        line.startswith(f"No estimator can be ranked in {CORVETTE}: for that the autopilot needs")
+        for line in answer(flat)
     )
     scores = conditions_table(flat, CORVETTE)
     assert scores.loc["truth", "nominal"].startswith("−0.7")
@@ -122,9 +131,12 @@ def test_answer_says_what_a_ranking_takes(small):
 def test_an_environment_without_the_agent_of_the_scale_is_named(tmp_path):
     ours = Agent("lqg", "lqg", environments=(CORVETTE,))
     found = results(study(agents=(ours, CLASSICAL), conditions=CONDITIONS[:1]))
-    first = answer(found)[0]
-    assert first.startswith(f"Use kf-umv-ui in {CORVETTE}: on it lqg keeps")
-    assert f". No estimator can be ranked in {SEGOROGENI}: for that lqg needs" in first
+    told = answer(found)
+    assert advice(found).startswith(f"Use kf-umv-ui in {CORVETTE}: with it lqg reaches")
+    assert any(
+        line.startswith(f"No estimator can be ranked in {SEGOROGENI}: for that lqg needs")
+        for line in told
+    )
     assert conditions_table(found, SEGOROGENI).empty
     assert write_report(found, tmp_path, {}).exists()
 
@@ -144,10 +156,10 @@ def test_a_study_without_results_or_with_failures_says_so(small):
 
 def test_single_estimator_is_compared_with_none(small):
     one = without(small, lambda f: f.estimator not in ("truth", "dead-reckoning", "kf"))
-    assert answer(one)[0].endswith("; no other estimator was compared.")
+    assert advice(one).endswith(" No other estimator was compared.")
     mine = Agent("mine", "agents.controllers.dive:DiveAutopilot")
     found = results(study((SEGOROGENI,), (mine,), conditions=CONDITIONS[:1]))
-    assert "on it mine keeps" in answer(found)[0]
+    assert "with it mine reaches" in advice(found)
 
 
 # --- conditions that are numbers ------------------------------------------------------------------
@@ -158,22 +170,27 @@ def numbered(*names, **changed):
     return results(study((CORVETTE,), conditions=conditions, episodes=40), **changed)
 
 
+def trend(found):
+    """The sentences on a trend."""
+    (text,) = (line for line in answer(found) if "is best over all conditions" in line)
+    return text
+
+
 def test_answer_over_numbered_conditions_is_their_trend():
     fewer = {"kf-umv-ui_in_1 Hz": 0.9, "kf-umv-ui_in_0.2 Hz": 0.5}
-    told = answer(numbered("10 Hz", "5 Hz", "1 Hz", "0.2 Hz", **fewer))[0]
+    told = trend(numbered("10 Hz", "5 Hz", "1 Hz", "0.2 Hz", **fewer))
     assert told.startswith(
-        f"In {CORVETTE} kf-umv-ui has the largest share kept overall. At 10 Hz the autopilot on"
+        f"In {CORVETTE}, kf-umv-ui is best over all conditions. At 10 Hz its normalised score is"
     )
     assert re.search(
-        r"keeps 0\.9\d+ ± \S+ of the truth's gain over dead reckoning\. From there the share"
-        r" changes by \S+ ± \S+ at 5 Hz,"
+        r"score is 0\.9\d+ ± \S+, and from there it changes by \S+ ± \S+ at 5 Hz,"
         r" −0\.0\d+ ± \S+ at 1 Hz and −0\.4\d+ ± \S+ at 0\.2 Hz\.",
         told,
     )
     assert told.endswith(" The first significant loss is at 1 Hz; up to 5 Hz none is significant.")
 
     late = "in time", "1 s late", "2 s late"
-    told = answer(numbered(*late, **{"kf-umv-ui_in_1 s late": 0.9}))[0]
+    told = trend(numbered(*late, **{"kf-umv-ui_in_1 s late": 0.9}))
     assert re.search(
         r'At "in time" .* at "1 s late" and .* at "2 s late"\. Already the loss at "1 s', told
     )
@@ -182,25 +199,25 @@ def test_answer_over_numbered_conditions_is_their_trend():
 def test_changes_of_a_trend_are_paired_and_simultaneous():
     found = numbered("10 Hz", "5 Hz", **{"kf-umv-ui_in_5 Hz": 0.9})
     ranking = rankings(found)[CORVETTE]
-    kept = found.rows(found.kept, "kf-umv-ui").loc
+    scores = found.rows(found.normalised, "kf-umv-ui").loc
     change = paired_difference(
-        *(kept[CORVETTE, name].to_numpy() for name in ("5 Hz", "10 Hz")),
-        comparisons=len(ranking.shares),
+        *(scores[CORVETTE, name].to_numpy() for name in ("5 Hz", "10 Hz")),
+        comparisons=len(ranking.scores),
     )
-    assert f"the share changes by {amount(change, True)} at 5 Hz." in answer(found)[0]
+    assert f"from there it changes by {amount(change, True)} at 5 Hz." in trend(found)
 
 
 def test_undecided_trend_names_episodes_that_it_takes():
     level = {"kf-umv-ui_in_5 Hz": 0.94}
-    few = answer(numbered("10 Hz", "5 Hz", noise=0.1, **level))[0]
+    few = trend(numbered("10 Hz", "5 Hz", noise=0.1, **level))
     enough = re.search(
-        r"No loss against 10 Hz is significant; a difference of 0\.01 takes at least"
-        r" (\d+) episodes to show\.$",
+        r"No loss against 10 Hz is significant; to show a difference of 0\.01 takes at least"
+        r" (\d+) episodes\.$",
         few,
     )
     assert int(enough[1]) > 40
     alike = dict.fromkeys(("kf-umv-ui_in_10 Hz", "kf-umv-ui_in_5 Hz"), 0.95)
-    assert answer(numbered("10 Hz", "5 Hz", noise=1e-4, **alike))[0].endswith(
+    assert trend(numbered("10 Hz", "5 Hz", noise=1e-4, **alike)).endswith(
         " No loss against 10 Hz is significant."
     )
 
@@ -208,9 +225,9 @@ def test_undecided_trend_names_episodes_that_it_takes():
 def test_trend_is_over_conditions_of_all_environments():
     conditions = [Condition(f"{rate} Hz", mismatch=0.01 / rate) for rate in (4, 2, 1)]
     conditions[2] = replace(conditions[2], environments=(CORVETTE,))
-    told = answer(results(study(conditions=tuple(conditions))))[0]
-    assert told.startswith("In both environments enkf has the largest share kept overall. At 4 Hz ")
-    assert re.search(r"\. From there the share changes by .* at 2 Hz\. [^,]*$", told)
+    told = trend(results(study(conditions=tuple(conditions))))
+    assert told.startswith("In both environments, enkf is best over all conditions. At 4 Hz ")
+    assert re.search(r", and from there it changes by .* at 2 Hz\. [^,]*$", told)
 
 
 @pytest.mark.parametrize(
@@ -246,49 +263,49 @@ def test_tables_stand_in_the_order_of_the_file_and_say_the_same(small):
     best = summary(rankings(small)[CORVETTE])
     assert next(iter(best.index)) == "kf-umv-ui"
     for name, row in best.iterrows():
-        assert ranking_table(small).loc[name, CORVETTE].startswith(row["share kept"] + ", ")
+        assert ranking_table(small).loc[name, CORVETTE].startswith(row["normalised score"] + ", ")
 
 
-def test_line_to_copy_makes_environment_with_best_estimator(classical):
-    table = to_copy(classical)
-    assert table["estimator"].tolist() == ["kf-umv-ui", "enkf", "kf"]
-    assert table["where"].tolist() == [CORVETTE, SEGOROGENI, f"avoid in {CORVETTE}"]
-    for (_, row), environment in zip(table.iterrows(), (CORVETTE, SEGOROGENI), strict=False):
-        env = eval(row["to copy"], {"gym": gym})
-        assert env.spec.id == environment
-        assert env.spec.kwargs["estimator"] == row["estimator"]
+def test_code_makes_environment_with_best_estimator(classical):
+    lines = code(classical)
+    assert len(lines) == 2
+    for line, environment, name in zip(
+        lines, (CORVETTE, SEGOROGENI), ("kf-umv-ui", "enkf"), strict=True
+    ):
+        env = eval(line, {"gym": gym})
+        assert (env.spec.id, env.spec.kwargs["estimator"]) == (environment, name)
         env.close()
-    undecided = to_copy(results(classical.plan, noise=1.0))
-    assert not undecided["where"].str.startswith("avoid").any()
 
 
-def test_worst_estimator_is_named_only_if_it_is_alone(small):
-    beside = results(small.plan, QUALITY | {"kf": 0.5, "enkf": 0.5})
-    assert rankings(beside)[CORVETTE].verdicts["enkf"] == WORSE
-    assert not to_copy(beside)["where"].str.startswith("avoid").any()
-    alone = to_copy(results(small.plan, QUALITY | {"kf": 0.5, "enkf": 0.4}))
-    assert alone.iloc[-1][["where", "estimator"]].tolist() == [f"avoid in {CORVETTE}", "enkf"]
-
-
-def test_line_to_copy_names_estimator_behind_default():
+def test_code_names_estimator_behind_default():
     asked = replace(
         study(conditions=CONDITIONS[:1]), estimators=(*ENDS, Estimator("mine", DEFAULT))
     )
-    lines = to_copy(results(asked, QUALITY | {"mine": 0.9}))["to copy"].tolist()
-    assert lines == [f'gym.make("{CORVETTE}", estimator="kf-umv-ui")',
-                     f'gym.make("{SEGOROGENI}", estimator="enkf")']  # fmt: skip
+    assert code(results(asked, QUALITY | {"mine": 0.9})) == [
+        f'gym.make("{CORVETTE}", estimator="kf-umv-ui")',
+        f'gym.make("{SEGOROGENI}", estimator="enkf")',
+    ]
+
+
+def test_choice_under_each_condition_is_its_best_and_its_equals(small):
+    changed = {"ekf_in_rough": 0.99, "enkf_in_calm": 0.95}
+    table = choices_table(results(small.plan, noise=1e-3, **changed))[CORVETTE]
+    assert list(table.index) == [c.name for c in CONDITIONS]
+    assert table["rough"].startswith("ekf 0.99")
+    assert re.match(r"(kf-umv-ui|enkf) 0.95 ± \S+ \((enkf|kf-umv-ui)\)$", table["calm"])
+    assert re.match(r"kf-umv-ui 0.95 ± \S+$", table["nominal"])
 
 
 def test_learned_policies_are_compared_at_home():
     found = invented.learned()
     raw = "raw measurements"
-    for level, sign in ((0.4, r"\+"), (1.2, "−")):
+    for level, word in ((0.4, "more"), (1.2, "less")):
         told = answer(results(found.plan, QUALITY | {raw: level}))
         for environment in (CORVETTE, SEGOROGENI):
-            (line,) = (each for each in told if each.startswith(f"In {environment}, each on"))
-            assert re.search(rf"PPO trained on default against PPO, raw: {sign}\S+ ± ", line)
+            (line,) = (each for each in told if each.startswith(f"In {environment}, by normalised"))
+            assert re.search(rf"PPO trained on default scores \S+ ± \S+ {word} than PPO, raw", line)
     single = results(study((CORVETTE,), LEARNED, training_seeds=1))
-    assert "(one run, no interval)" in answer(single)[1]
+    assert any("(one run, no interval)" in line for line in answer(single))
 
 
 # --- verdicts -------------------------------------------------------------------------------------
@@ -303,8 +320,10 @@ def test_of_equal_estimators_one_study_in_20_names_a_loser():
         ranked = {str(i): flown[i, seeds] for i in np.argsort(-flown[:, seeds].mean(axis=1))}
         best, *others = ranked
         gaps = [paired_difference(ranked[best], ranked[other]) for other in others]
-        found = SimpleNamespace(shares=ranked, scales=unit, results=SimpleNamespace(plan=plan_))
-        words = Ranking.verdicts.func(found).values()
-        named += bool({LOWER, WORSE} & set(words)), any(g.excludes_zero for g in gaps)
+        found = SimpleNamespace(
+            scores=ranked, scales=unit, results=SimpleNamespace(plan=plan_), pairs=comb(8, 2)
+        )
+        words = {Ranking.verdict(found, other, best) for other in others}
+        named += bool({SLIGHTLY_WORSE, CLEARLY_WORSE} & words), any(g.excludes_zero for g in gaps)
     assert named[0] <= 0.085 * 400
     assert named[1] > 0.38 * 400  # what it would be without a correction

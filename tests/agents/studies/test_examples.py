@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from html import unescape
 
 import numpy as np
@@ -11,26 +12,27 @@ from invented import CORVETTE, SEGOROGENI, results, study
 from agents.episodes import Episode, typical_seed
 from agents.rollouts import rollout
 from agents.studies.examples import example, examples
-from agents.studies.plan import options, plan
+from agents.studies.plan import options
 from agents.studies.records import Condition, Estimator
 from agents.studies.report import write_report
 
 CALM = Condition("calm", disturbance="calm")
 
 
-def test_examples_are_of_first_condition_and_few_estimators():
-    chosen = examples(plan(study()))
+def test_examples_show_the_best_the_reference_and_the_truth():
+    found = results(replace(study(), compare_to="ekf"))
+    chosen = examples(found)
     shown = {
         environment: [name for name, _ in job.arguments["estimators"]]
         for environment, job in chosen.items()
     }
     assert shown == {
-        CORVETTE: ["kf-umv-ui", "kf", "enkf", "dead-reckoning"],
-        SEGOROGENI: ["enkf", "ekf", "dead-reckoning"],
+        CORVETTE: ["kf-umv-ui", "ekf", "truth"],
+        SEGOROGENI: ["enkf", "ekf", "truth"],
     }
     for environment, job in chosen.items():
         assert job.arguments["environment"] == environment
-        assert job.arguments["seeds"] == list(plan(study()).study.seeds)
+        assert job.arguments["seeds"] == found.plan.study.seeds
         assert all(given["disturbance"] == "moderate" for _, given in job.arguments["estimators"])
 
 
@@ -62,7 +64,7 @@ def test_typical_seed_has_scores_nearest_to_their_means():
 @pytest.mark.slow
 def test_a_report_plays_what_was_flown(tmp_path):
     found = results(study((SEGOROGENI,)))
-    job = examples(found.plan)[SEGOROGENI]
+    job = examples(found)[SEGOROGENI]
     flown = example(**job.arguments)
     page = write_report(found, tmp_path, {SEGOROGENI: flown}).read_text(encoding="utf-8")
     (document,) = re.findall(r'<iframe srcdoc="([^"]*)"', page)

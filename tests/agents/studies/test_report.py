@@ -6,6 +6,7 @@ from html import unescape
 from itertools import combinations
 
 import invented
+import numpy as np
 import pandas as pd
 import pytest
 from invented import CORVETTE, ENDS, QUALITY, SEGOROGENI, results, study, without
@@ -15,10 +16,11 @@ from agents.metrics import NEES, SCORE, metrics
 from agents.page import text
 from agents.plotting import styled
 from agents.statistics import crossed_interval
-from agents.studies.answer import answer, conditions_table, markdown, ranking_table
-from agents.studies.figures import robustness_figure, shares_figure
+from agents.studies.answer import answer
+from agents.studies.figures import conditions_figure, learning_figure
 from agents.studies.records import Condition, Estimator
 from agents.studies.report import consistency, costs, write_report
+from agents.studies.tables import conditions_table, effects_table, markdown, ranking_table
 from agents.studies.worlds import system_of
 
 
@@ -41,13 +43,13 @@ def test_page_markdown_and_table_are_written_and_agree(small, tmp_path):
     }
     assert (tmp_path / "ranking.md").read_text(encoding="utf-8") == markdown(small)
     assert len(pd.read_parquet(tmp_path / "results.parquet")) == 8 * len(small.plan.flights)
-    for frame in (conditions_table(small, CORVETTE), ranking_table(small)):
+    for frame in (effects_table(small), conditions_table(small, CORVETTE), ranking_table(small)):
         for cell in frame.to_numpy().ravel():
             assert f"<td>{cell}</td>" in html
     for sentence in answer(small):
         assert sentence in html
-    assert re.search(r"<td>−0\.4\d+ ± \S+, worse</td>", html)  # of kf, behind the best
-    assert html.count("data:image/svg") == 2
+    assert re.search(r"<td>−0\.4\d+ ± \S+, clearly worse</td>", html)  # of kf, behind the best
+    assert html.count("data:image/svg") == 1
     assert not re.search(r'(?:src|href)="(?!data:)', html)
     assert html == written(small, tmp_path)
 
@@ -94,9 +96,8 @@ def test_names_are_shown_as_they_are_written(tmp_path):
     asked = replace(study((CORVETTE,), conditions=[Condition("$1_$")]), estimators=estimators)
     found = results(asked, QUALITY | dict.fromkeys(odd, 0.5))
     html = written(found, tmp_path)
-    for figure, names in ((shares_figure, odd), (robustness_figure, (*odd, "$1_$"))):
-        text = {each.get_text() for each in figure(found).findobj(Text)}
-        assert text.issuperset(names)
+    text = {each.get_text() for each in conditions_figure(found).findobj(Text)}
+    assert text.issuperset((*odd, "$1_$"))
     assert all(f"<td>{name}</td>" in html for name in odd)
 
 
@@ -107,25 +108,46 @@ def test_no_text_of_a_figure_is_cut_or_covers_another():
     estimators = (*ENDS, *(Estimator(name, "ekf") for name in names))
     asked = replace(study(environments, conditions=conditions), estimators=estimators)
     found = results(asked, QUALITY | dict.fromkeys(names, 0.5))
-    for draw in (shares_figure, robustness_figure):
-        with styled():
-            figure = draw(found)
-            figure.draw_without_rendering()
-        known = {*names, *environments, *(each.name for each in conditions)}
-        texts = [t for t in figure.findobj(Text) if t.get_text() in known and t.get_visible()]
-        boxes = [each.get_window_extent() for each in texts if not each.get_rotation()]
-        assert len(boxes) > 15
-        for box in boxes:
-            assert figure.bbox.x0 <= box.x0
-            assert box.x1 <= figure.bbox.x1
-        for one, other in combinations(boxes, 2):
-            assert not one.overlaps(other)
+    with styled():
+        figure = conditions_figure(found)
+        figure.draw_without_rendering()
+    known = {*names, *environments, *(each.name for each in conditions)}
+    texts = [t for t in figure.findobj(Text) if t.get_text() in known and t.get_visible()]
+    boxes = [each.get_window_extent() for each in texts if not each.get_rotation()]
+    assert len(boxes) > 15
+    for box in boxes:
+        assert figure.bbox.x0 <= box.x0
+        assert box.x1 <= figure.bbox.x1
+    for one, other in combinations(boxes, 2):
+        assert not one.overlaps(other)
+
+
+@pytest.mark.parametrize(("names", "style"), [(("1 Hz", "2 Hz"), "-"), (("calm", "rough"), "None")])
+def test_only_ordered_conditions_are_joined_by_lines(names, style):
+    conditions = [Condition(name, mismatch=0.01 * i) for i, name in enumerate(names)]
+    panel = conditions_figure(results(study((CORVETTE,), conditions=conditions))).axes[0]
+    drawn = [
+        each for each in panel.lines if len(each.get_xdata()) == 2 and each.get_marker() in "os^v"
+    ]
+    assert len(drawn) == 4
+    assert {each.get_linestyle() for each in drawn} == {style}
+
+
+def test_learning_curves_are_mean_and_range_over_runs():
+    runs = [[[100.0, 1.0], [200.0, 2.0]], [[100.0, 3.0], [200.0, 6.0], [300.0, 7.0]]]
+    panel = learning_figure({"PPO": runs}).axes[0]
+    np.testing.assert_array_equal(panel.lines[0].get_xydata(), [[100.0, 2.0], [200.0, 4.0]])
+    edges = panel.collections[0].get_paths()[0].vertices
+    assert {tuple(at) for at in edges} >= {(100.0, 1.0), (100.0, 3.0), (200.0, 2.0), (200.0, 6.0)}
 
 
 @pytest.mark.slow
 def test_learned_policies_have_a_table(tmp_path):
     html = written(invented.learned(), tmp_path)
-    assert "Share kept by learned agents" in html
+    assert "Normalised scores of learned agents" in html
     assert "training runs (5)" in html
     assert html.count("that of its training") == 4
-    assert "Share kept by learned agents" not in written(results(study((CORVETTE,))), tmp_path)
+    assert html.count("Learning curves in ") == 4  # heading and alternative text of two
+    assert "Normalised scores of learned agents" not in written(
+        results(study((CORVETTE,))), tmp_path
+    )

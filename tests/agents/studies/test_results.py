@@ -1,4 +1,4 @@
-"""The long table of a study, and the shares that are computed of it."""
+"""The long table of a study, and the normalised scores that are computed of it."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ from invented import CONDITIONS, CORVETTE, QUALITY, SEGOROGENI, learned, results
 from agents.jobs import run
 from agents.metrics.dive import METRICS
 from agents.statistics import crossed_interval, mean_interval
-from agents.studies import shares
+from agents.studies import ranking
 from agents.studies.plan import plan
 from agents.studies.records import RAW
 from agents.studies.results import FLIGHT, Results
@@ -25,7 +25,7 @@ def found():
 
 
 def by_hand(found, environment, policy, estimator):
-    """Share kept ``(runs, seeds)``, from the table: the ratio of means, linearised by seed."""
+    """Normalised score ``(runs, seeds)``, from the table: the ratio of means, linearised by seed."""
     table, each = found.table[found.table.environment == environment], []
     for condition in found.conditions(environment):
         at = table[table.condition == condition]
@@ -44,9 +44,9 @@ def by_hand(found, environment, policy, estimator):
 @pytest.mark.parametrize(
     ("policy", "estimator"), [("autopilot", "ekf"), ("PPO trained on ekf", "enkf"), (PPO, "ekf")]
 )
-def test_share_is_mean_over_environments_and_conditions(found, policy, estimator):
+def test_score_is_mean_over_environments_and_conditions(found, policy, estimator):
     each = [by_hand(found, e, policy, estimator) for e in (CORVETTE, SEGOROGENI)]
-    together = shares.shares(found, (CORVETTE, SEGOROGENI), policy, estimator)
+    together = ranking.normalised(found, (CORVETTE, SEGOROGENI), policy, estimator)
     np.testing.assert_allclose(together, np.mean(each, axis=0), rtol=0, atol=1e-12)
     runs = 1 if policy == "autopilot" else 5
     assert together.shape == (runs, 8)
@@ -58,18 +58,20 @@ def test_policies_have_one_name_and_a_home_in_each_environment(found):
     assert found.home(CORVETTE, "PPO trained on ekf") == "ekf"
     assert found.home(CORVETTE, "PPO, raw") == RAW
     assert found.home(CORVETTE, "autopilot") == "kf-umv-ui"
-    assert shares.kept(found, SEGOROGENI, PPO) == shares.kept(found, SEGOROGENI, PPO, "enkf")
+    assert ranking.policy_score(found, SEGOROGENI, PPO) == ranking.policy_score(
+        found, SEGOROGENI, PPO, "enkf"
+    )
 
 
 def test_missing_or_flat_scale_leaves_condition_out(found):
     partial = without(found, lambda f: (f.estimator, f.condition) == ("truth", "calm"))
     assert (CORVETTE, "calm") not in partial.scales.index
-    kept = shares.shares(partial, [CORVETTE], "autopilot", "ekf").to_numpy()
-    rest = found.kept.xs((CORVETTE, "autopilot", "ekf"), level=[0, 2, 3])
+    kept = ranking.normalised(partial, [CORVETTE], "autopilot", "ekf").to_numpy()
+    rest = found.normalised.xs((CORVETTE, "autopilot", "ekf"), level=[0, 2, 3])
     rest = rest[rest.index.get_level_values("condition") != "calm"]
     np.testing.assert_allclose(kept[0], rest.mean(), atol=1e-12)
     flat = results(study((CORVETTE,)), QUALITY | {"truth": -1.0})
-    assert shares.rankings(flat) == {}
+    assert ranking.rankings(flat) == {}
 
 
 def test_incomplete_run_is_left_out_and_others_stay_paired(found):
@@ -78,42 +80,42 @@ def test_incomplete_run_is_left_out_and_others_stay_paired(found):
 
     partial = without(found, lost)
     both = (CORVETTE, SEGOROGENI)
-    whole = shares.shares(found, both, PPO, "enkf").mean(axis=1)
-    left = shares.shares(partial, both, PPO, "enkf").mean(axis=1)
+    whole = ranking.normalised(found, both, PPO, "enkf").mean(axis=1)
+    left = ranking.normalised(partial, both, PPO, "enkf").mean(axis=1)
     np.testing.assert_allclose(left, whole.drop(2), atol=1e-12)
     home, raw, classical = (
-        shares.shares(found, [CORVETTE], *each).to_numpy()
+        ranking.normalised(found, [CORVETTE], *each).to_numpy()
         for each in ((PPO, "kf-umv-ui"), ("PPO, raw", RAW), ("autopilot", "kf-umv-ui"))
     )
     pairs = {"PPO, raw": (home - raw, 2), "autopilot": (home - classical, 1)}
-    found_gaps = shares.learned_differences(partial, CORVETTE)
+    found_gaps = ranking.learned_differences(partial, CORVETTE)
     for other, (gaps, comparisons) in pairs.items():
         expected = crossed_interval(np.delete(gaps, 2, axis=0), comparisons)
         assert found_gaps[PPO, other].half == pytest.approx(expected.half, rel=0.1)
         assert found_gaps[PPO, other].mean == pytest.approx(expected.mean, abs=1e-3)
     gone = without(found, lambda f: f.condition == "rough" and f.policy == PPO)
-    assert shares.shares(gone, [CORVETTE], PPO, "ekf").empty
-    assert shares.kept(gone, CORVETTE, PPO) is None
-    assert not any(shares.learned_differences(gone, CORVETTE)[PPO, other] for other in pairs)
+    assert ranking.normalised(gone, [CORVETTE], PPO, "ekf").empty
+    assert ranking.policy_score(gone, CORVETTE, PPO) is None
+    assert not any(ranking.learned_differences(gone, CORVETTE)[PPO, other] for other in pairs)
 
 
 def test_intervals_are_over_seeds_or_over_runs_and_seeds(found):
-    values = shares.shares(found, [CORVETTE], "autopilot", "ekf").to_numpy()
-    assert shares.kept(found, CORVETTE, "autopilot", "ekf") == mean_interval(values[0])
-    ranking = shares.rankings(found)[CORVETTE]
-    assert ranking.kept("ekf") == mean_interval(values[0], len(ranking.shares))
-    runs = shares.shares(found, [CORVETTE], PPO, "kf-umv-ui").to_numpy()
-    assert shares.kept(found, CORVETTE, PPO) == crossed_interval(runs)
-    assert shares.interval(found, PPO, runs[:1]) == float(runs[0].mean())
+    values = ranking.normalised(found, [CORVETTE], "autopilot", "ekf").to_numpy()
+    assert ranking.policy_score(found, CORVETTE, "autopilot", "ekf") == mean_interval(values[0])
+    own = ranking.rankings(found)[CORVETTE]
+    assert own.score("ekf") == mean_interval(values[0], len(own.scores))
+    runs = ranking.normalised(found, [CORVETTE], PPO, "kf-umv-ui").to_numpy()
+    assert ranking.policy_score(found, CORVETTE, PPO) == crossed_interval(runs)
+    assert ranking.interval(found, PPO, runs[:1]) == float(runs[0].mean())
 
 
-def test_price_is_paired_loss_of_score_against_truth(found):
+def test_loss_is_paired_difference_of_score_against_truth(found):
     truth, ours = (found.wide("score").xs(("autopilot", name), level=[2, 3]) for name in
                    ("truth", "kf-umv-ui"))  # fmt: skip
     lost = (truth - ours).loc[CORVETTE].to_numpy().mean()
-    price = shares.rankings(found)[CORVETTE].price("kf-umv-ui")
-    assert price.mean == pytest.approx(lost)
-    assert price.high - price.mean != pytest.approx(price.mean - price.low)
+    loss = ranking.rankings(found)[CORVETTE].loss("kf-umv-ui")
+    assert loss.mean == pytest.approx(lost)
+    assert loss.high - loss.mean != pytest.approx(loss.mean - loss.low)
 
 
 def test_completed_and_worst_tenth_are_over_all_conditions(found):
@@ -121,12 +123,12 @@ def test_completed_and_worst_tenth_are_over_all_conditions(found):
     first = (table.estimator == "kf") & (table.condition == "nominal") & (table.seed == 10**9)
     table.loc[first, ["score", "completed"]] = 0.0, False
     lost = replace(found, table=table)
-    ranking = shares.rankings(lost)[CORVETTE]
-    done = ranking.completed("kf")
+    own_ranking = ranking.rankings(lost)[CORVETTE]
+    done = own_ranking.completed("kf")
     assert done.mean == pytest.approx(100.0 * 31 / 32)
     own = table[(table.estimator == "kf") & (table.policy == "autopilot")]
     worst = np.sort(own.score.to_numpy(float))[:4].mean()  # of 8 seeds in 4 conditions
-    assert ranking.worst_decile("kf") == pytest.approx(worst)
+    assert own_ranking.worst_decile("kf") == pytest.approx(worst)
 
 
 def test_every_episode_is_a_row_and_parquet_keeps_digits(found, tmp_path):

@@ -1,7 +1,8 @@
-"""Shares of the oracle's performance that estimators and learned agents keep, with intervals.
+"""Normalised scores of estimators and learned agents, with intervals.
 
-Everything is a mean over training runs and evaluation seeds, with the one interval of
-`agents.statistics`; conditions of an environment count alike, and so do environments.
+A normalised score is 1 with perfect state knowledge (the estimator `ORACLE`) and 0 on dead
+reckoning (`FLOOR`). All are means over training runs and evaluation seeds, with the one interval
+of `agents.statistics`; conditions of an environment count alike, and so do environments.
 """
 
 from collections.abc import Sequence
@@ -16,29 +17,26 @@ from agents.statistics import (
     crossed_interval,
     episodes_for,
     mean_interval,
-    paired_difference,
     share_interval,
     skewed_interval,
     verdict,
 )
-from agents.studies.records import DEFAULT, FLOOR, ORACLE
+from agents.studies.records import DEFAULT, ENDS, ORACLE
 from agents.studies.results import Results
 
-ENDS = (ORACLE, FLOOR)
-"""Estimators whose share is 1 and 0 by definition."""
 ALL = "All"
 """Name of the ranking over all environments together."""
 
 
-def shares(
+def normalised(
     results: Results, environments: Sequence[str], policy: str, estimator: str
 ) -> pd.DataFrame:
-    """Share that a policy keeps on an estimator, a row for each run.
+    """Normalised score of a policy on an estimator, a row for each run and a column for each seed.
 
     Means over environments of means over their conditions that have a scale; runs that lack one of
     these are left out.
     """
-    own = results.rows(results.kept, estimator, policy)
+    own = results.rows(results.normalised, estimator, policy)
     own = own[own.index.get_level_values("environment").isin(environments)]
     whole = own.groupby("run", sort=False).size() == len(results.scales.loc[list(environments)])
     each = own.groupby(["environment", "run"], sort=False).mean()
@@ -54,12 +52,12 @@ def interval(
     return crossed_interval(values, comparisons) if len(values) else None
 
 
-def kept(
+def policy_score(
     results: Results, environment: str, policy: str, estimator: str | None = None
 ) -> Interval | float | None:
-    """Share that a policy keeps on an estimator, or (None) on that of its training."""
+    """Normalised score of a policy on an estimator, or (None) on that of its training."""
     there = estimator or results.home(environment, policy)
-    return interval(results, policy, shares(results, [environment], policy, there).to_numpy())
+    return interval(results, policy, normalised(results, [environment], policy, there).to_numpy())
 
 
 # --- estimators of the classical agent ------------------------------------------------------------
@@ -68,45 +66,52 @@ def kept(
 class Ranking:
     """Estimators of the classical agent that some environments have in common, the best first.
 
-    The ends of the scale have no place in it. Intervals of shares hold for all its estimators at
-    once, because the best is seen in the same episodes.
+    The ends of the scale have no place in it. Intervals of scores hold for all its estimators at
+    once, because the best is selected in the same episodes.
 
     Attributes:
-        shares: Share kept at each evaluation seed ``(seeds,)`` by estimator.
+        scores: Normalised score at each evaluation seed ``(seeds,)`` by estimator.
     """
 
     def __init__(self, results: Results, environments: Sequence[str]) -> None:
         self.results, self.environments = results, list(environments)
-        each = {name: self._shares(name) for name in results.estimators() if name not in ENDS}
+        each = {name: self._scores(name) for name in results.estimators() if name not in ENDS}
         found = [(name, values[0]) for name, values in each.items() if len(values)]
-        self.shares = dict(sorted(found, key=lambda item: -float(item[1].mean())))
+        self.scores = dict(sorted(found, key=lambda item: -float(item[1].mean())))
 
-    def _shares(self, name: str) -> np.ndarray:
-        return shares(self.results, self.environments, self.results.classical, name).to_numpy()
+    def _scores(self, name: str) -> np.ndarray:
+        classical = self.results.classical
+        return normalised(self.results, self.environments, classical, name).to_numpy()
 
     @property
     def best(self) -> str:
-        """The estimator on which most is kept."""
-        return next(iter(self.shares))
+        """The estimator with the highest normalised score."""
+        return next(iter(self.scores))
+
+    @property
+    def reference(self) -> str:
+        """The estimator that others are compared with."""
+        names = [name for name in self.results.estimators() if name in self.scores]
+        return self.results.reference(self.environments[0], names)
 
     @property
     def scales(self) -> pd.DataFrame:
         """Rows of `Results.scales` of its environments."""
         return self.results.scales.loc[self.environments]
 
-    def kept(self, name: str) -> Interval | None:
-        """Share kept on one of its estimators, or on an end of the scale."""
-        return crossed_interval(self._shares(name), max(len(self.shares), 1))
+    def score(self, name: str) -> Interval | None:
+        """Normalised score of one of its estimators, or of an end of the scale."""
+        return crossed_interval(self._scores(name), max(len(self.scores), 1))
 
-    def price(self, name: str) -> Interval | None:
-        """Score lost against the truth at the same seed, a mean over all places with a scale.
+    def loss(self, name: str) -> Interval | None:
+        """Reference score minus score at the same seed, a mean over all places with a scale.
 
         The interval follows the skewness: most episodes cost little, and some much.
         """
         score = self.results.wide("score")
         truth, ours = (self.results.rows(score, each) for each in (ORACLE, name))
         lost = (truth - ours).loc[self.scales.index]
-        return skewed_interval(lost.mean().to_numpy(), len(self.shares))
+        return skewed_interval(lost.mean().to_numpy(), len(self.scores))
 
     def episodes(self, name: str) -> pd.DataFrame:
         """Episodes of the classical agent on an estimator."""
@@ -124,38 +129,56 @@ class Ranking:
         scores = self.episodes(name).score
         return float(scores.nsmallest(-(-len(scores) // 10)).mean())
 
-    def gap(self, one: str, other: str) -> Interval | None:
-        """Difference of the shares kept on two estimators.
+    @property
+    def pairs(self) -> int:
+        """Number of pairs, for all of which the intervals of differences hold at once.
 
-        The 95 % hold for all pairs of the ranking at once: where all are equal, at most one study
-        in twenty tells any two apart.
+        So where all estimators are equal, at most one study in twenty tells any two apart.
         """
-        pairs = comb(len(self.shares), 2)
-        return paired_difference(self.shares[one], self.shares[other], comparisons=pairs)
+        return comb(len(self.scores), 2)
+
+    def gap(self, one: str, other: str) -> Interval | None:
+        """Difference of the normalised scores of two estimators."""
+        return mean_interval(self.scores[one] - self.scores[other], self.pairs)
+
+    def verdict(self, one: str, other: str) -> str:
+        """Verdict on an estimator against another one.
+
+        Scores lie in [0, 1], so that normalised scores differ by at most the inverse of the mean
+        scale.
+        """
+        span = float((1.0 / self.scales.mean(axis=1)).mean())
+        margin = self.results.plan.study.margin
+        return verdict(self.scores[one] - self.scores[other], margin, span, self.pairs)
 
     @cached_property
     def verdicts(self) -> dict[str, str]:
-        """Verdict on each estimator but the best against the best, in their order.
+        """Verdict on each estimator but the best against the best, in their order."""
+        best, *others = self.scores
+        return {name: self.verdict(name, best) for name in others}
 
-        Scores lie in [0, 1], so that shares differ by at most the inverse of the mean scale.
+    def episodes_to_decide(self, name: str) -> float:
+        """About how many more episodes decide between an estimator and the best, by their scatter.
+
+        They show that the estimators differ, or that they are equivalent.
         """
-        best, *others = self.shares
-        span = float((1.0 / self.scales.mean(axis=1)).mean())
-        among = self.results.plan.study.margin, span, comb(len(self.shares), 2)
-        return {n: verdict(self.shares[n] - self.shares[best], *among) for n in others}
+        gap, margin = self.scores[name] - self.scores[self.best], self.results.plan.study.margin
+        distance = max(abs(gap.mean()), margin - abs(gap.mean()))
+        return max(np.ceil(episodes_for(gap, distance, self.pairs)) - len(gap), 1.0)
 
     def episodes_to_tell(self) -> float:
-        """Number of seeds that would tell what the best estimator keeps; 0 if those there are do.
+        """Number of seeds that would tell the best estimator's score; 0 if those there are do.
 
-        They do if the scale's interval excludes zero and that of the share kept is no wider than
-        the scale (Fieller 1954: a ratio whose denominator may be zero has no bounded interval). So
-        many as make both half as wide, by their spread, and more than there are; NaN of one seed.
+        They do if the scale's interval excludes zero and that of the normalised score is no wider
+        than the scale (Fieller 1954: a ratio whose denominator may be zero has no bounded
+        interval). So many as make both half as wide, by their spread, and more than there are; NaN
+        of one seed.
         """
-        worth, best = self.scales.to_numpy().mean(axis=0), self.shares[self.best]
+        scale, best = self.scales.to_numpy().mean(axis=0), self.scores[self.best]
         if len(best) < 2:
             return float("nan")
         needed, enough = 0.0, True
-        for values, half, among in ((worth, worth.mean(), 1), (best, 0.5, len(self.shares))):
+        for values, half, among in ((scale, scale.mean(), 1), (best, 0.5, len(self.scores))):
             found = mean_interval(values, among)
             enough &= found is not None and found.half < half
             needed = max(needed, episodes_for(values, 0.5 * half, among))
@@ -171,9 +194,9 @@ def rankings(results: Results) -> dict[str, Ranking]:
     """
     scaled = results.scales.index.unique("environment")
     each = {name: Ranking(results, [name]) for name in results.environments if name in scaled}
-    each = {name: ranking for name, ranking in each.items() if ranking.shares}
+    each = {name: ranking for name, ranking in each.items() if ranking.scores}
     together = Ranking(results, list(each))
-    return ({ALL: together} if len(each) > 1 < len(together.shares) else {}) | each
+    return ({ALL: together} if len(each) > 1 < len(together.scores) else {}) | each
 
 
 # --- learned policies -----------------------------------------------------------------------------
@@ -182,7 +205,7 @@ def rankings(results: Results) -> dict[str, Ranking]:
 def learned_differences(
     results: Results, environment: str
 ) -> dict[tuple[str, str], Interval | float | None]:
-    """Shares that learned policies keep at home beyond others, by both names.
+    """Differences of normalised scores of learned policies at home from others, by both names.
 
     Each that sees estimates is compared with the classical agent on the same estimator. The first
     of them that remembers nothing is compared with those that learned on measurements, in runs of
@@ -196,12 +219,12 @@ def learned_differences(
     found: dict[tuple[str, str], Interval | float | None] = {}
     for name in seeing:
         home = results.home(environment, name)
-        ours = shares(results, [environment], name, home)
-        for theirs in shares(results, [environment], results.classical, home).iloc:
+        ours = normalised(results, [environment], name, home)
+        for theirs in normalised(results, [environment], results.classical, home).iloc:
             gaps = (ours - theirs).to_numpy()
             found[name, results.classical] = interval(results, name, gaps)
         for other in raw if name == first else ():
-            theirs = shares(results, [environment], other, results.home(environment, other))
+            theirs = normalised(results, [environment], other, results.home(environment, other))
             gaps = (ours - theirs).dropna().to_numpy()
             found[name, other] = interval(results, name, gaps, len(raw))
     return found

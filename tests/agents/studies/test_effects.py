@@ -1,0 +1,243 @@
+"""How much each factor moves the score: results made to have a known answer, and what is said of them."""
+
+import re
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+from invented import (
+    CLASSICAL,
+    CORVETTE,
+    ENDS,
+    LEARNED,
+    QUALITY,
+    SEGOROGENI,
+    results,
+    study,
+    without,
+)
+from scipy.stats import binom
+
+from agents.statistics import mean_interval
+from agents.studies.answer import answer
+from agents.studies.effects import Interaction, contrasts, effects, interactions, levels
+from agents.studies.plan import plan
+from agents.studies.records import Agent, Condition, Estimator
+from agents.studies.results import Results
+
+NAMES = ("kf-umv-ui", "kf", "ekf", "enkf")
+SUITES = (
+    Condition("ours"),
+    Condition("cheap", sensors="budget"),
+    Condition("RTK", sensors={"receiver": "RTK"}),
+)
+FLAT = dict.fromkeys(QUALITY, 0.6) | {"truth": 1.0, "dead-reckoning": 0.0}
+
+
+def crossed(conditions=SUITES, environments=(CORVETTE,), episodes=20, compare_to=""):
+    asked = study(environments, conditions=conditions, episodes=episodes)
+    return replace(asked, compare_to=compare_to)
+
+
+def moved(change, conditions=SUITES, quality=FLAT):
+    """Qualities of all filters by condition, those of the quality and a change by condition."""
+    return {
+        f"{n}_in_{c.name}": quality[n] + change.get(c.name, 0.0) for n in NAMES for c in conditions
+    }
+
+
+def said(found):
+    """The sentences on effects."""
+    return answer(found)[0]
+
+
+def of(found, factor):
+    return next(each for each in effects(found) if each.factor == factor)
+
+
+def test_a_boat_builder_hears_first_that_sensors_matter():
+    change = {"RTK": 0.15, "cheap": -0.2}
+    quality = FLAT | {"ekf": 0.625}
+    asked = crossed(compare_to="kf")
+    found = results(asked, quality, noise=2e-3, **moved(change, quality=quality))
+    first, second = effects(found)[:2]
+    assert (first.factor, first.reference, first.best) == ("sensors", "nominal", "receiver RTK")
+    assert first.gain.mean == pytest.approx(0.8 * 0.15, abs=3e-3)
+    assert (first.worst, second.factor, second.best) == ("budget", "estimator", "ekf")
+    assert second.gain.mean == pytest.approx(0.8 * 0.025, abs=3e-3)
+    assert re.match(
+        r"The greatest gain is from the sensors: with receiver RTK the autopilot scores 0\.1\d+ ± \S+"
+        r" more than with nominal\. There is a gain from the estimator: with ekf the autopilot"
+        r" scores 0\.0\d+ ± \S+ more than with kf\. Score is lost with budget \(sensors: −0\.1",
+        said(found),
+    )
+
+
+def test_where_nothing_matters_nothing_is_named():
+    """Of 60 studies of equal levels, at most 9 name one: 5 % do, 10 or more once in a thousand."""
+    named = 0
+    for seed in range(60):
+        conditions = (Condition(f"a {seed}"), Condition("b", sensors="budget"))
+        text = said(results(crossed(conditions), FLAT, noise=0.02))
+        named += "No significant effect: estimator" not in text or "sensors (" not in text
+    assert named <= binom.isf(1e-3, 60, 0.05)
+    assert re.search(
+        r"^No level of any factor scores significantly more than its reference\. No significant"
+        r" effect: \w+ \(\S+ ± \S+\) and \w+ \(\S+ ± \S+\)\.$", text,
+    )  # fmt: skip
+
+
+def test_two_equal_filters_have_no_effect():
+    twins = (*ENDS, Estimator("one", "ekf"), Estimator("other", "ekf"))
+    asked = replace(crossed(SUITES[:1]), estimators=twins)
+    found = results(asked, FLAT | {"one": 0.7, "other": 0.7})
+    effect = of(found, "estimator")
+    assert effect.reference == "one"
+    assert not effect.gain or not effect.gain.excludes_zero
+    assert "No significant effect: estimator (" in said(found)
+
+
+def test_a_trend_over_rates_is_a_loss_of_the_sensor_rate():
+    words = ("SBAS", "SBAS at 0.5 Hz", "SBAS at 0.2 Hz")
+    conditions = tuple(
+        Condition(f"{r} Hz", sensors={"receiver": w})
+        for r, w in zip((1, 0.5, 0.2), words, strict=True)
+    )
+    change = {"0.5 Hz": -0.05, "0.2 Hz": -0.2}
+    found = results(crossed(conditions), FLAT, noise=2e-3, **moved(change, conditions))
+    effect = of(found, "sensor rate")
+    assert (effect.reference, effect.best, effect.gain) == ("its own", "its own", None)
+    assert effect.worst == "receiver 0.2 Hz"
+    assert "Score is lost with receiver 0.2 Hz (sensor rate: −0.16" in said(found)
+
+
+def test_missing_jobs_leave_only_complete_cells():
+    change = {"RTK": 0.1}
+    whole = results(crossed(), FLAT, **moved(change))
+    lost = without(whole, lambda f: (f.estimator, f.condition) == ("ekf", "RTK"))
+    table = whole.table
+    kept = replace(whole, table=table[(table.estimator != "ekf")])
+    assert of(lost, "sensors") == of(kept, "sensors")
+    rest = replace(whole, table=table[table.condition != "RTK"])
+    assert of(lost, "estimator") == of(rest, "estimator")
+    assert answer(lost)[-1].startswith("1 of 18 results are missing")
+
+
+def test_gain_is_mean_of_paired_differences_over_cells():
+    found = results(crossed(), FLAT, **moved({"RTK": 0.1}))
+    score = found.wide("score").droplevel(["environment", "policy", "run"])
+    gaps = [score.loc["RTK", name] - score.loc["ours", name] for name in NAMES]
+    expected = mean_interval(pd.concat(gaps, axis=1).mean(axis=1).to_numpy(), 2)
+    assert of(found, "sensors").gain.mean == pytest.approx(expected.mean)
+    assert of(found, "sensors").gain.half == pytest.approx(expected.half)
+
+
+def test_raw_measurements_and_ends_are_no_filters():
+    asked = crossed(SUITES[:1])
+    asked = replace(asked, estimators=(*asked.estimators, Estimator("held", "measurement")))
+    found = results(asked, QUALITY | {"held": 0.99})
+    effect = of(found, "estimator")
+    assert effect.best == "kf-umv-ui"
+    assert effect.worst == "kf"
+
+
+def test_best_level_is_that_of_each_environment():
+    found = results(crossed(SUITES[:1], (CORVETTE, SEGOROGENI), compare_to="ekf"), noise=1e-3)
+    effect = of(found, "estimator")
+    assert (effect.reference, effect.best) == ("ekf", "each environment's best")
+    assert effect.gain.mean == pytest.approx(0.8 * (0.20 + 0.05) / 2, abs=2e-3)
+
+
+def test_tuning_and_agents_are_factors():
+    found = results(study((CORVETTE,), LEARNED))
+    agent = of(found, "agent")
+    assert agent.reference == "autopilot"
+    assert {agent.best, agent.worst} <= {
+        "PPO trained on default",
+        "PPO trained on ekf",
+        "autopilot",
+    }
+    tuned = plan(study((CORVETTE,), episodes=20))
+    again = tuple(replace(f, policy="autopilot, tuned") for f in tuned.flights)
+    both = replace(tuned, flights=(*tuned.flights, *again))
+    made = results(tuned)
+    table = made.table.assign(policy="autopilot, tuned")
+    table["score"] += 0.05 * (~table.estimator.isin(["truth", "dead-reckoning"]))
+    effect = of(Results(both, pd.concat([made.table, table], ignore_index=True)), "tuning")
+    assert (effect.reference, effect.best) == ("delivered", "tuned")
+    assert (effect.gain.mean, effect.gain.half) == pytest.approx((0.05, 0.0), abs=1e-9)
+
+
+def test_factors_that_change_together_are_one():
+    conditions = (
+        Condition("a"),
+        Condition("b", disturbance="rough", mismatch=0.2),
+        Condition("c", sensors="budget"),
+    )
+    found = results(crossed(conditions), FLAT)
+    names = {effect.factor: effect.worst for effect in effects(found)}
+    assert set(names) == {"sensors", "disturbance and model error", "estimator"}
+    assert names["disturbance and model error"] in ("rough, 20 %", "moderate, 0 %")
+
+
+def test_interaction_larger_than_main_effect_is_said():
+    """A filter that gains with cheap sensors what it loses with others has no main effect."""
+    changed = {"kf_in_ours": 0.5, "kf_in_cheap": 0.7, "kf_in_RTK": 0.6}
+    found = results(crossed(), FLAT, noise=2e-3, **changed)
+    first = interactions(found)[0]
+    assert isinstance(first, Interaction)
+    assert (first.factor, first.level, first.other, first.at) == (
+        "estimator",
+        "kf",
+        "sensors",
+        "budget",
+    )
+    assert first.change.mean == pytest.approx(0.8 * 0.2, abs=5e-3)
+    assert (
+        f"In {CORVETTE} the effect of the estimator depends on the sensors: with budget the"
+        " difference that kf makes changes by +0.1" in said(found)
+    )
+    assert not interactions(results(crossed(), FLAT, noise=2e-3, **moved({"RTK": 0.1})))
+
+
+def test_levels_without_complete_cells_are_left_out():
+    index = pd.MultiIndex.from_tuples(
+        [("x", "a", "1"), ("x", "b", "1"), ("x", "a", "2"), ("x", "b", "2"), ("x", "c", "3")],
+        names=["environment", "factor", "other"],
+    )
+    table = pd.DataFrame({0: [1.0, 2.0, 3.0, 6.0, 9.0]}, index)
+    found = contrasts(table, "factor", "a")
+    assert list(found) == ["b"]
+    assert found["b"][0].tolist() == [1.0, 3.0]
+    assert contrasts(table, "factor", "nosuch") == {}
+
+
+@pytest.mark.parametrize(
+    ("condition", "factor", "level"),
+    [
+        (Condition("x", sensors={"receiver": "nominal at 0.5 Hz"}), "sensors", "nominal"),
+        (
+            Condition("x", sensors={"receiver": "nominal at 0.5 Hz"}),
+            "sensor rate",
+            "receiver 0.5 Hz",
+        ),
+        (Condition("x", mismatch=0.1), "model error", "10 %"),
+        (Condition("x", latency={"receiver": 1.5}), "latency", "receiver 1.5 s"),
+        (
+            Condition("x", faults=({"sensor": "receiver", "kind": "loss"},)),
+            "faults",
+            "receiver loss",
+        ),
+    ],
+)
+def test_levels_are_in_words(condition, factor, level):
+    assert levels(condition)[factor] == level
+    assert {k: v for k, v in levels(condition).items() if k not in ("sensor rate", factor)} == {
+        k: v for k, v in levels(Condition("y")).items() if k not in ("sensor rate", factor)
+    }
+
+
+def test_own_controller_is_the_agent_of_the_sentence():
+    mine = Agent("mine", "agents.controllers.dive:DiveAutopilot")
+    asked = replace(study((SEGOROGENI,), (mine, CLASSICAL)), compare_to="kf")
+    assert "with enkf mine scores " in said(results(asked, noise=1e-3))
