@@ -5,7 +5,6 @@ They are read from ``results/tuned``, where ``vessel-gym ablate tuned`` leaves t
 
 from collections.abc import Iterator
 from itertools import groupby
-from typing import Any
 
 import numpy as np
 import pandas as pd

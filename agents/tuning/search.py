@@ -4,6 +4,7 @@ On common random numbers the mean score is nearly a smooth function of the param
 """
 
 import json
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ from agents.tuning.arm import Parameter, Values
 
 RADIUS = 0.15
 """First radius of the trust region, as a share of each range."""
+FIRST = 0.6
+"""Share of the evaluations after which the trust region is as wide as at first, about the best."""
 SPREAD = 0.05
 """Standard deviation of the start of all searches but the first, as a share of each range."""
 
@@ -105,12 +108,20 @@ def search(
     if seed:
         start = start + np.random.default_rng(seed).normal(0.0, SPREAD, len(start))
     try:
-        minimize(
-            loss, np.clip(start, 0.0, 1.0), method="COBYQA", bounds=[(0.0, 1.0)] * len(start),
-            options={"maxfev": evaluations, "initial_tr_radius": RADIUS, "final_tr_radius": 1e-3},
-        )  # fmt: skip
+        for end in (math.ceil(FIRST * evaluations), evaluations):
+            if left := end - len(journal.points):
+                minimize(
+                    loss, np.clip(start, 0.0, 1.0), method="COBYQA",
+                    bounds=[(0.0, 1.0)] * len(start),
+                    options={"maxfev": left, "initial_tr_radius": RADIUS, "final_tr_radius": 1e-3},
+                )  # fmt: skip
+            start = _best(journal)
     except KeyboardInterrupt:
         if not journal.points:
             raise
-    best = max(journal.points, key=lambda each: each[1])
-    return values(np.array(best[0]))
+    return values(_best(journal))
+
+
+def _best(journal: Journal) -> np.ndarray:
+    """The point with the highest score so far."""
+    return np.array(max(journal.points, key=lambda each: each[1])[0])
