@@ -11,11 +11,10 @@ from agents.statistics import (
     SLIGHTLY_WORSE,
     UNDECIDED,
     Interval,
-    episodes_for,
     mean_interval,
 )
 from agents.studies.effects import AGENT, effects, interactions, mean, significant
-from agents.studies.ranking import ALL, Ranking, learned_differences, rankings
+from agents.studies.ranking import ALL, Ranking, rankings
 from agents.studies.records import Condition, beyond_the_truth
 from agents.studies.results import Results
 
@@ -23,14 +22,15 @@ from agents.studies.results import Results
 def answer(results: Results) -> list[str]:
     """Sentences that answer the question of a study, the most important first.
 
-    They say what moves the score, which estimator to use, how conditions change its score and what
-    was learned. The last say what is missing.
+    They say what moves the score, which estimator to use and how ordered conditions change its
+    score. The last say what is missing.
     """
     if not results.environments:
         return ["Nothing has a result yet.", *_missing(results)]
     found = dict(rankings(results))
     together = found.pop(ALL, None)
-    sentences = [_effects(results)]
+    first, *others = _effects(results) or [""]
+    sentences = [first, " ".join(others)]
     sentences += [
         _trend(each) or _advice(each) for each in ([together] if together else found.values())
     ]
@@ -47,14 +47,13 @@ def answer(results: Results) -> list[str]:
         if (score := ranking.score(name)) and score.low > 1.0
     ]
     sentences += [beyond_the_truth(suspicious, results.who)] if suspicious else []
-    sentences += [_learned(results, environment) for environment in found]
     return [*filter(None, sentences), *_missing(results)]
 
 
 # --- factors --------------------------------------------------------------------------------------
 
 
-def _effects(results: Results) -> str:
+def _effects(results: Results) -> list[str]:
     """Sentences on levels that score more or less than their reference, and on the others."""
     found, who = effects(results), results.who
     gains = [e for e in found if significant(e.gain)]
@@ -86,7 +85,7 @@ def _effects(results: Results) -> str:
             f" {one.other}: with {one.at} the difference that {one.level} makes changes by"
             f" {amount(one.change, True)}."
         )
-    return " ".join(sentences)
+    return sentences
 
 
 def _exceeds(one: Interval | float | None, other: Interval | float | None) -> bool:
@@ -164,7 +163,7 @@ def _trend(ranking: Ranking) -> str | None:
     """The best estimator's score over `ordered` conditions that all environments have, or None.
 
     Changes from the first condition are paired by seed; their intervals hold for all estimators at
-    once. Then come the first condition with a significant loss and the one before it.
+    once. Then comes the first condition with a significant loss.
     """
     results, environments, pick = ranking.results, ranking.environments, ranking.best
     conditions = [c for c in results.plan.study.conditions if all(map(c.is_in, environments))]
@@ -177,57 +176,22 @@ def _trend(ranking: Ranking) -> str | None:
         c.name if re.fullmatch(r"[\d.]+ ?\S*", c.name) else f'"{c.name}"'  # a number and a unit
         for c in conditions
     ]
-    changes, comparisons = [scores - first for scores in others], len(ranking.scores) * len(others)
-    found = [mean_interval(change, comparisons) for change in changes]
+    comparisons = len(ranking.scores) * len(others)
+    found = [mean_interval(scores - first, comparisons) for scores in others]
     each = [
         f"{amount(change, signed=True)} at {name}"
         for name, change in zip(names[1:], found, strict=True)
     ]
-    margin, more = results.plan.study.margin, ""
-    if any(change and change.half > margin for change in found):
-        enough = max(episodes_for(change, margin, comparisons) for change in changes)
-        enough = max(enough, len(first) + 1.0)
-        more = f"; to show a difference of {margin:g} takes at least {enough:.0f} episodes"
+    lost = [name for name, of in zip(names[1:], found, strict=True) if of and of.high < 0.0]
+    last = f"The first significant loss is at {lost[0]}." if lost else "No loss is significant."
     return (
         f"In {_where(environments)}, {pick} is best over all conditions. At {names[0]} its"
         f" normalised score is {amount(mean_interval(first))}, and from there it changes by"
-        f" {listed(each)}. {_last(names, found, more)}"
+        f" {listed(each)}. {last}"
     )
 
 
-def _last(names: Sequence[str], changes: Sequence[Interval | None], more: str) -> str:
-    """Sentence on the first condition whose change is a significant loss.
-
-    If no change is significant, the sentence ends with ``more``.
-    """
-    for i, change in enumerate(changes):
-        if change and change.high < 0.0:
-            if i == 0:
-                return f"Already the loss at {names[1]} is significant."
-            return (
-                f"The first significant loss is at {names[i + 1]}; up to {names[i]} none is"
-                " significant."
-            )
-    more = "" if any(change and change.low > 0.0 for change in changes) else more
-    return f"No loss against {names[0]} is significant{more}."
-
-
-# --- learned policies, and what is missing --------------------------------------------------------
-
-
-def _learned(results: Results, environment: str) -> str:
-    """A sentence on the learned policies that have results in an environment."""
-    each = []
-    for (policy, other), gap in learned_differences(results, environment).items():
-        if isinstance(gap, Interval) and gap.excludes_zero:
-            word, size = ("more", gap) if gap.low > 0.0 else ("less", gap.times(-1.0))
-            each.append(f"{policy} scores {amount(size)} {word} than {other}")
-        elif gap is not None:
-            why = (
-                "no significant difference" if isinstance(gap, Interval) else "one run, no interval"
-            )
-            each.append(f"{policy} against {other}: {amount(gap, signed=True)} ({why})")
-    return f"In {environment}, by normalised scores: {'; '.join(each)}." if each else ""
+# --- what is missing, and numbers -----------------------------------------------------------------
 
 
 def _missing(results: Results) -> list[str]:

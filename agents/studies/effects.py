@@ -42,7 +42,7 @@ class Effect(NamedTuple):
 class Interaction(NamedTuple):
     """A change of the difference of a level from its reference, ``at`` a level of another factor.
 
-    The change is from that difference at the ``other`` factor's reference.
+    The change is from that difference at the first level of the ``other`` factor.
     """
 
     environment: str
@@ -101,7 +101,7 @@ def cells(results: Results, environment: str) -> pd.DataFrame:
     """Scores of the classical agent on filters, a row for each cell, a column for each seed."""
     study, table = results.plan.study, results.table
     factors = _varying([c for c in study.conditions if c.is_in(environment)])
-    own = table[(table.environment == environment) & (table.policy == results.classical)]
+    own = table[(table.environment == environment) & (table.policy == results.compared)]
     own = own[own.estimator.isin(results.filters(environment))].join(factors, on="condition")
     keys = ["environment", *factors, ESTIMATOR, "seed"]
     return own.groupby(keys, sort=False).score.mean().unstack("seed", sort=False)
@@ -149,7 +149,8 @@ def _policies(results: Results, environment: str) -> dict[str, tuple[str, dict[s
             ours, theirs = (results.rows(score, name, p) for p in (policy, results.classical))
             base = theirs.droplevel("run").reindex(ours.index.droplevel("run"))
             each.append((ours - base.to_numpy()).dropna())
-        gaps = pd.concat(each).groupby("run", sort=False).mean()
+        runs = pd.concat(each).groupby("run", sort=False)
+        gaps = runs.mean()[runs.size() == runs.size().max()]  # those without a missing cell
         if len(gaps):
             of = ("tuning", "delivered", TUNED) if tuned else (AGENT, results.classical, policy)
             found.setdefault(of[0], (of[1], {}))[1][of[2]] = gaps

@@ -21,7 +21,7 @@ from agents.statistics import (
     skewed_interval,
     verdict,
 )
-from agents.studies.records import DEFAULT, ENDS, ORACLE
+from agents.studies.records import ENDS, ORACLE
 from agents.studies.results import Results
 
 ALL = "All"
@@ -70,18 +70,19 @@ class Ranking:
     once, because the best is selected in the same episodes.
 
     Attributes:
-        scores: Normalised score at each evaluation seed ``(seeds,)`` by estimator.
+        scores: Normalised score at each evaluation seed ``(seeds,)`` by estimator, a mean over
+            tunings.
     """
 
     def __init__(self, results: Results, environments: Sequence[str]) -> None:
         self.results, self.environments = results, list(environments)
         each = {name: self._scores(name) for name in results.estimators() if name not in ENDS}
-        found = [(name, values[0]) for name, values in each.items() if len(values)]
+        found = [(name, values.mean(0)) for name, values in each.items() if len(values)]
         self.scores = dict(sorted(found, key=lambda item: -float(item[1].mean())))
 
     def _scores(self, name: str) -> np.ndarray:
-        classical = self.results.classical
-        return normalised(self.results, self.environments, classical, name).to_numpy()
+        compared = self.results.compared
+        return normalised(self.results, self.environments, compared, name).to_numpy()
 
     @property
     def best(self) -> str:
@@ -108,15 +109,15 @@ class Ranking:
 
         The interval follows the skewness: most episodes cost little, and some much.
         """
-        score = self.results.wide("score")
-        truth, ours = (self.results.rows(score, each) for each in (ORACLE, name))
-        lost = (truth - ours).loc[self.scales.index]
+        score, compared = self.results.wide("score"), self.results.compared
+        truth, ours = (self.results.rows(score, each, compared) for each in (ORACLE, name))
+        lost = (truth - ours).groupby(["environment", "condition"], sort=False).mean().loc[self.scales.index]
         return skewed_interval(lost.mean().to_numpy(), len(self.scores))
 
     def episodes(self, name: str) -> pd.DataFrame:
         """Episodes of the classical agent on an estimator."""
         table = self.results.table
-        own = (table.policy == self.results.classical) & (table.estimator == name)
+        own = (table.policy == self.results.compared) & (table.estimator == name)
         return table[own & table.environment.isin(self.environments)]
 
     def completed(self, name: str) -> Interval:
@@ -139,17 +140,17 @@ class Ranking:
 
     def gap(self, one: str, other: str) -> Interval | None:
         """Difference of the normalised scores of two estimators."""
-        return mean_interval(self.scores[one] - self.scores[other], self.pairs)
+        return crossed_interval(self._scores(one) - self._scores(other), self.pairs)
+
+    @property
+    def span(self) -> float:
+        """Largest difference of normalised scores, as scores lie in [0, 1]."""
+        return float((1.0 / self.scales.mean(axis=1)).mean())
 
     def verdict(self, one: str, other: str) -> str:
-        """Verdict on an estimator against another one.
-
-        Scores lie in [0, 1], so that normalised scores differ by at most the inverse of the mean
-        scale.
-        """
-        span = float((1.0 / self.scales.mean(axis=1)).mean())
+        """Verdict on an estimator against another one."""
         margin = self.results.plan.study.margin
-        return verdict(self.scores[one] - self.scores[other], margin, span, self.pairs)
+        return verdict(self.scores[one] - self.scores[other], margin, self.span, self.pairs)
 
     @cached_property
     def verdicts(self) -> dict[str, str]:
@@ -160,11 +161,14 @@ class Ranking:
     def episodes_to_decide(self, name: str) -> float:
         """About how many more episodes decide between an estimator and the best, by their scatter.
 
-        They show that the estimators differ, or that they are equivalent.
+        They show that the estimators differ, or that they are equivalent, which takes a least
+        number of episodes (`verdict`).
         """
         gap, margin = self.scores[name] - self.scores[self.best], self.results.plan.study.margin
-        distance = max(abs(gap.mean()), margin - abs(gap.mean()))
-        return max(np.ceil(episodes_for(gap, distance, self.pairs)) - len(gap), 1.0)
+        size = abs(gap.mean())
+        needed = episodes_for(gap, max(size, margin - size), self.pairs)
+        least = 3.0 * self.span / margin if size < margin - size else 0.0
+        return max(np.ceil(max(needed, least)) - len(gap), 1.0)
 
     def episodes_to_tell(self) -> float:
         """Number of seeds that would tell the best estimator's score; 0 if those there are do.
@@ -177,12 +181,12 @@ class Ranking:
         scale, best = self.scales.to_numpy().mean(axis=0), self.scores[self.best]
         if len(best) < 2:
             return float("nan")
-        needed, enough = 0.0, True
-        for values, half, among in ((scale, scale.mean(), 1), (best, 0.5, len(self.scores))):
-            found = mean_interval(values, among)
-            enough &= found is not None and found.half < half
-            needed = max(needed, episodes_for(values, 0.5 * half, among))
-        return 0.0 if enough else float(max(np.ceil(needed), len(best) + 1))
+        wanted = (scale, scale.mean(), 1), (best, 0.5, len(self.scores))
+        found = [mean_interval(values, among) for values, _, among in wanted]
+        if all(each and each.half < half for each, (_, half, _) in zip(found, wanted, strict=True)):
+            return 0.0
+        needed = (episodes_for(values, 0.5 * half, among) for values, half, among in wanted)
+        return float(max(*map(np.ceil, needed), len(best) + 1))
 
 
 @lru_cache(1)
@@ -197,34 +201,3 @@ def rankings(results: Results) -> dict[str, Ranking]:
     each = {name: ranking for name, ranking in each.items() if ranking.scores}
     together = Ranking(results, list(each))
     return ({ALL: together} if len(each) > 1 < len(together.scores) else {}) | each
-
-
-# --- learned policies -----------------------------------------------------------------------------
-
-
-def learned_differences(
-    results: Results, environment: str
-) -> dict[tuple[str, str], Interval | float | None]:
-    """Differences of normalised scores of learned policies at home from others, by both names.
-
-    Each that sees estimates is compared with the classical agent on the same estimator. The first
-    of them that remembers nothing is compared with those that learned on measurements, in runs of
-    the same training seeds; these differences hold for all of them at once.
-    """
-    agents = {name: agent for agent in results.plan.study.agents for name in agent.policies}
-    raw = [name for name in results.learned if agents[name].raw]
-    seeing = [name for name in results.learned if name not in raw]
-    plain = [name for name in seeing if agents[name].memory == "none"]
-    first = min(plain, key=lambda name: name != agents[name].policy(DEFAULT), default=None)
-    found: dict[tuple[str, str], Interval | float | None] = {}
-    for name in seeing:
-        home = results.home(environment, name)
-        ours = normalised(results, [environment], name, home)
-        for theirs in normalised(results, [environment], results.classical, home).iloc:
-            gaps = (ours - theirs).to_numpy()
-            found[name, results.classical] = interval(results, name, gaps)
-        for other in raw if name == first else ():
-            theirs = normalised(results, [environment], other, results.home(environment, other))
-            gaps = (ours - theirs).dropna().to_numpy()
-            found[name, other] = interval(results, name, gaps, len(raw))
-    return found

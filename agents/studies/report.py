@@ -80,9 +80,9 @@ def _effects(results: Results) -> list[Block]:
     found = effects_table(results).set_index("factor")
     note = (
         f"Score of {results.who} at the best and at the worst level minus that at the reference,"
-        " the first of the study or the one that it names. All other factors are equal; combinations of"
-        " them count alike if they have a result at every level. The 95 % intervals hold for all"
-        " levels of a factor at once. Raw measurements are no level of the estimator."
+        " the first of the study or the one that it names. All other factors are equal; their"
+        " combinations count alike, if they have a result at every level. The 95 % intervals hold"
+        " for all levels of a factor at once. Raw measurements are no level of the estimator."
     )
     return [] if found.empty else [table("How much each factor moves the score", found, note)]
 

@@ -11,7 +11,7 @@ from agents.controllers import AUTOPILOT
 from agents.jobs import Outcome
 from agents.statistics import normalise
 from agents.studies.plan import Flight, Plan
-from agents.studies.records import DEFAULT, FLOOR, ORACLE
+from agents.studies.records import DEFAULT, FLOOR, ORACLE, TUNED
 from agents.studies.worlds import system_of
 
 FLIGHT = ["environment", "condition", "policy", "estimator", "run"]
@@ -66,6 +66,11 @@ class Results:
     def classical(self) -> str:
         """The agent that does not learn; its scores on `FLOOR` and `ORACLE` are 0 and 1."""
         return next(agent.name for agent in self.plan.study.agents if not agent.learned)
+
+    @cached_property
+    def compared(self) -> str:
+        """The policy by which estimators are compared: tuned with each, if the study tunes."""
+        return f"{self.classical}, {TUNED}" if self.plan.study.tune else self.classical
 
     @cached_property
     def who(self) -> str:
@@ -137,10 +142,11 @@ class Results:
         """Score on the truth minus that on dead reckoning, a row for each place with a scale.
 
         A place is an environment in a condition. It has a scale if the classical agent was steered
-        on both ends there, and scored higher on the truth.
+        on both ends there, and scored higher on the truth, on which it is tuned if the study tunes.
         """
-        low, high = (self.rows(self.wide("score"), name) for name in (FLOOR, ORACLE))
-        scales = (high - low).dropna()
+        low = self.rows(self.wide("score"), FLOOR)
+        high = self.rows(self.wide("score"), ORACLE, self.compared)
+        scales = (high.groupby(FLIGHT[:2], sort=False).mean() - low).dropna()
         return scales[scales.mean(axis=1) > 0.0]
 
     @cached_property

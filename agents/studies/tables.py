@@ -31,10 +31,10 @@ def legend(results: Results) -> str:
 def effects_table(results: Results, most: int | None = None) -> pd.DataFrame:
     """Factors with their reference, best and worst levels, and what these change in the score."""
     rows = [
-        (e.factor, e.reference, e.best, text(e.gain, 3, True), e.worst, text(e.loss, 3, True))
+        (e.factor, e.best, text(e.gain, 3, True), e.worst, text(e.loss, 3, True), e.reference)
         for e in effects(results)[:most]
     ]
-    return pd.DataFrame(rows, columns=["factor", "reference", "best", "gain", "worst", "loss"])
+    return pd.DataFrame(rows, columns=["factor", "best", "gain", "worst", "loss", "reference"])
 
 
 def choices_table(results: Results) -> pd.DataFrame:

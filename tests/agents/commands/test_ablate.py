@@ -1,6 +1,7 @@
 """`vessel-gym ablate`: from a study file to a report, whatever happens on the way."""
 
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -88,4 +89,9 @@ def test_study_of_documentation_runs_user_defined_parts(tmp_path, monkeypatch):
     everywhere = {"truth", "dead-reckoning", "ekf"}
     estimators = {"usv:USV-v0": everywhere, "SigmaCorvette-v0": everywhere | {"observer"}}
     assert flown == {(env, name) for env, names in estimators.items() for name in names}
-    assert "observer" in (tmp_path / "out" / "report.html").read_text()
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "observer" in page
+    again = shlex.split(re.search("<li>vessel-gym ablate ([^<]*)</li>", page)[1])
+    computed = set((tmp_path / "out" / "jobs").iterdir())
+    assert command(ablate.main, [*again, "--processes", "1"]) == 0
+    assert set((tmp_path / "out" / "jobs").iterdir()) == computed

@@ -125,6 +125,14 @@ half = { kind = "ppo", settings = { n_steps = 0.5 } }
     expect(mistakes(tmp_path, text), expected)
 
 
+@pytest.mark.parametrize("name", ["measurement", "truth", "kff"])
+def test_a_study_is_compared_to_one_of_its_filters(tmp_path, name):
+    text = f'compare_to = "{name}"\n' + SMALL.replace("kf = {}", "kf = {}\nmeasurement = {}")
+    expect(mistakes(tmp_path, text), {1: f"unknown filter of the study '{name}'"})
+    study = read(tmp_path, 'compare_to = "kf"\n' + SMALL)
+    assert study.compare_to == "kf"
+
+
 def test_condition_may_have_late_faulty_and_graded_sensors(tmp_path):
     text = """[environments]
 SegorogeniAUV-v0 = {}
