@@ -7,7 +7,6 @@ from collections.abc import Iterator
 from itertools import groupby
 
 import numpy as np
-import pandas as pd
 
 from agents.commands.ablate import STUDIES
 from agents.jobs import load
@@ -15,7 +14,7 @@ from agents.page import interval
 from agents.seeds import tuning_seeds
 from agents.statistics import crossed_interval
 from agents.studies.plan import Flight, plan
-from agents.studies.records import FLOOR, ORACLE
+from agents.studies.records import ORACLE
 from agents.studies.study import read_study
 from agents.tuning.trials import Trials
 from agents.tuning.tune import FRESH

@@ -111,7 +111,12 @@ class Ranking:
         """
         score, compared = self.results.wide("score"), self.results.compared
         truth, ours = (self.results.rows(score, each, compared) for each in (ORACLE, name))
-        lost = (truth - ours).groupby(["environment", "condition"], sort=False).mean().loc[self.scales.index]
+        lost = (
+            (truth - ours)
+            .groupby(["environment", "condition"], sort=False)
+            .mean()
+            .loc[self.scales.index]
+        )
         return skewed_interval(lost.mean().to_numpy(), len(self.scores))
 
     def episodes(self, name: str) -> pd.DataFrame:

@@ -39,6 +39,7 @@ from agents.studies.tables import (
     markdown,
     ranking_table,
     summary,
+    tuned_table,
 )
 from agents.studies.worlds import system_of
 from vessel_gym.extras import require
@@ -124,11 +125,24 @@ def _ranked(results: Results) -> list[Block]:
     ]  # fmt: skip
 
 
+def _tuned(results: Results, environment: str, first: str) -> list[Block]:
+    """The table of the tunings, if the study tunes."""
+    found = tuned_table(results, environment) if results.plan.study.tune else pd.DataFrame()
+    note = (
+        "Score with everything as delivered, and with estimator and controller tuned together, each"
+        " estimator with equal effort. The gain's interval is crossed over tunings and evaluation"
+        " seeds. Overfitting: the gain on tuning seeds minus that on other seeds. At a bound:"
+        " parameters at an end of their range in some tuning."
+    )
+    return [] if found.empty else [table(f"{environment}: tuned for {first}", found, note)]
+
+
 def _environments(results: Results) -> list[Block]:
-    """The tables of each environment: conditions, costs and consistency."""
+    """The tables of each environment: tunings, conditions, costs and consistency."""
     blocks = []
     for environment in results.environments:
         first = results.conditions(environment)[0]
+        blocks += _tuned(results, environment, first)
         cells = conditions_table(results, environment)
         blocks.append(table(heading(results, environment), cells, f"Of {results.who}."))
         chosen = [SCORE, *(m for m in metrics(system_of(environment)) if m.cost)]
@@ -174,7 +188,7 @@ def consistency(results: Results, environment: str) -> pd.DataFrame:
     """Claimed uncertainty of the classical agent's estimators in the first condition."""
     table, first = results.table, results.conditions(environment)[0]
     here = (table.environment == environment) & (table.condition == first)
-    own = table[here & (table.policy == results.classical)].groupby("estimator", sort=False)
+    own = table[here & (table.policy == results.compared)].groupby("estimator", sort=False)
     columns = {NEES.key: NEES.label, "nees_in_band": "In band", UNHEALTHY.key: UNHEALTHY.label}
     found = own[[key for key in columns if key in table]].mean().rename(columns=columns)
     return found.map(lambda value: text(value, 2))

@@ -2,10 +2,17 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pandas as pd
 
 from agents.page import markdown_table, text
-from agents.statistics import CLEARLY_WORSE, SLIGHTLY_WORSE, UNDECIDED, crossed_interval
+from agents.statistics import (
+    CLEARLY_WORSE,
+    SLIGHTLY_WORSE,
+    UNDECIDED,
+    crossed_interval,
+    mean_interval,
+)
 from agents.studies.answer import answer
 from agents.studies.effects import effects
 from agents.studies.ranking import ALL, Ranking, rankings
@@ -35,6 +42,39 @@ def effects_table(results: Results, most: int | None = None) -> pd.DataFrame:
         for e in effects(results)[:most]
     ]
     return pd.DataFrame(rows, columns=["factor", "best", "gain", "worst", "loss", "reference"])
+
+
+def tuned_table(results: Results, environment: str) -> pd.DataFrame:
+    """Score in the first condition as delivered and tuned, and what the tunings found.
+
+    The gain is crossed over tunings and seeds. Overfitting is the gain on tuning seeds less that on
+    other seeds.
+    """
+    place = environment, results.conditions(environment)[0]
+    score, rows = results.wide("score"), {}
+    tuned = [
+        f
+        for f in results.plan.flights
+        if (f.environment, f.condition, f.policy) == (*place, results.compared)
+    ]
+    for name in dict.fromkeys(flight.estimator for flight in tuned):
+        jobs = {f.job.needs[0].key for f in tuned if f.estimator == name}
+        found = [results.outcome.values[key] for key in jobs if key in results.outcome.values]
+        before, after = (
+            results.rows(score, name, p) for p in (results.classical, results.compared)
+        )
+        if not found or place not in before.index or place not in after.index:
+            continue
+        old, new = (each.loc[place].to_numpy() for each in (before, after))
+        over = np.array([f["after"] - f["before"] - f["gain"][0] for f in found])
+        rows[name] = {
+            "delivered": text(crossed_interval(old), 3), "tuned": text(crossed_interval(new), 3),
+            "gain": text(crossed_interval(new - old), 3, True),
+            "overfitting": text(mean_interval(over), 3, True),
+            "Position NEES/n": text(float(np.mean([f["position_nees"] for f in found])), 2),
+            "at a bound": ", ".join(sorted({n for f in found for n in f["at_bound"]})) or "–",
+        }  # fmt: skip
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("estimator")
 
 
 def choices_table(results: Results) -> pd.DataFrame:
