@@ -42,7 +42,7 @@ $(POLICIES):  # curves of the training stay in results
 	$(BIN)/python -m scripts.train $@ --runs $(RUNS) --force --out results/policies/$@
 	cp results/policies/$@.npz agents/policies/trained/
 
-test: venv  ## Run the tests: of many cases a selection with every value, of slow tests one
+test: venv  ## Run the tests: of many cases a selection with every value, of environments three, of slow tests one
 	$(BIN)/python -m $(WORKERS)
 
 quick: venv  ## Run one case of each test that is not slow, which takes a minute in all

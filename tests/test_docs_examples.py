@@ -17,6 +17,8 @@ ELSEWHERE = {
     "vehicles",
 }
 """Pages whose examples other tests run."""
+AT_NIGHT = {"any-environment", "recipes/differential-drive", "recipes/own-measurements"}
+"""Pages that take as long as all others together; by day other tests run what they show."""
 FILES = *sorted(DOCS.glob("*.md")), *sorted(DOCS.glob("recipes/*.md"))
 PAGES = [
     page
@@ -26,7 +28,14 @@ PAGES = [
 LIBRARIES = {"InvertedPendulum": "mujoco", "LunarLander": "Box2D", "pandas": "pandas"}
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if page not in ELSEWHERE])
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, marks=pytest.mark.nightly if page in AT_NIGHT else ())
+        for page in PAGES
+        if page not in ELSEWHERE
+    ],
+)
 def test_the_examples_of_a_page_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(

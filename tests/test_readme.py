@@ -7,6 +7,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import pytest
 
+from agents.seeds import evaluation_seeds
+
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = (
@@ -54,6 +56,7 @@ def test_each_page_has_an_example() -> None:
 @pytest.mark.parametrize("example", EXAMPLES.values(), ids=EXAMPLES)
 def test_an_example_runs(example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plt, "show", lambda: plt.close("all"))
+    monkeypatch.setattr("agents.seeds.evaluation_seeds", lambda *_: evaluation_seeds(3))
     monkeypatch.chdir(tmp_path)
     if "results/ppo.zip" in example:  # which a command above it has trained
         from agents.training.algorithms import train

@@ -83,7 +83,7 @@ def test_a_text_goes_between_its_own_marks(tmp_path: Path):
         tables.main(("nobody",))
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_constant_of_the_score_is_changed_alone(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(comparisons, "EPISODES", 2)
     usual = comparisons.arm_metrics("ekf", "SigmaCorvette-v0")["score"]

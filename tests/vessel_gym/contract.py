@@ -322,6 +322,7 @@ def assert_sound(
         assert reward.max() <= 1.0
     for key, value in info.items():
         if isinstance(value, np.ndarray) and value.dtype != object:
-            assert np.isfinite(value).all(), key
+            # NaN stands in components of d that only the filter's model has.
+            assert np.isfinite(value).all() or key == "unknown_input", key
     assert info["score"].min() >= 0.0
     assert info["score"].max() <= 1.0

@@ -327,12 +327,9 @@ def test_exogenous_input_is_effect_and_white_increments(env_id: str):
     )
     dt = core.config.system.vehicle.dt
     for _ in range(3):
-        prescribed = (
-            core.config.system.task.exogenous(core.now.scenario, core.now.steps)
-            if hasattr(core.config.system.task, "exogenous")
-            else 0.0
-        )
-        acting = dict(zip(names, (core.now.exogenous - prescribed).T, strict=True))
+        prescribed = core.config.system.task.exogenous(core.now.scenario, core.now.steps)
+        given = core.now.exogenous - (0.0 if prescribed is None else prescribed)
+        acting = dict(zip(names, given.T, strict=True))
         effect = disturbance.effect_at(
             core.now.episode_constants,
             dt * core.now.steps,

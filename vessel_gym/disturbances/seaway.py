@@ -125,9 +125,13 @@ class Seaway(Disturbance):
     def mean_motion(
         self, frequency: np.ndarray, beta: np.ndarray, speed: float, dt: float
     ) -> np.ndarray:
-        """Complex response ``(..., 3)``, averaged over the coming ``dt`` [s].
+        """Complex sway velocity, yaw rate and roll moment ``(..., 3)``, means over a time.
 
-        Other arguments are those of `vessel_gym.vehicles.seakeeping.wave_response`.
+        Args:
+            frequency: Frequency of the waves [rad/s].
+            beta: Direction of the waves relative to the heading [rad].
+            speed: Speed of the ship [m/s].
+            dt: Coming time [s] over which the motion is averaged.
         """
         half = 0.5 * dt * encounter_frequency(frequency, beta, np.asarray(speed))
         mean = np.sinc(half / np.pi) * np.exp(1j * half)
@@ -219,7 +223,7 @@ class Seaway(Disturbance):
             return [mean * sway, mean * yaw, _held(mean) * roll]
 
         of_ship = drawn[..., 4 * WaveField.components :]
-        total = self.waves.summed(moved, drawn, time, north, east, of_ship)
+        total = self.waves.superposition(moved, drawn, time, north, east, of_ship)
         return self._acting(total, z[..., :2], state)
 
     def _acting(

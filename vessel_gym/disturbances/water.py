@@ -135,7 +135,7 @@ class SurfaceWater(Disturbance):
             return [size * kx, size * ky][:count]
 
         north, east = (*places, 0.0)[:2]
-        velocity = self.waves.summed(orbital, drawn, time, north, east)
+        velocity = self.waves.superposition(orbital, drawn, time, north, east)
         return z[..., :count] + np.stack(velocity, -1)
 
 

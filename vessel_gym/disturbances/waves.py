@@ -101,11 +101,11 @@ class WaveField:
         corners = np.stack([table[:-1, :-1], table[:-1, 1:], table[1:, :-1], table[1:, 1:]])
         return np.ptp(corners, axis=0).ravel()
 
-    def summed(
+    def superposition(
         self, motion: Callable[..., list[Any]], drawn: np.ndarray, time: np.ndarray, north: Any,
         east: Any, *others: np.ndarray,
     ) -> list[np.ndarray]:  # fmt: skip
-        """Sums ``(...)`` over the waves of motions that are linear in their amplitude.
+        """Motions ``(...)`` in all waves together, which are linear in the waves' amplitude.
 
         Args:
             motion: Function of a wave's frequency [rad/s], wave numbers to the north and east [1/m]

@@ -64,7 +64,14 @@ class Grades:
 def grades_of(system: Any, path: str | Path | None = None) -> dict[str, dict[str, Sensor]]:
     """Grades of a system's sensors, by sensor and grade, best first.
 
-    Arguments and errors are those of `read_grades`.
+    Args:
+        system: A `vessel_gym.system.System`.
+        path: A file of grades; None: the file of the system's vehicle.
+
+    Raises:
+        ValueError: for a vehicle without grades, or anything wrong in the file; the message names
+            its line.
+        OSError: if the file cannot be read.
     """
     return read_grades(system, path).sensors
 
