@@ -4,7 +4,7 @@ from importlib.util import find_spec
 
 EXTRAS = {
     "train": ("torch", "stable_baselines3", "sb3_contrib"),
-    "report": ("matplotlib", "jinja2", "joblib", "pandas", "pyarrow"),
+    "report": ("matplotlib", "jinja2", "joblib", "markdown_it", "pandas", "pyarrow"),
     "render": ("pygame", "imageio", "imageio_ffmpeg", "PIL"),
     "cluster": ("dask", "distributed"),
 }

@@ -31,14 +31,13 @@ def over_time(
     lines: dict[str, np.ndarray],
     sd: np.ndarray | None = None,
     x: str = "time [s]",
-    **options: Any,
 ) -> Panel:
     """Lines ``(T,)`` over time; the last has a band of two standard deviations ``sd (T,)``."""
-    drawn = {name: [times, line] for name, line in lines.items()}
-    if sd is not None:
-        last = [*lines.values()][-1]
-        options["band"] = [times, last - 2.0 * sd, last + 2.0 * sd]
-    return {"x": x, "y": y, "lines": drawn, **options}
+    panel = {"x": x, "y": y, "lines": {name: [times, line] for name, line in lines.items()}}
+    if sd is None:
+        return panel
+    last = [*lines.values()][-1]
+    return panel | {"band": [times, last - 2.0 * sd, last + 2.0 * sd]}
 
 
 def draw(described: dict[str, Any]) -> "Figure":

@@ -90,18 +90,22 @@ class Experiment:
             states.append(self.advance(states[-1], control))
         return np.array(states)
 
-    def estimates(self, estimator: Filter, measurements: np.ndarray, seed: int = 0) -> np.ndarray:
-        """Updated estimates ``(T + 1, B, k)``; the first is the initial one."""
+    def estimates(
+        self, estimator: Filter, measurements: np.ndarray, seed: int = 0
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Updated estimates and standard deviations ``(T + 1, B, k)``, the initial ones first."""
         runs = measurements.shape[1]
         keys = RandomKeys(key(seed)).of(np.arange(runs))
         start = np.tile(self.start[self.estimated], (runs, 1))
         belief = estimator.init(Gaussian(start, np.diag(self.prior_sd**2)), keys)
-        means = [belief.mean]  # and not the beliefs: members of 30,000 steps fill a memory
+        # and not the beliefs: members of 30,000 steps fill a memory
+        means, variances = [belief.mean], [belief.cov.diagonal(0, -2, -1)]
         for k, (control, measurement) in enumerate(zip(self.controls, measurements, strict=True)):
             u = np.tile(control, (runs, 1))
             belief = estimator.step(belief, measurement, u, keys.at(k + 1))
             means.append(belief.mean)
-        return np.stack(means)
+            variances.append(belief.cov.diagonal(0, -2, -1).copy())
+        return np.stack(means), np.sqrt(variances)
 
 
 def own_step(vehicle: Any) -> Advance:

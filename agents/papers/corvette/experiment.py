@@ -162,11 +162,15 @@ def _figures(choices: Mapping[str, Any], seed: int) -> list[Any]:
     for name, of in simulated(choices, 1, seed).items():
         series: Any = of.series
         belief = series if choices["scored"] == "updated" else series.predicted
-        heading = {"real": of.heading, "estimate": belief.mean[: len(of.d), 0, 2]}
+        heading = {"real": of.heading, "estimate": belief.mean[:, 0, 2]}
         d = {"real": of.d, "estimate": series.input_mean[:, 0, 0]}
+        sd = np.sqrt(belief.cov[:, 0, 2, 2])
         for what, lines in (("yaw angle", heading), ("unknown input", d)):
-            panel = over_time(np.arange(SAMPLES), f"{what} [rad]", lines, x="time step")
-            if what == "yaw angle":
+            yaw = what == "yaw angle"
+            panel = over_time(
+                np.arange(SAMPLES), f"{what} [rad]", lines, sd if yaw else None, x="time step"
+            )
+            if yaw:
                 panel["ylim"] = [0.0, 7.0]  # as printed
             caption = f"Estimate of the {what}, simulation {name}."
             found.append(figure(f"4.{len(found) + 1}", caption, panel))

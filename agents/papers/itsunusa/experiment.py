@@ -62,7 +62,7 @@ def estimate(
     """
     experiment = dive(trial, measured, process, measurement)
     truth, measurements = experiment.simulate(runs, np.random.default_rng([seed, 0]))
-    means = experiment.estimates(form(experiment.model, members), measurements, seed)
+    means, _ = experiment.estimates(form(experiment.model, members), measurements, seed)
     found = np.concatenate([means[..., :3], depths(experiment, means)[..., None]], -1)
     return rmse(found[1:], truth[1:, :, _SCORED], axis=0)
 
@@ -167,8 +167,9 @@ def _figures(members: int, seed: int, trial: Mapping[str, float]) -> list[Any]:
     """Figures 3 to 6: motions and depth in a dive with the update of Table 1."""
     experiment = dive(trial)
     truth, measurements = experiment.simulate(1, np.random.default_rng([seed, 0]))
-    means = experiment.estimates(printed(experiment.model, members), measurements, seed)
+    means, sds = experiment.estimates(printed(experiment.model, members), measurements, seed)
     estimated = [*means[:, 0, :3].T, depths(experiment, means)[:, 0]]
+    bands = [*sds[:, 0, :3].T, None]  # depth is integrated
     times = VEHICLE.dt * np.arange(len(truth))
     return [
         figure(
@@ -178,9 +179,10 @@ def _figures(members: int, seed: int, trial: Mapping[str, float]) -> list[Any]:
                 times,
                 f"{name} [{unit}]",
                 {"real": truth[:, 0, state], "EnKF-SR": of},
+                sd,
             ),
         )
-        for i, ((name, unit), state, of) in enumerate(
-            zip(QUANTITIES.items(), _SCORED, estimated, strict=True)
+        for i, ((name, unit), state, of, sd) in enumerate(
+            zip(QUANTITIES.items(), _SCORED, estimated, bands, strict=True)
         )
     ]

@@ -176,7 +176,7 @@ def estimate(
     truth, measurements = replace(flown, start=start).simulate(runs, rng)
     assumed = replace(flown, measured=seen, measurement_sd=sd[seen])
     enkf = make("enkf", assumed.model, members=members, draws="independent")
-    means = assumed.estimates(enkf, np.ascontiguousarray(measurements[..., seen]), seed)
+    means, _ = assumed.estimates(enkf, np.ascontiguousarray(measurements[..., seen]), seed)
     return rmse(means[1:], truth[1:], angles=(0,), axis=0)
 
 
@@ -255,10 +255,13 @@ def _figures(settings: Mapping[str, Any]) -> list[Any]:
         flown = flight(known, process, measurement)
         truth, measured = flown.simulate(1, np.random.default_rng(settings["seed"]))
         enkf = make("enkf", flown.model, members=members, draws="independent")
-        means, times = flown.estimates(enkf, measured), PLANE.dt * np.arange(len(truth))
+        times, found_by = PLANE.dt * np.arange(len(truth)), flown.estimates(enkf, measured)
+        of_each = zip(
+            QUANTITIES.items(), *(each[:, 0].T for each in (truth, *found_by)), strict=True
+        )
         panels = (
-            over_time(times, f"{name} [{unit}]", {"real": truth[:, 0, i], "EnKF": means[:, 0, i]})
-            for i, (name, unit) in enumerate(QUANTITIES.items())
+            over_time(times, f"{name} [{unit}]", {"real": real, "EnKF": mean}, sd)
+            for (name, unit), real, mean, sd in of_each
         )
         caption = f"Estimates of angle, speed and position, {control} α, {members} members."
         found.append(figure(f"4 {control}", caption, *panels))

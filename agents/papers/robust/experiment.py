@@ -289,28 +289,22 @@ def _drawn(settings: Mapping[str, Any]) -> list[Any]:
     times, x, estimates = STEP * np.arange(len(calm.x)), calm.x[:, 0, 0], of.mean[:, 0, 0]
     cov, shaken = of.cov[:, 0, 0], disturbed.mean[:, 0, 0]
     sd = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
+    alone, beside, robustness = list[Any](), list[Any](), list[Any]()
+    for i, name in enumerate(("x1", "x2")):
+        real, estimate = {"real": x[:, i]}, {"estimate": estimates[:, i]}
+        alone.append(over_time(times, name, estimate, sd[:, i]))
+        beside.append(over_time(times, name, real | estimate, sd[:, i]))
+        both = {"without disturbance": estimates[:, i], "with disturbance": shaken[:, i]}
+        robustness.append(over_time(times, name, real | both))
     gain = cov @ model.C[0, 0].T @ np.linalg.inv(model.R)
-    names = "x1", "x2"
-    single = (
-        over_time(times, name, {"estimate": of}, s)
-        for name, of, s in zip(names, estimates.T, sd.T, strict=True)
-    )
-    both = (
-        over_time(times, name, {"real": true, "estimate": of}, s)
-        for name, true, of, s in zip(names, x.T, estimates.T, sd.T, strict=True)
-    )
     gains = {f"K{i + 1}{j + 1}": gain[:, i, j] for i in range(STATES) for j in range(MEASUREMENTS)}
     variances = {f"P{i + 1}{i + 1}": cov[:, i, i] for i in range(STATES)}
-    with_and_without = (
-        over_time(times, name, {"real": true, "without disturbance": of, "with disturbance": off})
-        for name, true, of, off in zip(names, x.T, estimates.T, shaken.T, strict=True)
-    )
     return [
-        figure("1", "Estimates of x1 and x2.", *single),
-        figure("2", "Estimates of x1 and x2 with the true states.", *both),
+        figure("1", "Estimates of x1 and x2.", *alone),
+        figure("2", "Estimates of x1 and x2 with the true states.", *beside),
         figure("3", "Kalman gain over time.", over_time(times, "gain", gains)),
         figure("4", "Covariance of the error over time.", over_time(times, "variance", variances)),
-        figure("5", "Estimates with and without disturbance.", *with_and_without),
+        figure("5", "Estimates with and without disturbance.", *robustness),
     ]
 
 

@@ -1,6 +1,6 @@
 """Segorogeni's dive in three dimensions with ensembles of 50 to 300 members."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from typing import Any, NamedTuple
@@ -63,7 +63,7 @@ def estimate(
     own: bool,
     members: int,
     runs: int,
-    seeds: Sequence[int] = (0,),
+    seeds: tuple[int, ...] = (0,),
     process: float = 1.0,
 ) -> dict[str, np.ndarray]:
     """Errors of the position in some dives; truth and measurements depend on the seeds alone.
@@ -80,16 +80,26 @@ def estimate(
         ``planned path`` and ``true position``: RMSE ``(B, 4)`` of x, y, z [m] and yaw [rad] against
         each in all dives; ``final (B, 3)`` distances from the planned end [m].
     """
-    experiment = dive(trial, own, process)
-    dives = (experiment.simulate(runs, np.random.default_rng([seed, 0])) for seed in seeds)
-    truth, measurements = (np.concatenate(each, 1) for each in zip(*dives, strict=True))
+    experiment, truth, measurements = _simulated(trial, own, runs, seeds, process)
     options: dict[str, Any] = {"members": members, "draws": "independent"} if members else {}
     filter_ = make("enkf" if members else "ekf", experiment.model, **options)
-    places = positions(experiment, experiment.estimates(filter_, measurements))
+    means, _ = experiment.estimates(filter_, measurements)
+    places = positions(experiment, means)
     plan = experiment.planned[:, None, _PLACE]
     references = zip(REFERENCES, (plan, truth[..., _PLACE]), strict=True)
     found = {name: rmse(places[1:], of[1:], axis=0) for name, of in references}
     return found | {"final": np.abs(places - plan)[-1, :, :3]}
+
+
+@cache
+def _simulated(
+    trial: Trial, own: bool, runs: int, seeds: tuple[int, ...], process: float
+) -> tuple[Experiment, np.ndarray, np.ndarray]:
+    """The dive with the truth and the measurements of all runs, see `estimate`."""
+    experiment = dive(trial, own, process)
+    dives = (experiment.simulate(runs, np.random.default_rng([seed, 0])) for seed in seeds)
+    truth, measurements = (np.concatenate(each, 1) for each in zip(*dives, strict=True))
+    return experiment, truth, measurements
 
 
 def dive(trial: Trial, own: bool, process: float = 1.0) -> Experiment:
@@ -174,7 +184,7 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Tables and measures."""
     members, printed, runs = settings["members"], settings["printed"], settings["own_runs"]
     trial, few = read(settings["trial"]), settings["runs_of_a_seed"]
-    euler = {n: estimate(trial, False, n, few, settings["seeds"]) for n in members}
+    euler = {n: estimate(trial, False, n, few, tuple(settings["seeds"])) for n in members}
     own = {n: estimate(trial, True, n, runs) for n in (*members, 0)}
     noise = settings["open"]["process_noise"]["believed"]
     believed = estimate(trial, True, 0, runs, process=noise)
@@ -212,7 +222,8 @@ def _dive_figure(trial: Trial, members: int) -> dict[str, Any]:
     experiment = dive(trial, own=False)
     truth, measurements = experiment.simulate(1, np.random.default_rng([0, 0]))
     filter_ = make("enkf", experiment.model, members=members, draws="independent")
-    places = positions(experiment, experiment.estimates(filter_, measurements))[:, 0]
+    means, _ = experiment.estimates(filter_, measurements)
+    places = positions(experiment, means)[:, 0]
     every = round(OWN_STEP / trial.step)
     ways = {"path": experiment.planned[:, _PLACE], "real": truth[:, 0, _PLACE], "EnKF": places}
     lines = {name: [*way[::every, :3].T] for name, way in ways.items()}
