@@ -58,6 +58,8 @@ lint: venv  ## Check style, format, types, spelling and the language of pages
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/mypy --config-file= --follow-imports=silent tests/user_code.py
+	$(BIN)/pyright --pythonpath $(BIN)/python tests/user_code.py
 	$(BIN)/codespell
 	$(BIN)/python .ci/readability.py
 

@@ -94,9 +94,13 @@ def picture(title: str, data_uri: str, note: str = "") -> Block:
 
 def frame(title: str, document: str, note: str = "") -> Block:
     """A whole HTML document, which plays on its own, as a block."""
-    inner = escape(document)
-    attributes = f'title="{escape(title)}" sandbox="allow-scripts" loading="lazy"'
-    return Block(title, f'<iframe srcdoc="{inner}" {attributes}></iframe>', note)
+    return Block(title, iframe(title, document), note)
+
+
+def iframe(title: str, document: str, style: str = "") -> str:
+    """An element that shows a whole HTML document, which may run its own scripts alone."""
+    attributes = f'title="{escape(title)}" sandbox="allow-scripts" loading="lazy" style="{style}"'
+    return f'<iframe srcdoc="{escape(document)}" {attributes}></iframe>'
 
 
 def bullets(title: str, items: Sequence[str]) -> Block:

@@ -17,6 +17,7 @@ everything all right?", for the rule of three; Clopper and Pearson (1934), for s
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 CONFIDENCE = 0.95
 
@@ -143,7 +144,7 @@ def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | Non
     return Interval(float(mean), float(mean) - half, float(mean) + half)
 
 
-def mean_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None:
+def mean_interval(values: ArrayLike, comparisons: int = 1) -> Interval | None:
     """The mean of independent values ``(N,)`` with Student's 95 % interval.
 
     Values that are not finite count as missing; ``comparisons`` are those of `crossed_interval`.
@@ -153,7 +154,7 @@ def mean_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None:
     return crossed_interval(values[np.isfinite(values)][None], comparisons)
 
 
-def paired_difference(a: np.ndarray, b: np.ndarray, *, comparisons: int = 1) -> Interval | None:
+def paired_difference(a: ArrayLike, b: ArrayLike, *, comparisons: int = 1) -> Interval | None:
     """The mean of ``a - b`` over pairs ``(N,)`` with Student's 95 % interval, as `mean_interval`.
 
     Raises:

@@ -173,7 +173,7 @@ class Episode(SphinxDirective):
                     format="html",
                 )
             ]
-        text = "A corvette in her turning circle: true and estimated ship, track, heading, rudder, unknown input"
+        text = "A corvette in its turning circle: true and estimated ship, track, heading, rudder, unknown input"
         return [nodes.image("", uri="images/turning-circle.png", alt=text)]
 
 

@@ -84,7 +84,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
     ) -> None:
         super().__init__(model)
         self.inflation = number("inflation", inflation, 0.0, np.inf, "a positive number")
-        self._noise_root = None if callable(model.Q) else noise_root(model.Q)
+        self._noise_root = None if callable(model.Q) else noise_root(resolve(model.Q))
         rank = model.n if self._noise_root is None else self._noise_root.shape[-1]
         needed = model.n + max(rank, model.p) + 2
         enough = max(64, -8 * (-needed // 8))

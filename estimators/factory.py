@@ -6,6 +6,7 @@ from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
+from estimators.belief import Belief
 from estimators.checks import short_repr
 from estimators.filter import Filter, Model
 
@@ -37,7 +38,7 @@ def names() -> tuple[str, ...]:
     return tuple(_FILTERS)
 
 
-def make(name: str, model: Model, **options: Any) -> Filter:
+def make(name: str, model: Model, **options: Any) -> Filter[Belief]:
     """Build a filter by name for a model.
 
     Args:

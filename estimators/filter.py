@@ -12,6 +12,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from estimators.belief import Belief, Record, unmeasured
 from estimators.checks import as_array, as_covariance, as_mask, broadcast, known_input, short_repr
@@ -94,7 +95,7 @@ class Filter(ABC, Generic[Record]):
         self._inside = {step: model.is_compiled(step) for step in ("predict", "update")}
         self._inside["step"] = all(self._inside.values())
         # With a singular R an update is checked against its prediction.
-        self._joined = callable(model.R) or not lacks_rank(model.R).any()
+        self._joined = callable(model.R) or not lacks_rank(resolve(model.R)).any()
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
@@ -123,7 +124,7 @@ class Filter(ABC, Generic[Record]):
     # --- what a filter fills in -------------------------------------------------------------------
 
     @abstractmethod
-    def _predict(self, belief: Record, u: np.ndarray | None, *moved: Any) -> Changes:
+    def _predict(self, belief: Record, u: Any, *moved: Any, **named: Any) -> Changes:
         """Arrays that a prediction changes, by name.
 
         Args:
@@ -131,18 +132,20 @@ class Filter(ABC, Generic[Record]):
             u: ``(..., m)`` known input, or None.
             *moved: Arrays from `propagate`: mean ``(..., n)``, A ``(..., n, n)`` and Q. Then G if
                 the filter estimates an input, and ``rng`` if it draws random numbers.
+            **named: None; type checkers then accept methods that name the arrays.
         """
 
     @abstractmethod
     def _update(
         self,
         belief: Record,
-        u: np.ndarray | None,
-        e: np.ndarray,
-        C: np.ndarray,
-        R: np.ndarray,
-        available: np.ndarray,
+        u: Any,
+        e: Any,
+        C: Any,
+        R: Any,
+        available: Any,
         *more: Any,
+        **named: Any,
     ) -> Changes:
         """Arrays that a measurement changes, by name.
 
@@ -158,6 +161,7 @@ class Filter(ABC, Generic[Record]):
             R: ``(..., p, p)`` measurement covariance.
             available: ``(..., p)`` mask.
             *more: H if the filter estimates an input, then ``rng`` if it draws random numbers.
+            **named: None, as in `_predict`.
         """
 
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Rng) -> Changes:
@@ -240,7 +244,7 @@ class Filter(ABC, Generic[Record]):
             invoker()  # loads LLVM now, and not in the first step
         return belief.read_only()
 
-    def predict(self, belief: Record, u: np.ndarray | None = None, rng: Rng = None) -> Record:
+    def predict(self, belief: Record, u: ArrayLike | None = None, rng: Rng = None) -> Record:
         """One step ahead: ``x(k-1|k-1)`` to ``x(k|k-1)``.
 
         A row whose result is not finite is computed again, or keeps its values, as in `update`.
@@ -264,11 +268,11 @@ class Filter(ABC, Generic[Record]):
     def update(
         self,
         belief: Record,
-        y: np.ndarray,
+        y: ArrayLike,
         rng: Rng = None,
-        available: np.ndarray | None = None,
-        R: np.ndarray | None = None,
-        u: np.ndarray | None = None,
+        available: ArrayLike | None = None,
+        R: ArrayLike | None = None,
+        u: ArrayLike | None = None,
     ) -> Record:
         """Take in a measurement: ``x(k|k-1)`` to ``x(k|k)``.
 

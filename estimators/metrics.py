@@ -1,6 +1,7 @@
 """Errors of a filter, and their size relative to its covariance."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from estimators.angles import difference
 from estimators.checks import as_array
@@ -8,8 +9,8 @@ from estimators.linalg import masked, semidefinite_form
 
 
 def rmse(
-    estimate: np.ndarray,
-    truth: np.ndarray,
+    estimate: ArrayLike,
+    truth: ArrayLike,
     angles: tuple[int, ...] = (),
     axis: int | tuple[int, ...] | None = None,
 ) -> np.ndarray:
@@ -27,7 +28,7 @@ def rmse(
 
 
 def nees(
-    mean: np.ndarray, cov: np.ndarray, truth: np.ndarray, angles: tuple[int, ...] = ()
+    mean: ArrayLike, cov: ArrayLike, truth: ArrayLike, angles: tuple[int, ...] = ()
 ) -> np.ndarray:
     """Normalised estimation error squared ``(x - x^)' P^-1 (x - x^)``, shape ``(...)``.
 
@@ -40,9 +41,7 @@ def nees(
     return np.where(np.isnan(mean).any(-1), np.nan, values)[()]
 
 
-def nis(
-    innovation: np.ndarray, innovation_cov: np.ndarray, size: np.ndarray | float = 0.0
-) -> np.ndarray:
+def nis(innovation: ArrayLike, innovation_cov: ArrayLike, size: ArrayLike = 0.0) -> np.ndarray:
     """Normalised innovation squared ``e' S^-1 e``, shape ``(...)``.
 
     Chi-square for a consistent filter. The degrees of freedom are the rank of S, restricted to the

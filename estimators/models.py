@@ -12,6 +12,7 @@ from functools import lru_cache, partial
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from estimators.checks import as_covariance, finite_array, frozen, short_repr
 from estimators.differences import central_differences, steps
@@ -40,9 +41,9 @@ class Gaussian(Frozen):
     mean: np.ndarray
     cov: np.ndarray
 
-    def __post_init__(self) -> None:
-        cov = as_covariance("cov", self.cov)
-        mean = finite_array("mean", self.mean, "...", cov.shape[-1])
+    def __init__(self, mean: ArrayLike, cov: ArrayLike) -> None:
+        cov = as_covariance("cov", cov)
+        mean = finite_array("mean", mean, "...", cov.shape[-1])
         try:
             np.broadcast_shapes(mean.shape[:-1], cov.shape[:-2])
         except ValueError:

@@ -26,6 +26,7 @@ from estimators.linalg import (
 from estimators.metrics import nis
 from estimators.models import at_points
 from estimators.randomness import RandomKeys
+from estimators.varying import resolve
 
 PARTICLES, DIFFUSION, RESAMPLING, JITTER = range(4, 8)
 """Uses of random numbers, beside those of the ensembles."""
@@ -117,12 +118,12 @@ class ParticleFilter(Filter[ParticleBelief]):
         self.particles = integer("particles", particles, 2)
         self.threshold = number("threshold", threshold, AT_LEAST_0, UP_TO_1, "a share from 0 to 1")
         self.jitter = number("jitter", jitter, AT_LEAST_0, np.inf, "a number of at least 0")
-        if not callable(model.R) and lacks_rank(model.R).any():
+        if not callable(model.R) and lacks_rank(resolve(model.R)).any():
             raise ValueError(
                 "pf needs noise in every measurement, but R is singular: give it a little, or use"
                 " etkf"
             )
-        self._noise_root = None if callable(model.Q) else noise_root(model.Q)
+        self._noise_root = None if callable(model.Q) else noise_root(resolve(model.Q))
 
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
         normals = draw(rng, mean.shape[:-1], self.particles, self.model.n, PARTICLES)

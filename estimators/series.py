@@ -16,6 +16,7 @@ from functools import cached_property
 from typing import Any, Generic, cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from estimators.belief import Record, over_time
 from estimators.checks import as_array, broadcast
@@ -82,11 +83,11 @@ class Series(Generic[Record]):
 def run(
     filter: Filter[Record] | Delayed,
     prior: Gaussian | Record | DelayedBelief,
-    y: np.ndarray,
-    u: np.ndarray | None = None,
-    t: np.ndarray | None = None,
-    available: np.ndarray | None = None,
-    R: np.ndarray | None = None,
+    y: ArrayLike,
+    u: ArrayLike | None = None,
+    t: ArrayLike | None = None,
+    available: ArrayLike | None = None,
+    R: ArrayLike | None = None,
     rng: Rng | int = None,
     first: int = 0,
 ) -> Series[Record]:
@@ -136,7 +137,7 @@ def run(
         mean = broadcast("the prior's mean", prior.mean, batch + prior.mean.shape[-1:])
         prior = prior.about(mean)
     _check_sampled(getattr(filter, "model", None), t)
-    available, R = _over_time("available", available, T), _over_time("R", R, T)
+    masks, covariances = _over_time("available", available, T), _over_time("R", R, T)
     after, at = _known_inputs(u, t, T + continued, batch)
     if isinstance(rng, int | np.integer):
         rows = np.arange(int(np.prod(batch))).reshape(batch)
@@ -146,7 +147,8 @@ def run(
         i, now = k + continued, rng.at(first + k) if isinstance(rng, RandomKeys) else rng
         belief = loop.predict(belief, after[i - 1], rng=now) if i else loop.init(prior, rng=now)
         predicted.append(belief)
-        belief = loop.update(belief, y[k], rng=now, available=available[k], R=R[k], u=at[i])
+        given = {"available": masks[k], "R": covariances[k], "u": at[i]}
+        belief = loop.update(belief, y[k], rng=now, **given)
         updated.append(belief)
     if isinstance(filter, Delayed):
         predicted, updated = ([each.now for each in found] for found in (predicted, updated))
@@ -162,7 +164,7 @@ def _check_continued(rows: tuple[int, ...], batch: tuple[int, ...], again: bool)
         raise ValueError(f"the belief has rows {rows}, y has {batch}")
 
 
-def _check_sampled(model: Any, t: np.ndarray | None) -> None:
+def _check_sampled(model: Any, t: ArrayLike | None) -> None:
     fixed = isinstance(model, LinearModel) and not any(map(callable, vars(model).values()))
     if t is not None and fixed:
         raise ValueError(
@@ -170,7 +172,7 @@ def _check_sampled(model: Any, t: np.ndarray | None) -> None:
         )
 
 
-def _over_time(name: str, value: np.ndarray | None, T: int) -> Any:
+def _over_time(name: str, value: ArrayLike | None, T: int) -> Any:
     """An argument of `run` as T entries, each None if it is."""
     if value is None:
         return [None] * T
@@ -184,7 +186,7 @@ def _over_time(name: str, value: np.ndarray | None, T: int) -> Any:
 
 
 def _known_inputs(
-    u: np.ndarray | None, t: np.ndarray | None, T: int, batch: tuple[int, ...]
+    u: ArrayLike | None, t: ArrayLike | None, T: int, batch: tuple[int, ...]
 ) -> tuple[Any, Any]:
     """Known inputs ``(T, ..., m)`` over the steps that follow measurements, and at measurements.
 
@@ -196,15 +198,16 @@ def _known_inputs(
         known = known.reshape(T, *(1,) * len(batch), -1)
     if t is None:
         return known, known
-    t = _over_time("t", t, T)
-    if not (np.isfinite(t).all() and (np.diff(t, axis=0) >= 0.0).all()):
+    times = _over_time("t", t, T)
+    if not (np.isfinite(times).all() and (np.diff(times, axis=0) >= 0.0).all()):
         raise ValueError(
             "times t must be finite and not go back: sort the measurements by time, or use Delayed"
             " for those that come late"
         )
-    t = t.reshape(t.shape + (1,) * (len(batch) + 1 - t.ndim))
+    times = times.reshape(times.shape + (1,) * (len(batch) + 1 - times.ndim))
     known = np.zeros((T, *(1,) * len(batch), 0)) if u is None else known
-    lengths = np.diff(t, axis=0, append=t[-1:]), np.diff(t, axis=0, prepend=t[:1])
+    last, first = times[-1:], times[:1]
+    lengths = np.diff(times, axis=0, append=last), np.diff(times, axis=0, prepend=first)
     after, at = (
         joined([known[..., None, :], dt[..., None, None]], -1)[..., 0, :] for dt in lengths
     )

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.checks import as_mask, indices, shaped_array
+from estimators.checks import indices, shaped_array
 from estimators.engine import compiled
 from estimators.filter import Changes, Model
 from estimators.kalman import ExtendedKalmanFilter, joseph_update
@@ -109,8 +109,8 @@ def _matrices(model: Any) -> tuple[Any, Any, Any, Any]:
 
 def _phases(measured: Any, p: int) -> np.ndarray:
     """Mask ``(T, p)`` of the channels that are measured in each phase."""
-    given = np.ones((1, p)) if measured is None else as_mask("measured", measured)
-    return shaped_array("measured", 1.0 * given, "T", p) > 0.0
+    measured = np.ones((1, p)) if measured is None else measured
+    return shaped_array("measured", measured, "T", p) != 0.0
 
 
 def _hidden(A: np.ndarray, C: np.ndarray) -> np.ndarray:
@@ -189,11 +189,10 @@ class SteadyKalmanFilter(ExtendedKalmanFilter):
         A, C, Q, R = _matrices(model if design is None else design)
         if C.shape != (model.p, model.n):
             raise ValueError(f"C of design has shape {C.shape}, expected {(model.p, model.n)}")
-        kept = np.arange(model.n)
-        for transition, shown in ((A.T, Q), (A, C)):
-            square = np.ix_(kept, kept)
-            lost = _hidden(transition[square], shown[:, kept])
-            kept = kept[~(lost & np.isin(kept, indices("nuisance", nuisance, model.n)))]
+        kept, spare = np.arange(model.n), indices("nuisance", nuisance, model.n)
+        for transition, rows in ((A.T, Q), (A, C)):
+            hidden = _hidden(transition[np.ix_(kept, kept)], rows[:, kept])
+            kept = kept[~(hidden & np.isin(kept, spare))]
         square, every = np.ix_(kept, kept), names or range(model.n)
         reduced = LinearModel(A[square], C[:, kept], Q[square], R)
         steady = steady_state(reduced, measured, [every[i] for i in kept])
@@ -222,12 +221,12 @@ class SteadyKalmanFilter(ExtendedKalmanFilter):
     def _update(
         self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any, *_: Any
     ) -> Changes:
-        arrived, before = 1.0 * available, self._before[-1]
-        for channels, smaller in zip(self._sets[-2::-1], self._before[-2::-1], strict=True):
-            fits = (arrived * ~channels).sum(-1) == 0.0
-            before = np.where(fits[..., None, None], smaller, before)
+        # Channels that have arrived and that a set does not measure.
+        others, before = np.matvec(1.0 * ~self._sets, 1.0 * available), self._before[-1]
+        for i in reversed(range(len(self._sets) - 1)):
+            before = np.where(others[..., i : i + 1, None] == 0.0, self._before[i], before)
         mean, cov, S = joseph_update(belief.mean, self._turned(belief.mean, before), e, C, R)
-        some = (arrived.sum(-1) > 0.0)[..., None, None]
+        some = ((1.0 * available).sum(-1) > 0.0)[..., None, None]
         cov = np.where(some & ~self._fixed, cov, belief.cov)
         return {"mean": mean, "cov": cov, "innovation_cov": S}
 

@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from estimators.checks import as_covariance, finite_array, frozen, indices, integer, number
 from estimators.engine import Compiled, TracedMatrix, by_entries, is_traced, lookup, matrix
 
-Matrix = np.ndarray | Callable[[np.ndarray | None], np.ndarray]
-Function = Callable[[np.ndarray, np.ndarray | None], np.ndarray]
-StateMatrix = np.ndarray | Function
+Matrix = ArrayLike | Callable[[Any], Any]
+Function = Callable[[Any, Any], Any]
+StateMatrix = ArrayLike | Function
 
 
 def resolve(value: Any, *arguments: Any) -> Any:

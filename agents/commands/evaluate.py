@@ -138,16 +138,10 @@ def _write(
 
 
 def _row(metric: Any, columns: list[Any]) -> list[str]:
-    """Name of a metric, and its mean on each estimator; of one episode, its value."""
-    import numpy as np
-
+    """Name of a metric, and its mean with each estimator; of one episode, its value."""
     from agents.metrics import mean
     from agents.page import words
 
-    def cell(values: Any) -> str:
-        if len(values) == 1 and np.isfinite(values[0]) and not metric.yes_or_no:
-            return f"{values[0]:.{metric.decimals}f}"
-        return words(mean(metric, values[None]), metric.decimals)
-
     of = f"{metric.label} error, RMS" if metric.key.endswith("_rmse") else metric.label
-    return [metric.title.replace(metric.label, of), *map(cell, columns)]
+    means = [mean(metric, values[None]) or values.mean() for values in columns]
+    return [metric.title.replace(metric.label, of), *(words(m, metric.decimals) for m in means)]

@@ -50,7 +50,7 @@ def main(
 
     from agents import episode, load_agent
     from agents.files import check_file
-    from agents.studies.worlds import environment_options, own_or_name, registered_id
+    from agents.studies.worlds import environment_options, registered_id
     from vessel_gym.checks import one_of
     from vessel_gym.extras import require
 
@@ -67,7 +67,8 @@ def main(
         check_file(out)
     if kind not in WRITERS:
         with asked():
-            names = [*map(own_or_name, estimator)] if len(estimator) > 1 else None
+            chosen = [environment_options(env_id, {"estimator": each}) for each in estimator]
+            names = [each["estimator"] for each in chosen] if len(chosen) > 1 else None
             page = episode(env_id, names, agent, seed, options)
         page.save(out)
         scores = ", ".join(f"{score:.3f} with {name}" for name, score in page.scores.items())

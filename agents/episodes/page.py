@@ -14,6 +14,7 @@ import numpy as np
 
 from agents.episodes.figure import episode_figure
 from agents.files import replacing
+from agents.page import iframe
 from agents.plotting import KINDS, save_figure
 from vessel_gym.rendering.hulls import HULLS
 from vessel_gym.rendering.palette import DARK, LIGHT
@@ -99,11 +100,8 @@ class Episode:
                 temporary.write_text(self.html(), encoding="utf-8")
 
     def _repr_html_(self) -> str:
-        srcdoc, title = (html.escape(text) for text in (self.html(), self.page["title"]))
-        return (
-            f'<iframe srcdoc="{srcdoc}" title="{title}" sandbox="allow-scripts" loading="lazy" '
-            'style="width:100%;height:720px;border:0"></iframe>'
-        )
+        style = "width:100%;height:720px;border:0"
+        return iframe(self.page["title"], self.html(), style)
 
 
 def packed(value: Any) -> Any:

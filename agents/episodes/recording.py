@@ -28,7 +28,7 @@ CHARTS = 6
 
 def episode(
     env_id: str = "SigmaCorvette-v0",
-    estimators: Sequence[str] | None = None,
+    estimators: Sequence[Any] | None = None,
     agent: Any = "autopilot",
     seed: int | None = 0,
     env_options: dict[str, Any] | None = None,
@@ -130,7 +130,10 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     """
     ours, core = hasattr(flown[0].env.unwrapped, "core"), flown[0].core
     name, dt = core.config.system.name, core.config.system.vehicle.dt
-    histories = [_first_row(each) for each in flown]
+    histories = [
+        {key: values[: each.length[0] + 1, 0] for key, values in each.history.items()}
+        for each in flown
+    ]
     page: dict[str, Any] = {
         "title": f"{name}: one episode on {listed(names)}",
         "name": name,
@@ -165,11 +168,6 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
         "waves": packed(waves_of(core, flown[0].constants[0])),
         "flights": [_flight(*each) for each in zip(flown, names, scenes, strict=True)],
     }
-
-
-def _first_row(flown: Rollout) -> dict[str, np.ndarray]:
-    """History ``(T + 1, ...)`` of the first episode of a rollout."""
-    return {key: values[: flown.length[0] + 1, 0] for key, values in flown.history.items()}
 
 
 def _estimates(history: dict[str, np.ndarray]) -> list[Chart]:

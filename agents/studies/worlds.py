@@ -121,8 +121,8 @@ def environment_options(environment: str, options: dict[str, Any]) -> dict[str, 
 
         made = load_tuned(path).options_for(environment, made)
     for key in ("estimator", "sensors", "disturbance"):
-        if isinstance(name := made.get(key), str):
-            made[key] = own_or_name(name)
+        if isinstance(name := made.get(key), str) and ":" in name:
+            made[key] = named_object(name)
     if isinstance(grades := made.get("sensors"), dict):
         made["sensors"] = graded_sensors(environment, grades)
     if isinstance(system, Wrapped):
@@ -138,11 +138,6 @@ def environment_options(environment: str, options: dict[str, Any]) -> dict[str, 
         ]
         made["sensor_faults"] = [*own, *chosen.faults]
     return made
-
-
-def own_or_name(name: str) -> Any:
-    """The object of the user's own that ``"module:object"`` names, or any other name as it is."""
-    return named_object(name) if ":" in name else name
 
 
 def graded_sensors(environment: str, grades: Mapping[str, str]) -> list[Sensor]:

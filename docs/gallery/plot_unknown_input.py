@@ -2,7 +2,7 @@
 An unknown push
 ===============
 
-A filter with an unknown input estimates the force on a boat together with her position and speed.
+A filter with an unknown input estimates the force on a boat together with its position and speed.
 It assumes nothing about the force.
 """
 

@@ -134,7 +134,9 @@ def _each(name: str, *operands: Any) -> TracedMatrix:
         raise NotTraceable(f"a traced function cannot have np.{name} in it")
     program, kinds, views = program_of(operands), "", list[Any]()
     for each in operands:
-        masks = {*map(attrgetter("kind"), entries(each, program))} == {"b"}
+        masks = np.asarray(each).dtype == bool  # the entries of a constant are no constants each
+        if is_traced(each):
+            masks = {*map(attrgetter("kind"), entries(each, program))} == {"b"}
         kinds += "b" if masks or (name == "where" and not kinds) else "f"
         views.append(view(program, each) if np.ndim(each) else constant(program, each).value)
     shape = np.broadcast_shapes(*map(np.shape, operands))

@@ -68,6 +68,14 @@ def test_modes_without_a_steady_state_are_named(model: LinearModel, named: str):
         steady_state(model)
 
 
+def test_sampling_that_never_shows_a_mode_is_refused():
+    """A quarter turn a step, of which every second shows the same component again."""
+    model = LinearModel([[0.0, -1.0], [1.0, 0.0]], [[1.0, 0.0]], I2, [[1.0]])
+    assert steady_state(model).gain.any()
+    with pytest.raises(ValueError, match=r"^there is no steady state: .* do not decay"):
+        steady_state(model, [[True], [False]])
+
+
 def test_names_of_states_are_those_that_are_given():
     with pytest.raises(ValueError, match="do not determine place, bias: "):
         steady_state(bias_of_position(1e-4), names=("place", "rate", "bias"))

@@ -1,5 +1,6 @@
 """The constant gain of `steady-kf` in environments: it turns with the path, and biases have none."""
 
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -66,6 +67,13 @@ def test_states_that_no_sensor_determines_are_named():
     compass = make_core("SigmaCorvette-v0", 1).config.world.sensors.each[:2]
     with pytest.raises(ValueError, match=r"^there is no steady state: .* determine x, y: "):
         gym.make("SigmaCorvette-v0", estimator="steady-kf", sensors=compass)
+
+
+def test_rates_that_hardly_ever_meet_are_refused():
+    sensors = make_core("SigmaCorvette-v0", 1).config.world.sensors.each
+    sensors = [replace(each, rate=2.0 / k) for each, k in zip(sensors, (7, 101, 103), strict=True)]
+    with pytest.raises(ValueError, match=r"^all sensors report together once in 72821 steps"):
+        gym.make("SigmaCorvette-v0", estimator="steady-kf", sensors=sensors)
 
 
 def test_states_without_a_direction_do_not_turn():

@@ -37,11 +37,11 @@ class Seaway(Disturbance):
     """Disturbance of a ship that turns in a sea: first-order wave motion, wind, drift and current.
 
     The waves are a `WaveField` of a `WaveSpectrum`. The ship meets a wave at the frequency
-    ``w - k U cos(beta)``, which is zero or negative if she overtakes it, and responds by a yaw rate
-    and a sway velocity: those of `wave_response`, or of a `WaveResponse` of your own hull. These
-    motions are superposed on manoeuvring (Fossen 2021, ch. 10): the yaw rate turns the heading, and
+    ``w - k U cos(beta)``, which is zero or negative if the ship overtakes it, and responds by a yaw
+    rate and a sway velocity: those of `wave_response`, or of a `WaveResponse` of your own hull.
+    They are superposed on manoeuvring (Fossen 2021, ch. 10): the yaw rate turns the heading, and
     the sway velocity shifts the track. The roll moment acts on the ship. Wind (Blendermann 1994, a
-    destroyer) and the drift of reflected waves (Faltinsen 1990) push her to leeward, which
+    destroyer) and the drift of reflected waves (Faltinsen 1990) push it to leeward, which
     positions cannot distinguish from a current.
 
     The current carries the ship and the waves, whose field is at rest in the water. The wind is
@@ -294,7 +294,7 @@ class BandedSeaway(Seaway):
     """A filter's model of a `Seaway`, with `WaveBands` as the ship meets them.
 
     The response to both waves of a frequency band has the power of all waves in the band. The
-    phases are those at the ship and turn as she moves. The ship's motion therefore changes the
+    phases are those at the ship and turn as it moves. The ship's motion therefore changes the
     frequency of encounter, but the waves give no position. With phases at a fixed place, the filter
     would infer positions from waves, although it can predict waves for only half a minute.
     """

@@ -22,7 +22,7 @@ class WaveResponse:
     at t = 0. The motion is the real part of ``amplitude exp(j w_e t)`` with the frequency of
     encounter w_e. Axes are those of the ship: x forward, y to starboard, z down. The sway velocity
     and yaw rate are those of a ship that is free to sway and yaw. The roll moment acts about the
-    centre of gravity of this ship while she is upright.
+    centre of gravity of this ship while it is upright.
 
     One speed is enough: `TabledResponse` says what holds between the speeds, and beyond them.
 
@@ -75,7 +75,7 @@ class WaveResponse:
 
 @dataclass(frozen=True, eq=False)
 class TabledResponse:
-    """A `WaveResponse` of a ship, whose own equations give the effect of her speed.
+    """A `WaveResponse` of a ship, whose own equations give the effect of its speed.
 
     The motion depends much on the speed: that of the corvette at rest has from 0.55 to 1.34 times
     the RMS yaw rate at 15.4 m/s, by direction of a moderate sea. It also has a sharp peak where the

@@ -39,7 +39,10 @@ def steady_options(space: StateSpace, model: Model) -> dict[str, Any]:
     R = resolve(model.R, u) + congruence(sensors.bias_gain, biases)
     steps = [sensor.period(sensors.dt) for sensor in sensors.each]
     if (period := math.lcm(*steps)) > _LONGEST:
-        raise ValueError(f"the sensors report together every {period} steps, of {_LONGEST} at most")
+        raise ValueError(
+            f"all sensors report together once in {period} steps, and a gain needs them within"
+            f" {_LONGEST}: choose rates that divide each other"
+        )
     return {
         "design": LinearModel(*_about_cruise(*parts), resolve(model.Q, u), R),
         "measured": (np.arange(period)[:, None] % steps == 0)[:, sensors.owner],
@@ -53,7 +56,7 @@ def steady_options(space: StateSpace, model: Model) -> dict[str, Any]:
 def _about_cruise(
     vehicle: Vehicle, kind: str, disturbance: Disturbance, sensors: Sensors, assumed_as: str
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A and C of a filter's model at cruise, without flows and biases; they hold for any Q and R."""
+    """A and C of a filter's model at cruise, without flows and biases, for any Q and R."""
     space = assumed_space(vehicle, kind, disturbance, sensors, assumed_as)
     model, (cruise, u), n = filter_model(space), vehicle.cruise, len(space.vehicle_states)
     x = np.concatenate([cruise[:n], np.zeros(model.n - n)])
@@ -77,12 +80,12 @@ def path_axes(names: tuple[str, ...]) -> Callable[[np.ndarray], np.ndarray] | No
 
 def _rotation(mean: np.ndarray, pairs: list[tuple[int, int]], along: list[int]) -> np.ndarray:
     """Rotation ``(..., n, n)`` of pairs of components by a heading, or by the course."""
-    sin, cos = sincos(mean[..., along[0]])
-    if len(along) > 1:
-        north, east = (mean[..., i] for i in along)
-        speed = np.maximum(np.hypot(north, east), 1e-9)
-        sin, cos = east / speed, north / speed
-    n = mean.shape[-1]
+    direction, n = [mean[..., i] for i in along], mean.shape[-1]
+    if len(along) == 1:
+        sin, cos = sincos(*direction)
+    else:
+        speed = np.maximum(np.hypot(*direction), 1e-9)
+        cos, sin = (each / speed for each in direction)
     entries = np.zeros((n, n), int)
     for i, j in pairs:
         entries[[i, j, j, i], [i, j, i, j]] = 1, 1, 2, 3

@@ -1,4 +1,4 @@
-"""Tasks of a ship that is steered by her rudder: their common part, and the trial of the thesis.
+"""Tasks of a ship that is steered by its rudder: their common part, and the trial of the thesis.
 
 Rudder angle, time step, switch of d and prior variance of the trial are inferred or our choice;
 docs/environments/thesis-corvette.md states what the thesis prints instead.
@@ -35,7 +35,7 @@ def first_component(estimates: np.ndarray | None, like: np.ndarray) -> np.ndarra
 
 @dataclass(frozen=True)
 class Steering(Task):
-    """Base of the tasks in which a ship is steered by her rudder."""
+    """Base of the tasks in which a ship is steered by its rudder."""
 
     ship: CorvetteParameters
     pace: float = 1.0  # time to sail the ship's own length, relative to the corvette's

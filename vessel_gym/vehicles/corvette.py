@@ -1,4 +1,4 @@
-"""Steady turns of a ship, filters' linear models about them, her propulsion, and two sensors.
+"""Steady turns of a ship, filters' linear models about them, its propulsion, and two sensors.
 
 For particulars and equations of motion, with frames and sources, see
 `vessel_gym.vehicles.corvette_equations`.
@@ -43,7 +43,7 @@ def steady_turns(ship: CorvetteParameters) -> SteadyTurn:
 
     Turns are followed from the straight course by pseudo-arclength continuation (Keller 1977), as
     in Bech's reverse spiral test (1968). So a directionally unstable ship has steady turns, too. In
-    the wide ones her rudder is to the other side.
+    the wide ones its rudder is to the other side.
 
     Raises:
         RuntimeError: if the ship has no steady turn at that rudder.
@@ -101,7 +101,7 @@ def sway_yaw_jacobian(
 def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Discrete ``A (k, 3, 3)`` and ``B (k, 3, 1)`` of (v, r, psi) for each of `steady_turns`.
 
-    The linear model at service speed fails in a hard turn, where the ship has lost a third of her
+    The linear model at service speed fails in a hard turn, where the ship has lost a third of its
     speed and most of the hull force is cross-flow drag. The secant model is the mean Jacobian on
     the ray from zero to the equilibrium of the commanded turn, at the speed of that turn (8-point
     Gauss-Legendre). It is exact at both ends.
@@ -194,7 +194,7 @@ def straight_course(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return speed, 1.0 + c[I.thrust_rise] * (1.0 - speed / c[I.service_speed])
 
 
-# --- sensors of her heading -----------------------------------------------------------------------
+# --- sensors of its heading -----------------------------------------------------------------------
 
 
 COMPASS = Sensor(

@@ -36,7 +36,7 @@ AROUND = (
 """Flow and loads around a ship.
 
 They are a current [m/s], external forces [N] and moments [N m] in the ship's frame, and the sway
-velocity [m/s] of waves, which only carries her sideways.
+velocity [m/s] of waves, which only carries it sideways.
 """
 
 I = IntEnum("I", (

@@ -65,7 +65,7 @@ def _foreseeing(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
 @compiled
 @dataclass(frozen=True)
 class ThesisCorvette(Ship):
-    """The ship in her turning circle trial, and the thesis' filter.
+    """The ship in its turning circle trial, and the thesis' filter.
 
     The truth is this package's nonlinear ship, because the recorded trial is not public. The action
     is the rudder angle. Filters estimate (v, r, psi). Their known input is ``u = (rudder, commanded

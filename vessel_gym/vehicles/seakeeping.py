@@ -47,11 +47,11 @@ def wave_loads(
         j w M_body n_w + j w_e M_added n_w + D(U) n_w
 
     The pressure of the wave accelerates the ship like the displaced water; added mass and damping
-    act on the motion relative to the water. In waves much longer than the ship she therefore moves
+    act on the motion relative to the water. In waves much longer than the ship it therefore moves
     with the water.
 
     The roll moment about the centre of gravity is the righting moment for the slope of the waves:
-    in long waves the ship follows the surface, Froude (1861). The moment of her motion relative to
+    in long waves the ship follows the surface, Froude (1861). The moment of its motion relative to
     the water is left out.
 
     Args:
@@ -68,7 +68,7 @@ def wave_loads(
 def rest_response(ship: CorvetteParameters, frequency: np.ndarray, beta: np.ndarray) -> np.ndarray:
     """Complex sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] at rest ``(..., 3)``.
 
-    They are per metre of amplitude. A ship at rest moves as the water along her hull does.
+    They are per metre of amplitude. A ship at rest moves as the water along its hull does.
     Arguments as `wave_loads`.
     """
     k = frequency**2 / GRAVITY
@@ -185,7 +185,7 @@ def sway_yaw_matrices(
 class StripTheory:
     """`wave_response` of a ship, and the same response in real numbers for compiled code.
 
-    A ship at rest moves as the water along her hull does, ``n = (even, -j odd)``. The response
+    A ship at rest moves as the water along its hull does, ``n = (even, -j odd)``. The response
     solves ``(M + j w_e I) x = (D + j w B + j w_e A) n``. Hence it is ``n + (M + j w_e I)^-1 U c``
     with ``c = j odd b + j k cos(beta) B n``, where b is the first column of B, the inertia of the
     body, and I = A + B.

@@ -99,7 +99,7 @@ class Ship(SimulatedVehicle):
 
         The error is the waves' sway and the wind, which no model contains. It is white noise, whose
         variance grows with the length of the step. The figures are the corvette's in 0.5 s. Another
-        ship's are those in 0.5 s times her `pace`, with the yaw rate in inverse proportion to her
+        ship's are those in 0.5 s times its `pace`, with the yaw rate in inverse proportion to its
         pace.
         """
         slower = pace(self.ship)
@@ -211,7 +211,7 @@ class Ship(SimulatedVehicle):
 
 
 def pace(ship: CorvetteParameters) -> float:
-    """Time in which a ship sails her own length, as a multiple of the corvette's."""
+    """Time in which a ship sails its own length, as a multiple of the corvette's."""
     corvette = load("corvette", CorvetteParameters)
     return (ship.length / ship.speed) / (corvette.length / corvette.speed)
 

@@ -86,7 +86,7 @@ def test_study_of_documentation_runs_user_defined_parts(tmp_path, monkeypatch):
     assert command(ablate.main, ["studies/own.toml", "--out", "out", "--processes", "1"]) == 0
     table = pd.read_parquet(tmp_path / "out" / "results.parquet")
     flown = set(zip(table.environment, table.estimator, strict=True))
-    everywhere = {"truth", "dead-reckoning", "ekf"}
+    everywhere = {"truth", "dead-reckoning", "ekf", "steady-kf"}
     estimators = {"usv:USV-v0": everywhere, "SigmaCorvette-v0": everywhere | {"observer"}}
     assert flown == {(env, name) for env, names in estimators.items() for name in names}
     page = (tmp_path / "out" / "report.html").read_text()
