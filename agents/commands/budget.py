@@ -110,8 +110,8 @@ def _search(budget: Any, notes: list[str]) -> int:
         kept = "what was finished is kept, and the same command goes on from there"
         raise KeyboardInterrupt(kept) from None
     report = write_report(budget, notes)
-    print_answer(conclusion(budget))
+    print_answer([*conclusion(budget), assumption(budget), *notes])
     table = suites_table(budget, ROWS).reset_index()
     print_table("Suites near the answer", table.columns, [table.itertuples(index=False)])
-    print(assumption(budget), *notes, f"Report: {report}", sep="\n")
+    print(f"Report: {report}")
     return int(budget.answer is None)

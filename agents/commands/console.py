@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -106,29 +107,36 @@ def print_table(
     or pipe the table has no lines, and its values stand whole.
     """
     console, filled = _console(), [[list(row) for row in rows] for rows in sections]
-    unbounded = console.options.update(max_width=_WHOLE)
-    columns, rest = [0], list(range(1, len(header)))
-    while rest:
-        wider = _table(header, filled, [*columns, rest[0]])
-        if len(columns) > 1 and console.measure(wider, options=unbounded).minimum > console.width:
-            console.print(title, _table(header, filled, columns), sep="\n")
-            columns = [0]
-        columns.append(rest.pop(0))
-    console.print(title, _table(header, filled, columns), sep="\n")
+    texts = [[head, *(row[i] for rows in filled for row in rows)] for i, head in enumerate(header)]
+    whole = [re.split(r"(?<!±) (?!±)", " ".join(each)) for each in texts]  # an interval is a word
+    least, most = ([max(map(len, each)) for each in of] for of in (whole, texts))
+    blocks = [[0]]
+    for i in range(1, len(header)):
+        if len(blocks[-1]) > 1 and sum(least[j] + 3 for j in (*blocks[-1], i)) >= console.width:
+            blocks.append([0])
+        blocks[-1].append(i)
+    for columns in blocks:
+        widths = {i: least[i] for i in columns}
+        room = console.width - 1 - sum(width + 3 for width in widths.values())
+        for _ in range(min(room, sum(most))):  # where it is needed most
+            i = max(columns, key=lambda i: most[i] - widths[i])
+            widths[i] += widths[i] < most[i]
+        console.print(title, _table(header, filled, widths), sep="\n")
 
 
-def _table(header: Sequence[str], sections: list[list[list[str]]], columns: Sequence[int]) -> Any:
-    """Some columns of a table."""
+def _table(header: Sequence[str], sections: list[list[list[str]]], widths: dict[int, int]) -> Any:
+    """Columns of a table, by number, with their widths."""
     from rich.table import Table
 
     lines: Any = {} if sys.stdout.isatty() else {"box": None, "padding": (0, 2, 0, 0)}
     table = Table(**lines)
-    for i in columns:
+    for i, width in widths.items():
         words = all(row[i][:1].isalpha() for rows in sections for row in rows if row[i])
-        table.add_column(header[i], justify="left" if words else "right", overflow="fold")
+        side: Any = "left" if words else "right"
+        table.add_column(header[i], justify=side, overflow="fold", width=width)
     for rows in sections:
         for row in rows:
-            table.add_row(*(row[i] for i in columns))
+            table.add_row(*(row[i] for i in widths))
         table.add_section()
     return table
 

@@ -79,12 +79,12 @@ def test_what_is_no_list_is_one_sentence_that_helps(words, sentence):
 def test_tables_fit_a_terminal_and_break_no_word(capsys, monkeypatch, width):
     monkeypatch.setenv("COLUMNS", str(width))
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
-    row = [f"word{i} and another" for i in range(12)]
-    print_table("title", [f"head{i}" for i in range(12)], [[row], [row]])
+    row = [f"word{i} and 0.123 ± 0.456" + " many more of them" * (i == 5) for i in range(12)]
+    print_table("title", [f"head{i}{'-long' * (i % 3)}" for i in range(12)], [[row], [row]])
     text = re.sub(r"\x1b\[[\d;]*m", "", capsys.readouterr().out)
     assert max(map(len, text.splitlines())) <= min(width, 100)
     for i in range(12):
-        assert re.search(rf"\bhead{i}\b", text)
+        assert re.search(rf"\bhead{i}{'-long' * (i % 3)}\b", text)
         assert len(re.findall(rf"\bword{i}\b", text)) >= 2
 
 
