@@ -73,7 +73,7 @@ _METAVARS: dict[Any, str] = {
     Path: "FILE",
 }
 """Placeholders of some parameters, and of types."""
-_LEAST = dict.fromkeys(("episodes", "every", "processes", "rounds", "runs"), 1)
+_LEAST = dict.fromkeys(("episodes", "every", "processes", "rounds", "runs", "evaluations"), 1)
 """Least values of whole numbers that may not be 0."""
 MOST = 2**31 - 1
 """No whole number that a command takes may be greater."""

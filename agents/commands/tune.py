@@ -11,7 +11,7 @@ OPTIONS = {
     "estimator": "estimator that is tuned; the environment's default if not given",
     "sensors": "one or more sensor suites",
     "disturbance": "one or more disturbances; the mean score over all combinations is tuned",
-    "pick": "parameters to tune, such as estimator.R or agent.heading; all if not given",
+    "tune_": "parameters to tune, such as estimator.R or agent.heading; all if not given",
     "evaluations": "largest number of candidates",
     "episodes": "tuning seeds of a candidate in each condition",
     "seed": "number of the tuning, which has its own tuning seeds and its own start",
@@ -29,11 +29,12 @@ def main(
     agent: str = "autopilot",
     sensors: tuple[str, ...] = ("nominal",),
     disturbance: tuple[str, ...] = ("moderate",),
-    pick: tuple[str, ...] = (),
+    tune_: tuple[str, ...] = (),
     evaluations: int = 100,
     episodes: int = 40,
     seed: int = 0,
     fresh: int = 100,
+    processes: int = 1,
     out: Path = Path("tuned.toml"),
     resume: bool = False,
     force: bool = False,
@@ -59,12 +60,12 @@ def main(
     chosen = {} if estimator == "default" else {"estimator": estimator}
     conditions = [{"sensors": s, "disturbance": d} for s, d in product(sensors, disturbance)]
     with asked(), progress("candidates") as show:
-        arm = Arm(env_id, agent, options | chosen, tuple(conditions), pick)
+        arm = Arm(env_id, agent, options | chosen, tuple(conditions), tune_)
 
         def report(done: int, best: float) -> None:
             show(done, evaluations, f"best score {best:.4f}")
 
-        tuned = tune(arm, evaluations, episodes, seed, fresh, journal, report)
+        tuned = tune(arm, evaluations, episodes, seed, fresh, journal, processes, report)
     tuned.write(out)
     _print(tuned, out)
 

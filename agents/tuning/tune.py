@@ -18,6 +18,7 @@ from agents.tuning.arm import Arm, Values
 from agents.tuning.search import Journal, search
 from agents.tuning.trials import Trials
 from agents.tuning.tuned import Tuned
+from estimators.checks import integer
 
 FRESH = 500_000
 """Number of the first tuning seed on which tuned and delivered parameters are compared."""
@@ -35,6 +36,7 @@ def tune(
     seed: int = 0,
     fresh: int = 100,
     journal: Path | None = None,
+    processes: int = 1,
     progress: Callable[[int, float], None] = lambda done, best: None,
 ) -> Tuned:
     """Tune estimator and controller together for the highest mean score, in closed loop.
@@ -52,14 +54,15 @@ def tune(
         fresh: Seeds of the comparison.
         journal: File to which each evaluation is appended, and from which an interrupted tuning
             goes on; None: none.
+        processes: Processes that share the episodes of a candidate.
         progress: As for `agents.tuning.search.search`.
 
     Raises:
         ValueError: for an arm without parameters, a journal of another tuning, or seeds that are
             not there.
     """
-    began = time.process_time()
-    trials = Trials(arm, tuning_seeds(episodes, first=seed * episodes))
+    evaluations, began = integer("evaluations", evaluations, 1), time.process_time()
+    trials = Trials(arm, tuning_seeds(episodes, first=seed * episodes), processes)
     made_by = {
         "version": vessel_gym.__version__, "source": source_digest("agents.tuning.tune"),
         "first_seed": trials.seeds[0], "episodes": episodes, "evaluations": evaluations,
