@@ -47,6 +47,38 @@ def scores(environment: str) -> str:
     return table(["delivered → tuned; cost", *conditions], rows)
 
 
+ROWS = {
+    "perfect state knowledge": (ORACLE,),
+    "EKF": ("ekf",),
+    "EKF with waves as states": ("ekf-waves",),
+    "KF-UMV-UI": ("kf-umv-ui",),
+    "UKF": ("ukf",),
+    "EnKF, EnKF-SR": ("enkf", "enkf-sr"),
+    "Huber's filter": ("huber-kf-nonlinear", "huber-kf"),
+    "constant gain": ("steady-kf",),
+    "raw measurements": ("measurement",),
+}
+"""Estimators of a row of the table of all environments."""
+
+
+def overview() -> str:
+    """Scores in the first condition as delivered and tuned, a column an environment."""
+    columns = {}
+    for environment in read_study(STUDIES[STUDY]).environments:
+        before, after = (episodes(STUDY, environment, name) for name in (AGENT, f"{AGENT}, tuned"))
+        first = next(iter(after))[0]
+        columns[environment] = {
+            name: f"{before[first, name].mean():.2f} → **{after[first, name].mean():.2f}**"
+            for condition, name in after
+            if condition == first
+        }
+    rows = [
+        [title, *(next((c[n] for n in names if n in c), NONE) for c in columns.values())]
+        for title, names in ROWS.items()
+    ]
+    return table(["score: as delivered → **tuned**", *(f"`{name}`" for name in columns)], rows)
+
+
 def _tunings() -> Iterator[tuple[tuple[str, str], list[Flight]]]:
     """Tuned arms by environment and estimator, with a flight for each tuning."""
     first = {
