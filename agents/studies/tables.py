@@ -1,6 +1,7 @@
 """Tables of a study's report, of texts."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pandas as pd
@@ -15,7 +16,7 @@ from agents.statistics import (
 )
 from agents.studies.answer import answer
 from agents.studies.effects import effects
-from agents.studies.ranking import ALL, Ranking, rankings
+from agents.studies.ranking import Ranking, rankings
 from agents.studies.results import Results
 
 BEST = 5
@@ -77,6 +78,7 @@ def tuned_table(results: Results, environment: str) -> pd.DataFrame:
     return pd.DataFrame.from_dict(rows, orient="index").rename_axis("estimator")
 
 
+@lru_cache(1)
 def choices_table(results: Results) -> pd.DataFrame:
     """The estimator with the highest normalised score in each condition, a column an environment.
 
@@ -84,14 +86,11 @@ def choices_table(results: Results) -> pd.DataFrame:
     """
     columns: dict[str, dict[str, str]] = {}
     for condition in results.plan.study.conditions:
-        under = results.table[results.table.condition == condition.name]
-        for environment, ranking in rankings(replace(results, table=under)).items():
-            if environment != ALL:
-                rivals = [
-                    name
-                    for name, word in ranking.verdicts.items()
-                    if word not in (SLIGHTLY_WORSE, CLEARLY_WORSE)
-                ]
+        under = replace(results, table=results.table[results.table.condition == condition.name])
+        for environment, _ in under.scales.index:
+            if (ranking := Ranking(under, [environment])).scores:
+                worse = SLIGHTLY_WORSE, CLEARLY_WORSE
+                rivals = [name for name, word in ranking.verdicts.items() if word not in worse]
                 beside = f" ({', '.join(rivals[:2])}{', ...' * (len(rivals) > 2)})" * bool(rivals)
                 cell = f"{ranking.best} {text(ranking.score(ranking.best), 2)}{beside}"
                 columns.setdefault(environment, {})[condition.name] = cell
@@ -120,7 +119,7 @@ def code(results: Results) -> list[str]:
     return lines
 
 
-def summary(ranking: Ranking, most: int = BEST) -> pd.DataFrame:
+def summary(ranking: Ranking) -> pd.DataFrame:
     """The best estimators of some environments: their scores, and how their tails are."""
     rows = {
         name: {
@@ -129,7 +128,7 @@ def summary(ranking: Ranking, most: int = BEST) -> pd.DataFrame:
             "completed [%]": text(ranking.completed(name), 1),
             "worst tenth": text(ranking.worst_decile(name), 3),
         }
-        for name in list(ranking.scores)[:most]
+        for name in list(ranking.scores)[:BEST]
     }
     return _table(rows)
 
