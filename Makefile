@@ -49,6 +49,7 @@ quick: venv  ## Run one case of each test that is not slow, which takes a minute
 	$(BIN)/python -m $(WORKERS) -m "not slow and not further and not nightly"
 
 nightly: venv  ## Run all cases, and the tests that take minutes (half an hour)
+	$(BIN)/pyright --pythonpath $(BIN)/python tests/user_code.py  # which loads itself from npm once
 	VESSEL_GYM_OPTIMISE=1 $(BIN)/python -m $(WORKERS) -m "slow or nightly"
 
 clients: venv  ## Train learners of other libraries, each in its own environment, and check what they stored
@@ -59,7 +60,6 @@ lint: venv  ## Check style, format, types, spelling and the language of pages
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/mypy --config-file= --follow-imports=silent tests/user_code.py
-	$(BIN)/pyright --pythonpath $(BIN)/python tests/user_code.py
 	$(BIN)/codespell
 	$(BIN)/python .ci/readability.py
 

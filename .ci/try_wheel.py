@@ -22,6 +22,7 @@ CALLS = {
     "watch PunaUAV-v0 --out flight.gif": (2, r"pip install 'vessel-gym\[render\]'"),
     "train SigmaCorvette-v0": (2, r"pip install 'vessel-gym\[train\]'"),
     "ablate quick": (2, r"pip install 'vessel-gym\[report\]'"),
+    "reproduce itsunusa": (2, r"pip install 'vessel-gym\[report\]'"),
     "ablate quik": (2, "did you mean 'quick'"),
     "watch PunaUAV-v0 --out flight.foo": (2, "the suffix must be one of"),
     "evaluate PunaUAV-v0 --episodes 1 --agent own_agent:Still": (0, "Score"),

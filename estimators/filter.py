@@ -9,7 +9,7 @@ import copy
 from abc import ABC, abstractmethod
 from contextlib import suppress
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self
+from typing import Any, ClassVar, Generic, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,9 +27,6 @@ from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import RandomKeys
 from estimators.stepping import in_numpy, in_program
 from estimators.varying import StateNoise, resolve
-
-if TYPE_CHECKING:
-    from estimators.tunable import Linear
 
 Rng = RandomKeys | np.random.Generator | None
 """`RandomKeys` with a key a row, or a Generator for the whole batch; None for no random numbers."""
@@ -75,7 +72,7 @@ class Filter(ABC, Generic[Record]):
     """Kind of `log_likelihood`, which is "exact", "diffuse" or "approximate"."""
     compiled: ClassVar[bool] = False
     """True if the filter runs compiled; its attributes are then constants of the program."""
-    tunable: ClassVar["dict[str, Linear]"] = {}
+    tunable: ClassVar[dict[str, Any]] = {}
     """Options that can be tuned beside Q and R, and the range of each."""
     varies_by_row: bool = True
     """True if `by_rows` serves; False if Q and R have entered other constants of the filter."""

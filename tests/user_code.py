@@ -1,4 +1,4 @@
-"""Code as the pages show it, for type checkers: `make lint` runs mypy and pyright on it."""
+"""Code as the pages show it, for type checkers: `make lint` runs mypy, `make nightly` pyright."""
 
 from pathlib import Path
 from typing import assert_type
