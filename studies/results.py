@@ -3,12 +3,11 @@
 They are read from ``results/STUDY``, where ``vessel-gym ablate`` leaves them.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cache
 from itertools import combinations
 from math import comb
-from textwrap import fill
 from typing import Any, NamedTuple
 
 import gymnasium as gym
@@ -16,7 +15,7 @@ import numpy as np
 import pandas as pd
 
 from agents.commands.ablate import STUDIES
-from agents.page import interval, listed, mean_and_half
+from agents.page import interval, mean_and_half
 from agents.refusal import Refusal
 from agents.statistics import Interval, crossed_interval, paired_difference
 from agents.studies.plan import plan
@@ -143,54 +142,6 @@ def differences(study: str) -> str:
         rows.append((str(at), f"`{best}`", *cells))
     heads = "", "best filter", "best − `measurement`", "best − default", "`truth` − best"
     return table(heads, rows)
-
-
-def wrapped(text: str) -> str:
-    """A paragraph of docs/."""
-    return fill(text, 140, break_on_hyphens=False)
-
-
-def truth_first(study: str) -> str:
-    """Columns with the highest mean on the truth; scores above it, and scores without a filter."""
-    every = [*columns(study)]
-    means = [{name: of.mean() for name, of in at.scores.items()} for at in every]
-    first = sum(max(of.values()) == of[ORACLE] for of in means)
-
-    def above(rivals: Callable[[Column], dict[str, str]]) -> str:
-        found = [
-            f"`{name}` in {at}, by {interval(gap)}"
-            for at in every
-            for name, rival in rivals(at).items()
-            if (gap := at.gap(name, rival)) and gap.low > 0.0
-        ]
-        return listed(found or ["none"])
-
-    ahead = above(lambda at: dict.fromkeys(at.scores, ORACLE))
-    held = above(lambda at: dict.fromkeys((HELD, FLOOR), at.best()))
-    return wrapped(
-        f"The truth has the highest mean in {first} of {len(every)} columns. Beyond chance above"
-        f" the truth: {ahead}. Beyond chance above the best filter, without any: {held}."
-    )
-
-
-def headline(study: str, environment: str) -> str:
-    """Score lost against the truth, and steering, in each suite."""
-    travel = episodes(study, environment, key="steering_travel")
-    at = {str(each): each for each in columns(study)}
-    chosen = [at[f"{environment}, {suite}"] for suite in SUITE]
-    lost = [
-        listed([f"{(each.scores[ORACLE] - each.scores[name or each.best()]).mean():.3f}"
-                for each in chosen])
-        for name in ("", HELD)
-    ]  # fmt: skip
-    of = [np.nanmean(travel[each.condition, HELD]) / np.nanmean(travel[each.condition, each.best()])
-          for each in chosen]  # fmt: skip
-    return wrapped(
-        f"Compared with the truth, the best filter lowers the autopilot's score by {lost[0]}, with"
-        " `nominal`, `budget` (cheap) and `denied` sensors (120 s without a position fix). Raw"
-        f" measurements (`measurement`) lower it by {lost[1]}, and take {min(of):.1f} to"
-        f" {max(of):.1f} times the steering of the best filter."
-    )
 
 
 def wild_and_wrong(study: str) -> str:

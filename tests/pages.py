@@ -15,7 +15,7 @@ from vessel_gym.envs import SegorogeniAUVEnv, register_environment
 DOCS = Path(__file__).parents[1] / "docs"
 PAGES = {
     "my_sensor": "own-sensor", "my_disturbance": "own-disturbance", "my_task": "own-task",
-    "my_vehicle": "own-equations", "usv": "recipes/differential-drive",
+    "my_vehicle": "own-equations", "usv": "recipes/differential-drive", "my_parts": "tuning",
 }  # fmt: skip
 OWN = ("Usbl-v0", "Shear-v0", "Docking-v0", "HeavyShip-v0")
 """The environments, registered when this module is imported; the last is that of the page on vehicles."""

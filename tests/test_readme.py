@@ -16,7 +16,6 @@ PAGES = (
     DOCS / "primer.md",
     DOCS / "training.md",
     DOCS / "environments" / "README.md",
-    DOCS / "environments" / "sigma-corvette.md",
     DOCS / "environments" / "sigma-channel.md",
 )
 NOTEBOOKS = (DOCS / "tutorials" / "own-filter.md", *sorted((DOCS / "id").glob("*-*.md")))

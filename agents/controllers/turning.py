@@ -217,7 +217,7 @@ class TurningPID(Controller):
         proportional: Rudder for an error of the heading; on ships it is usually one for one.
         integral: Integral gain, as a share; see `pid_gains`.
         damping: Damping ratio.
-        ahead: Distance of the point for which she heads on a track, in ship lengths.
+        ahead: Distance of the point for which it heads on a track, in ship lengths.
     """
 
     kind: type = TurningTrial

@@ -68,7 +68,7 @@ class Tuned:
                 )
         return dict(given) | self.env_options
 
-    def write(self, path: Path) -> None:
+    def write(self, path: str | Path) -> None:
         """Write the file.
 
         Raises:
@@ -79,7 +79,7 @@ class Tuned:
         lines = ["# Written by `vessel-gym tune`; see [made_by] for what it follows from."]
         for name, table in tables.items():
             lines += ["", f"[{name}]", *(f"{_key(k)} = {_toml(v)}" for k, v in table.items())]
-        with replacing(path) as temporary:
+        with replacing(Path(path)) as temporary:
             temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 

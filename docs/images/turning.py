@@ -6,68 +6,52 @@ Run it from the root of the repository: ``python docs/images/turning.py``.
 from pathlib import Path
 
 import gymnasium as gym
-import numpy as np
-import pygame
+from environments import MAP
 from PIL import Image, ImageDraw
 
 import vessel_gym  # noqa: F401  (registers the environments)
 from agents import load_agent
-from vessel_gym.rendering.canvas import Canvas
-from vessel_gym.rendering.maps import Map
-from vessel_gym.rendering.scene import Scene
 
-ENV, SEED, STEPS, EVERY = "SigmaCorvette-v0", 1_000_000_005, 480, 10
-ESTIMATORS = {"kf-umv-ui": "on a filter", "measurement": "on the last measurements"}
-WIDTH, SEA, HEIGHT, TOP = 380, 280, 352, 30
-
-
-def close_up(scene: Scene, rudder: list[float]) -> Image.Image:
-    """The estimated ship in the middle of a map, and the commanded rudder rate below."""
-    canvas = Canvas(WIDTH, HEIGHT)
-    canvas.clear()
-    sea = Map(scene, np.eye(2, 3), pygame.Rect(0, 0, WIDTH, SEA))
-    sea.middle, sea.scale, sea.size = scene.believed[-1, :2], 2.4, scene.surroundings.size
-    sea.draw(canvas)
-    canvas.panel(pygame.Rect(0, SEA + 6, WIDTH, HEIGHT - SEA - 6))
-    canvas.text(12, SEA + 20, "rudder rate", size=11)
-    x, y = np.linspace(12.0, WIDTH - 12.0, STEPS), SEA + 44.0 - 22.0 * np.array(rudder)
-    canvas.line(np.stack([x[: len(y)], y], -1), "true")
-    return Image.fromarray(canvas.pixels())
+ENV, SEED, EVERY = "SigmaCorvette-v0", 1_000_000_005, 8
+WORLD = {"disturbance": "rough", "sensors": "denied"}
+ESTIMATORS = {"kf-umv-ui": "on a Kalman filter", "measurement": "on raw measurements"}
+WIDTH, HEIGHT, TOP = 470, 421, 30
 
 
 def frames(estimator: str) -> tuple[list[Image.Image], float]:
-    """Close-ups of an episode under the autopilot, and its score."""
-    env = gym.make(ENV, estimator=estimator, disturbance="rough", render_mode="rgb_array")
+    """Maps of an episode under the autopilot, and its score."""
+    env = gym.make(ENV, estimator=estimator, **WORLD, render_mode="rgb_array")
     agent = load_agent("autopilot", env)
     seen, info = env.reset(seed=SEED)
     agent.reset(1)
-    found, rudder, ended, step = [], list[float](), False, 0
+    found, ended, step = [], False, 0
     while not ended:
-        action = agent.act(seen[None])[0]
-        rudder.append(float(action[0]))
-        seen, _, terminated, truncated, info = env.step(action)
-        if step % EVERY == 0 and step < STEPS:
-            found.append(close_up(env.unwrapped._renderer.scene, rudder))  # type: ignore[attr-defined]
+        seen, _, terminated, truncated, info = env.step(agent.act(seen[None])[0])
         step, ended = step + 1, terminated or truncated
+        if step % EVERY == 0 or ended:
+            sea = Image.fromarray(env.render()).crop(MAP)
+            found.append(sea.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS))
     return found, float(info["score"])
 
 
 def main() -> None:
     """Both episodes side by side, as one GIF."""
-    flown = {label: frames(name) for name, label in ESTIMATORS.items()}
-    size, shown = (2 * WIDTH + 8, HEIGHT + TOP), []
-    for i in range(min(len(each) for each, _ in flown.values())):
-        both = Image.new("RGB", size, "white")
+    runs = {label: frames(name) for name, label in ESTIMATORS.items()}
+    shown = []
+    for i in range(max(len(maps) for maps, _ in runs.values())):
+        both = Image.new("RGB", (2 * WIDTH + 8, HEIGHT + TOP), "white")
         draw = ImageDraw.Draw(both)
-        for x, (label, (each, score)) in zip((0, WIDTH + 8), flown.items(), strict=True):
-            both.paste(each[i], (x, TOP))
+        for x, (label, (maps, score)) in zip((0, WIDTH + 8), runs.items(), strict=True):
+            both.paste(maps[min(i, len(maps) - 1)], (x, TOP))
             draw.text((x + 6, 5), f"{label}: score {score:.2f}", fill="black", font_size=17)
         shown.append(both)
     colours = shown[-1].quantize(64, kmeans=1)  # of all frames, so none flickers
     shown = [each.quantize(palette=colours, dither=Image.Dither.NONE) for each in shown]
     path = Path(__file__).with_suffix(".gif")
-    shown[0].save(path, save_all=True, append_images=shown[1:], duration=140, loop=0, optimize=True)
-    print(path.stat().st_size, {label: score for label, (_, score) in flown.items()})
+    times = [100] * (len(shown) - 1) + [3000]  # the whole turn stays in view
+    shown[0].save(
+        path, save_all=True, append_images=shown[1:], duration=times, loop=0, optimize=True
+    )
 
 
 if __name__ == "__main__":

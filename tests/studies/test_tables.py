@@ -159,14 +159,3 @@ def test_a_study_of_suites_says_where_estimators_differ(study: str):
     assert [cell.split(" ± ")[0] for cell in cells(results.differences(study))[-1]] == [
         "SigmaCorvette-v0, rough, denied", "`ekf`", "**0.200", "–", "**0.100",
     ]  # fmt: skip
-    told = " ".join(results.truth_first(study).split())
-    assert told.startswith("The truth has the highest mean in 3 of 3 columns. Beyond chance above")
-
-
-def test_the_headline_has_losses_of_best_filter_and_measurements(study: str):
-    path = results.ROOT / "results" / study / "results.parquet"
-    frame = pd.read_parquet(path)
-    frame.assign(condition=frame.condition.str.removeprefix("rough, ")).to_parquet(path)
-    text = " ".join(results.headline(study, CORVETTE).split())
-    assert "the best filter lowers the autopilot's score by 0.010, 0.010 and 0.100, with" in text
-    assert "0.300, and take 2.0 to 2.8 times the steering" in text
