@@ -230,6 +230,18 @@ def test_variant_is_an_estimator_with_options(name: str, estimator: str, options
             make_core(SHIP, 1, estimator=wrong)
 
 
+@pytest.mark.parametrize("name", ["ekf-waves", "kf-white"])
+def test_given_assumptions_join_those_of_a_variant(name: str):
+    given = {"assume": {"R": 4.0}}
+    plain, scaled = (
+        make_core(SHIP, 1, estimator=name, estimator_options=options).config.estimation
+        for options in (None, given)
+    )
+    assert scaled.space.names == plain.space.names
+    assert scaled.space.assumed_as == plain.space.assumed_as
+    np.testing.assert_allclose(scaled.filter.model.R, 4.0 * plain.filter.model.R, rtol=1e-15)
+
+
 # --- structure ------------------------------------------------------------------------------------
 
 

@@ -204,6 +204,7 @@ def build(
             filter.
         options: Options of the filter, which override the system's tuning. ``model`` is the kind of
             the filter's model, ``assume`` its assumptions (`Assumptions`), ``late`` one of `LATE`.
+            Each assumption overrides that of the name's ending in `VARIANTS`; the others stay.
         sensors: Sensors, which the filter knows.
         disturbance: True disturbance.
 
@@ -220,7 +221,8 @@ def build(
     own = is_own(estimator)
     if isinstance(estimator, str):
         estimator, chosen = variant(estimator)
-        options = chosen | options
+        assume = checks.options("assume", options.get("assume"))
+        options = chosen | options | {"assume": chosen.get("assume", {}) | assume}
     if not own and (not isinstance(estimator, str) or estimator not in estimator_names()):
         raise ValueError(_unknown(estimator, accepted(system, sensors, disturbance)))
     assumptions = Assumptions.of(options.pop("assume", None))
