@@ -61,7 +61,7 @@ SLIGHTLY_WORSE, CLEARLY_WORSE = "slightly worse", "clearly worse"
 
 
 def verdict(differences: np.ndarray, margin: float, span: float, comparisons: int = 1) -> str:
-    """The verdict on the mean of paired differences ``(N,)``; positive differences are better.
+    """The verdict on the mean of paired differences; positive differences are better.
 
     `EQUIVALENT` if three conditions hold:
 
@@ -74,18 +74,20 @@ def verdict(differences: np.ndarray, margin: float, span: float, comparisons: in
     `SLIGHTLY_BETTER` or `SLIGHTLY_WORSE` if it excludes zero, and `UNDECIDED` if it contains zero.
 
     Args:
-        differences: Finite numbers.
+        differences: ``(N,)`` or ``(runs, N)`` finite numbers, see `crossed_interval`.
         margin: Least difference that matters.
         span: Largest possible difference of two episodes, such as 1 for scores in [0, 1].
         comparisons: Number of intervals that hold at once, see `crossed_interval`.
     """
-    found = mean_interval(differences, comparisons)
+    values = np.atleast_2d(differences)
+    found = crossed_interval(values, comparisons) if len(values) else None
     if found is None:
         return UNDECIDED
-    if len(differences) * margin >= 3.0 * span:
+    if values.shape[1] * margin >= 3.0 * span:
+        more = (np.full((len(values), 1), end) for end in (-span, span))
         intervals = (
             found,
-            *(mean_interval(np.append(differences, end), comparisons) for end in (-span, span)),
+            *(crossed_interval(np.hstack([values, each]), comparisons) for each in more),
         )
         if all(each and -margin < each.low and each.high < margin for each in intervals):
             return EQUIVALENT

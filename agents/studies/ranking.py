@@ -77,12 +77,16 @@ class Ranking:
     def __init__(self, results: Results, environments: Sequence[str]) -> None:
         self.results, self.environments = results, list(environments)
         each = {name: self._scores(name) for name in results.estimators() if name not in ENDS}
-        found = [(name, values.mean(0)) for name, values in each.items() if len(values)]
+        found = [(name, runs.to_numpy().mean(0)) for name, runs in each.items() if len(runs)]
         self.scores = dict(sorted(found, key=lambda item: -float(item[1].mean())))
 
-    def _scores(self, name: str) -> np.ndarray:
-        compared = self.results.compared
-        return normalised(self.results, self.environments, compared, name).to_numpy()
+    def _scores(self, name: str) -> pd.DataFrame:
+        """Normalised score with an estimator, a row for each tuning and a column for each seed."""
+        return normalised(self.results, self.environments, self.results.compared, name)
+
+    def _differences(self, one: str, other: str) -> np.ndarray:
+        """Differences ``(runs, seeds)`` of two estimators, in the tunings that both have."""
+        return (self._scores(one) - self._scores(other)).dropna().to_numpy()
 
     @property
     def best(self) -> str:
@@ -102,7 +106,7 @@ class Ranking:
 
     def score(self, name: str) -> Interval | None:
         """Normalised score of one of its estimators, or of an end of the scale."""
-        return crossed_interval(self._scores(name), max(len(self.scores), 1))
+        return crossed_interval(self._scores(name).to_numpy(), max(len(self.scores), 1))
 
     def loss(self, name: str) -> Interval | None:
         """Reference score minus score at the same seed, a mean over all places with a scale.
@@ -145,7 +149,8 @@ class Ranking:
 
     def gap(self, one: str, other: str) -> Interval | None:
         """Difference of the normalised scores of two estimators."""
-        return crossed_interval(self._scores(one) - self._scores(other), self.pairs)
+        values = self._differences(one, other)
+        return crossed_interval(values, self.pairs) if len(values) else None
 
     @property
     def span(self) -> float:
@@ -155,7 +160,7 @@ class Ranking:
     def verdict(self, one: str, other: str) -> str:
         """Verdict on an estimator against another one."""
         margin = self.results.plan.study.margin
-        return verdict(self.scores[one] - self.scores[other], margin, self.span, self.pairs)
+        return verdict(self._differences(one, other), margin, self.span, self.pairs)
 
     @cached_property
     def verdicts(self) -> dict[str, str]:

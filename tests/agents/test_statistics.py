@@ -196,6 +196,15 @@ def test_a_verdict_is_wrong_in_one_study_of_forty(true, wrong):
         )  # of an expected 1,490: fewer come once in 100,000 times
 
 
+def test_a_verdict_counts_the_scatter_of_runs():
+    """300 pairs of equal arms of 3 runs: at 5 %, 27 verdicts and more come once in 500 times."""
+    rng = np.random.default_rng(56)
+    runs, noise = rng.normal(0.0, 0.05, (300, 3, 1)), rng.normal(0.0, 0.02, (300, 3, 100))
+    wrong = [verdict(each, 0.01, 1.0) != "undecided" for each in runs + noise]
+    assert sum(wrong) < 27
+    assert sum(verdict(each.mean(0), 0.01, 1.0) != "undecided" for each in runs + noise) > 200
+
+
 @pytest.mark.parametrize(
     ("margin", "span", "needed"), [(0.01, 1.0, 300), (0.05, 1.0, 60), (0.02, 2.5, 375)]
 )

@@ -23,7 +23,7 @@ from invented import (
 from agents.statistics import CLEARLY_WORSE, SLIGHTLY_WORSE, paired_difference
 from agents.studies.answer import amount, answer, ordered
 from agents.studies.ranking import Ranking, rankings
-from agents.studies.records import DEFAULT, Agent, Condition, Estimator
+from agents.studies.records import DEFAULT, Agent, Condition, Estimator, Tuning
 from agents.studies.report import write_report
 from agents.studies.tables import (
     choices_table,
@@ -292,9 +292,26 @@ def test_of_equal_estimators_one_study_in_20_names_a_loser():
         best, *others = ranked
         gaps = [paired_difference(ranked[best], ranked[other]) for other in others]
         found = SimpleNamespace(
-            scores=ranked, results=SimpleNamespace(plan=plan_), pairs=comb(8, 2), span=1.0
-        )
+            _differences=lambda one, other, of=ranked: of[one] - of[other],
+            results=SimpleNamespace(plan=plan_), pairs=comb(8, 2), span=1.0,
+        )  # fmt: skip
         words = {Ranking.verdict(found, other, best) for other in others}
         named += bool({SLIGHTLY_WORSE, CLEARLY_WORSE} & words), any(g.excludes_zero for g in gaps)
     assert named[0] <= 0.085 * 400
     assert named[1] > 0.38 * 400  # what it would be without a correction
+
+
+def test_a_failed_tuning_leaves_the_others_compared():
+    planned = replace(study((CORVETTE,)), tune=Tuning(tunings=3))
+    whole = results(planned, noise=1e-3)
+    lost = "autopilot, tuned", "ekf", 2
+    some = without(whole, lambda f: (f.policy, f.estimator, f.run) == lost, "an error")
+    means = []
+    for found in (whole, some):
+        ranking = Ranking(found, [CORVETTE])
+        gap = ranking.gap("ekf", "kf")
+        assert gap.excludes_zero
+        assert ranking.verdict("ekf", "kf") == "clearly better"
+        means.append(gap.mean)
+    assert means[0] != means[1]
+    assert answer(some)
