@@ -37,11 +37,11 @@ class Record:
                 self.rows.setdefault((core, int(row)), []).append(episode)
 
         def advance(
-            core: Core, action: Any, shape: Any, given: Any = None, ended: Any = None,
+            core: Core, action: Any, shape: Any, ended: Any = None,
             info: bool = True,
         ) -> Any:  # fmt: skip
             before = core.observe()
-            moment = self._advance(core, action, shape, given, ended, info)
+            moment = self._advance(core, action, shape, ended, info)
             now, after = core.now, core.observe()
             actions = np.reshape(action, core.action_shape).clip(-1.0, 1.0)
             for row in range(core.num_envs) if ended is None else np.flatnonzero(~ended):
