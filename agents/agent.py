@@ -100,7 +100,7 @@ def load_agent(name: str | Path, env: Any, parameters: Mapping[str, float] | Non
     if Path(name).suffix == ".toml":
         from agents.tuning.tuned import load_tuned  # which loads agents
 
-        return load_tuned(name).agent()
+        return load_tuned(name).agent_in(given)
     if os.path.isfile(path):
         return TrainedAgent(path, given)
     if isinstance(name, str) and ":" in name:

@@ -5,8 +5,10 @@ A class names what can be tuned beside its constructor, which takes the paramete
     tunable = {"heading": Log(0.005, 0.5), "approach": Linear(0.2, 1.5)}
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from inspect import signature
+from typing import Any
 
 import numpy as np
 
@@ -57,6 +59,32 @@ class Log(Linear):
     def from_unit(self, share: float) -> float:
         """The value at a share of the range, in logarithms."""
         return float(self.low * (self.high / self.low) ** share)
+
+
+def defaults(title: str, factory: Callable[..., Any]) -> dict[str, float]:
+    """Defaults of the parameters in ``tunable`` of a class or function, by name.
+
+    Args:
+        title: Its name, for the error message.
+        factory: The class or function.
+
+    Raises:
+        ValueError: for a parameter without a range, or that the factory does not take with a number
+            for a default.
+    """
+    ranges: Mapping[str, Linear] = getattr(factory, "tunable", {})
+    taken = signature(factory).parameters
+    for name, range in ranges.items():
+        if not isinstance(range, Linear):
+            raise ValueError(
+                f"tunable of {title} needs a range of {name}, estimators.Linear(low, high) or Log,"
+                f" got {short_repr(range)}"
+            )
+        if name not in taken or taken[name].default is taken[name].empty:
+            raise ValueError(f"{title} has {name} in tunable: it must take {name} with a default")
+    values = {name: taken[name].default for name in ranges}
+    check_parameters(title, ranges, values)
+    return values
 
 
 def check_parameters(

@@ -55,7 +55,7 @@ def main(
             own = name == DEFAULT
             world = environment_options(env_id, options | ({} if own else {"estimator": name}))
             default = world.get("estimator", system.estimator or "no estimator")
-            worlds[default if own else name] = world
+            worlds[getattr(default, "__name__", default) if own else name] = world
             with closing(batch(env_id, 1, world)) as env:
                 load_agent(agent, env)
         compare_to = compare_to or ("truth" if "truth" in worlds else next(iter(worlds)))

@@ -15,8 +15,8 @@ OPTIONS = {
     "evaluations": "largest number of candidates",
     "episodes": "tuning seeds of a candidate in each condition",
     "seed": "number of the tuning, which has its own tuning seeds and its own start",
-    "fresh": "other seeds, on which tuned and delivered parameters are compared",
-    "out": "file to write",
+    "fresh": "other seeds, on which tuned and delivered parameters are compared, two or more",
+    "out": "file to write (.toml)",
     "resume": "go on with an interrupted tuning",
     "force": "replace what is there",
 }
@@ -42,25 +42,30 @@ def main(
 ) -> None:
     """Tune an estimator and a controller together, in closed loop, for the highest score.
 
-    Writes a file of parameters that watch, evaluate, ablate and train take with --tuned. Every
+    Writes a file of parameters that watch, evaluate and train take with --tuned. Every
     evaluation is appended to a journal beside it. After Ctrl-C the best so far is written; after
     the death of the process the same command with --resume goes on.
     """
+    from agents.files import check_file
     from agents.tuning.arm import Arm
     from agents.tuning.tune import tune
+    from vessel_gym.checks import one_of
 
+    with asked():
+        one_of("kind of file", out.suffix.lower(), (".toml",))
+    check_file(out)
     journal = out.with_suffix(".jsonl")
     if not (resume or force) and (out.exists() or journal.exists()):
         raise Refusal(
             f"{out if out.exists() else journal} is there already: give --resume to go on,"
             " --force to replace it, or another --out"
         )
-    if force and not resume:
-        journal.unlink(missing_ok=True)
     chosen = {} if estimator == "default" else {"estimator": estimator}
     conditions = [{"sensors": s, "disturbance": d} for s, d in product(sensors, disturbance)]
     with asked(), progress("candidates") as show:
         arm = Arm(env_id, agent, options | chosen, tuple(conditions), tune_)
+        if arm.parameters and force and not resume:
+            journal.unlink(missing_ok=True)
 
         def report(done: int, best: float) -> None:
             show(done, evaluations, f"best score {best:.4f}")

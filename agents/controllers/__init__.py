@@ -93,19 +93,30 @@ def make_controller(name: str, system: System, **parameters: float) -> Any:
         numpy.linalg.LinAlgError: if no controller stabilises the vehicle with these parameters.
         TypeError: if what is named makes no agent.
     """
-    controllers = CONTROLLERS.of(system.task)
-    if ":" not in name and name not in controllers:
-        raise ValueError(unknown_controller(name, system))
-    factory = controllers.get(name) or named_object(name)
-    if not callable(factory):
-        raise TypeError(
-            f"{name!r} makes no agent: it cannot be called with the environment's system"
-        )
+    factory = controller_factory(name, system)
     check_parameters(name, getattr(factory, "tunable", {}), parameters)
     made = factory(system, **parameters)
     if not all(callable(getattr(made, method, None)) for method in ("reset", "act")):
         raise TypeError(f"an agent has reset and act, but {name!r} makes {type(made).__name__}")
     return made
+
+
+def controller_factory(name: str, system: System) -> Factory:
+    """The class or function that makes the controller of a system, as for `make_controller`.
+
+    Raises:
+        ValueError: if there is no such controller.
+        TypeError: if what is named cannot be called.
+    """
+    controllers = CONTROLLERS.of(system.task)
+    if ":" not in name and name not in controllers:
+        raise ValueError(unknown_controller(name, system))
+    factory: Factory = controllers.get(name) or named_object(name)
+    if not callable(factory):
+        raise TypeError(
+            f"{name!r} makes no agent: it cannot be called with the environment's system"
+        )
+    return factory
 
 
 def unknown_controller(name: str, system: System, *others: str) -> str:

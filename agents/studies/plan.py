@@ -182,7 +182,9 @@ class _EnvironmentPlan:
         seed: int,
     ) -> Job:  # fmt: skip
         """The tuning of a classical agent with an estimator."""
-        own = self._world(agent, conditions[0], estimator, agent.kind)["own"]
+        own = dict[str, str]()
+        for condition in conditions:
+            own |= self._world(agent, condition, estimator, agent.kind)["own"]
         arguments = self._arm(agent, estimator, conditions) | {
             "environment": self.environment, "own": own, "seed": seed,
             "evaluations": tuning.evaluations, "episodes": tuning.episodes,

@@ -29,6 +29,7 @@ from agents.studies.worlds import (
     system_of,
 )
 from agents.training.algorithms import describe
+from agents.tuning.tune import seeds_of_tuning
 from estimators.checks import short_repr
 from estimators.factory import unknown
 from vessel_gym.models.estimation import estimator_names
@@ -289,6 +290,7 @@ class _Reader:
         keys = [each.name for each in fields(Tuning)]
         self.known("key in tune", table, keys)
         tuning = Tuning(**self.values(table, keys))
+        self.accepts("tunings", seeds_of_tuning, tuning.episodes, tuning.tunings - 1)
         names = [each.name for each in conditions]
         self.known("condition", tuning.conditions, (*names, EACH), "conditions")
         return tuning

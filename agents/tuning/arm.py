@@ -3,15 +3,14 @@
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import cached_property
-from inspect import signature
 from typing import Any
 
 from agents.agent import load_agent
-from agents.controllers import is_controller, make_controller
+from agents.controllers import controller_factory, is_controller
 from agents.rollouts import batch
 from agents.studies.worlds import environment_options, registered_id, system_of
 from estimators.factory import unknown
-from estimators.tunable import Linear, Log
+from estimators.tunable import Linear, Log, defaults
 from vessel_gym.models.estimation import ENVIRONMENT_ONLY
 from vessel_gym.simulation.configuration import Configuration, Options
 from vessel_gym.system import System
@@ -64,22 +63,42 @@ class Arm:
         """The environment's system."""
         return system_of(self.env_id)
 
+    @property
+    def named(self) -> list[str]:
+        """Options of the environment that are names, in all conditions."""
+        values = [value for each in (self.options, *self.conditions) for value in each.values()]
+        return [value for value in values if isinstance(value, str)]
+
     @cached_property
-    def configuration(self) -> Any:
-        """`Configuration` in the first condition; None for an environment of another package."""
+    def configurations(self) -> list[Configuration]:
+        """Those of the conditions; none for an environment of another package.
+
+        Raises:
+            ValueError: for another vessel, or conditions with other sensors, whose R has other
+                names.
+        """
         if not isinstance(self.system, System):
-            return None
-        return Configuration(self.system, Options(**self.worlds[0]))
+            return []
+        if "vessel" in self.options:
+            raise ValueError(
+                "only the vessel of a registered environment can be tuned: register an environment"
+                " with yours, and name it as module:id"
+            )
+        found = [Configuration(self.system, Options(**world)) for world in self.worlds]
+        if len(names := {tuple(s.name for s in each.sensors.each) for each in found}) > 1:
+            every = " and ".join(", ".join(each) for each in sorted(names))
+            raise ValueError(f"all conditions of a tuning need equal sensors, got {every}")
+        return found
 
     @cached_property
     def by_rows(self) -> bool:
         """Can candidates share a batch? The filter's parameters are then data of its rows."""
-        config = self.configuration
-        if config is None or config.raw is not None or not is_controller(self.agent, self.system):
+        if not self.configurations or not is_controller(self.agent, self.system):
             return False
-        filter = config.estimation.filter
+        filter = self.configurations[0].estimation.filter
         ours = type(filter).__module__.startswith(("estimators.", "vessel_gym."))
-        return ours and filter.varies_by_row and not config.estimation.fuses
+        plain = all(each.raw is None and not each.estimation.fuses for each in self.configurations)
+        return ours and filter.varies_by_row and plain
 
     @cached_property
     def every(self) -> dict[str, Parameter]:
@@ -112,36 +131,38 @@ class Arm:
 
     def _of_estimator(self) -> dict[str, Parameter]:
         """Factors on Q and on the R of each sensor, and the filter's own parameters."""
-        if self.configuration is None or self.estimator in ENVIRONMENT_ONLY:
+        if not self.configurations or self.estimator in ENVIRONMENT_ONLY:
             return {}
-        filter = self.configuration.estimation.filter
-        sensors = self.configuration.sensors.each
-        given = self.options.get("estimator_options", {}).get("assume", {})
+        filter = self.configurations[0].estimation.filter
+        sensors = self.configurations[0].sensors.each
+        given = (self.options.get("estimator_options") or {}).get("assume") or {}
         R = given.get("R", {})
         factors = {"Q": given.get("Q", 1.0)} | {
             f"R.{each.name}": R.get(each.name, 1.0) if isinstance(R, dict) else R
             for each in sensors
         }
         found = {name: Parameter(NOISE, value) for name, value in factors.items()}
-        found |= {n: Parameter(r, getattr(filter, n)) for n, r in filter.tunable.items()}
+        for name, range in filter.tunable.items():
+            if not hasattr(filter, name):
+                raise ValueError(f"{self.estimator} needs an attribute {name}, which is tunable")
+            found[name] = Parameter(range, getattr(filter, name))
         return {f"estimator.{name}": each for name, each in found.items()}
 
     def _of_agent(self) -> dict[str, Parameter]:
         """The controller's parameters."""
         if not is_controller(self.agent, self.system):
             return {}
-        made = make_controller(self.agent, self.system)
-        ranges, given = getattr(made, "tunable", {}), signature(type(made)).parameters
-        return {f"agent.{n}": Parameter(r, given[n].default) for n, r in ranges.items()}
+        factory: Any = controller_factory(self.agent, self.system)
+        values = defaults(self.agent, factory)
+        return {f"agent.{n}": Parameter(factory.tunable[n], value) for n, value in values.items()}
 
     def estimator_options(self, values: Values) -> dict[str, Any]:
         """Options of the estimator with some values of its parameters."""
         options = dict(self.options.get("estimator_options") or {})
-        assume = dict(options.get("assume", {}))
-        for name, value in _under("estimator.", values).items():
+        assume = dict(options.get("assume") or {})
+        for name, value in under("estimator.", values).items():
             if name.startswith("R."):
-                R = assume.get("R", {})
-                assume["R"] = (R if isinstance(R, dict) else {}) | {name[2:]: value}
+                assume["R"] = under("estimator.R.", self.delivered | values)
             elif name == "Q":
                 assume["Q"] = value
             else:
@@ -150,15 +171,14 @@ class Arm:
 
     def made_agent(self, values: Values) -> Any:
         """The agent with some values of its parameters."""
-        if is_controller(self.agent, self.system):
-            return make_controller(self.agent, self.system, **_under("agent.", values))
         with closing(batch(registered_id(self.env_id), 1, self.worlds[0])) as env:
-            return load_agent(self.agent, env)
+            return load_agent(self.agent, env, under("agent.", values))
 
 
 def _begins(name: str, with_: str) -> bool:
     return name == with_ or name.startswith(f"{with_}.")
 
 
-def _under(prefix: str, values: Values) -> Values:
+def under(prefix: str, values: Values) -> Values:
+    """Values whose names have a prefix, by the rest of the name."""
     return {n.removeprefix(prefix): v for n, v in values.items() if n.startswith(prefix)}

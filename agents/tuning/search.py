@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from agents.files import replacing
 from agents.tuning.arm import Parameter, Values
 
 RADIUS = 0.15
@@ -35,25 +36,21 @@ class Journal:
         points: Evaluations so far, as points of the unit cube and scores.
 
     Raises:
-        ValueError: for a file of another search.
+        ValueError: for a damaged file, or one of another search.
+        OSError: if the file cannot be read or written.
     """
 
     def __init__(self, path: Path | None, made_by: Any) -> None:
         self.path, self.points = path, list[tuple[list[float], float]]()
         head = json.dumps(made_by, sort_keys=True)
-        self._kept: list[Any] = []
+        self._kept = list[tuple[list[float], float]]()
         if path is None:
             return
         if path.exists():
-            first, *lines = path.read_text(encoding="utf-8").splitlines()
-            if first != head:
-                raise ValueError(
-                    f"{path} is the journal of another tuning or of another version: remove it, or"
-                    " choose another --out"
-                )
-            self._kept = [json.loads(line) for line in lines if line.endswith("]")]
+            self._kept = _evaluations(path, head)
         text = "".join(f"{line}\n" for line in (head, *map(json.dumps, self._kept)))
-        path.write_text(text, encoding="utf-8")
+        with replacing(path) as temporary:
+            temporary.write_text(text, encoding="utf-8")
 
     def score(self, point: np.ndarray, evaluate: Callable[[], float]) -> float:
         """The score of a point: as kept, or else evaluated and kept."""
@@ -67,6 +64,25 @@ class Journal:
                     file.write(f"{json.dumps([asked, found])}\n")
         self.points.append((asked, found))
         return found
+
+
+def _evaluations(path: Path, head: str) -> list[tuple[list[float], float]]:
+    """Points and scores in a journal; a line that a killed process left unfinished is not read.
+
+    Raises:
+        ValueError: as `Journal`.
+    """
+    text = path.read_text(encoding="utf-8", errors="replace")
+    first, *lines = text.split("\n")[:-1] or [""]
+    if first != head:
+        raise ValueError(
+            f"{path} is the journal of another tuning or of another version: remove it, or choose"
+            " another --out"
+        )
+    try:
+        return [([*map(float, point)], float(score)) for point, score in map(json.loads, lines)]
+    except (ValueError, TypeError):
+        raise ValueError(f"{path} is damaged: remove it, or choose another --out") from None
 
 
 def search(
@@ -84,7 +100,7 @@ def search(
         parameters: What is searched.
         evaluations: Largest number of scores.
         seed: 0: the search begins at the delivered values; else at a point near them that the seed
-            draws.
+            draws. COBYQA moves a start away from near bounds, or onto them.
         journal: Takes the evaluations.
         progress: Called after each with the number so far and the best score. A KeyboardInterrupt
             ends the search, and the best so far is returned.

@@ -13,7 +13,7 @@ from agents.rollouts import rollout
 from agents.seeds import tuning_seeds
 from agents.source import source_digest
 from agents.statistics import mean_interval
-from agents.studies.worlds import registered_id
+from agents.studies.worlds import digests, registered_id
 from agents.tuning.arm import Arm, Values
 from agents.tuning.search import Journal, search
 from agents.tuning.trials import Trials
@@ -51,22 +51,23 @@ def tune(
         episodes: Seeds of a candidate in each condition.
         seed: Number of the tuning. Each has its own tuning seeds and its own start of the search;
             number 0 starts at the delivered values.
-        fresh: Seeds of the comparison.
+        fresh: Seeds of the comparison, two or more.
         journal: File to which each evaluation is appended, and from which an interrupted tuning
             goes on; None: none.
         processes: Processes that share the episodes of a candidate.
         progress: As for `agents.tuning.search.search`.
 
     Raises:
-        ValueError: for an arm without parameters, a journal of another tuning, or seeds that are
-            not there.
+        ValueError: for an arm without parameters, a damaged journal or one of another tuning, or
+            seeds that are not there.
     """
     evaluations, began = integer("evaluations", evaluations, 1), time.process_time()
-    trials = Trials(arm, tuning_seeds(episodes, first=seed * episodes), processes)
+    trials = Trials(arm, seeds_of_tuning(episodes, seed), processes)
+    others = tuning_seeds(integer("fresh", fresh, 2), first=FRESH)
     made_by = {
         "version": vessel_gym.__version__, "source": source_digest("agents.tuning.tune"),
         "first_seed": trials.seeds[0], "episodes": episodes, "evaluations": evaluations,
-        "seed": seed,
+        "seed": seed, "own": digests(arm.env_id, arm.agent, *arm.named),
     }  # fmt: skip
     described = [made_by, arm.env_id, arm.agent, str(arm.options), str(arm.conditions)]
     kept = Journal(journal, [*described, sorted(arm.parameters)])
@@ -74,16 +75,30 @@ def tune(
         lambda values: float(trials.scores([values]).mean()), arm.parameters, evaluations, seed,
         kept, progress,
     )  # fmt: skip
-    bound = _at_bound(arm, values)
-    values, nees = _scaled(arm, trials, values)
+    searched, (values, nees) = values, _scaled(arm, trials, values)
     best = np.maximum.accumulate([score for _, score in kept.points]).tolist()
     found = {
-        "before": kept.points[0][1] if not seed else float(trials.scores([{}]).mean()),
+        "before": float(trials.scores([{}]).mean()),
         "after": float(trials.scores([values]).mean()), "best_so_far": best,
-        "position_nees": nees, "at_bound": bound,
+        "position_nees": nees, "at_bound": _at_bound(arm, searched),
     }  # fmt: skip
-    found |= _compared(arm, values, tuning_seeds(fresh, first=FRESH))
+    found |= _compared(arm, searched, values, others)
     return Tuned(arm, values, made_by, found | {"cpu_seconds": time.process_time() - began})
+
+
+def seeds_of_tuning(episodes: int, seed: int) -> list[int]:
+    """Tuning seeds of a tuning, by its number.
+
+    Raises:
+        ValueError: if they would be among those on which parameters are compared.
+    """
+    first = integer("episodes", episodes, 1) * integer("seed", seed, 0)
+    if first + episodes > FRESH:
+        raise ValueError(
+            f"there are {FRESH} seeds to tune on: tuning {seed} of {episodes} episodes needs"
+            f" {first + episodes}, so take fewer episodes or a smaller seed"
+        )
+    return tuning_seeds(episodes, first)
 
 
 def _scaled(arm: Arm, trials: Trials, values: Values) -> tuple[Values, float]:
@@ -122,14 +137,17 @@ def _at_bound(arm: Arm, values: Values) -> list[str]:
     return [name for name, share in shares.items() if not NEAR < share < 1.0 - NEAR]
 
 
-def _compared(arm: Arm, values: Values, seeds: Sequence[int]) -> dict[str, Any]:
+def _compared(arm: Arm, searched: Values, values: Values, seeds: Sequence[int]) -> dict[str, Any]:
     """Comparison of tuned and delivered parameters on other seeds.
 
-    For each parameter the score is also that of all others tuned and this one as delivered.
+    The gain of a parameter is that over all others as searched and this one as delivered. Q and R
+    are not yet scaled there: a sensor's R as delivered beside the scaled R of the others would
+    count the scale as its gain.
     """
-    left_out = [{n: v for n, v in values.items() if n != name} for name in arm.parameters]
-    delivered, tuned, *others = Trials(arm, seeds).scores([{}, values, *left_out])
-    gains = [mean_interval(tuned - each) for each in (delivered, *others)]
+    left_out = [{n: v for n, v in searched.items() if n != name} for name in arm.parameters]
+    candidates = [{}, values, searched, *left_out]
+    delivered, tuned, best, *others = Trials(arm, seeds).scores(candidates)
+    gains = [mean_interval(each) for each in (tuned - delivered, *(best - np.array(others)))]
     gain, *each = [[g.mean, g.low, g.high] for g in gains if g is not None]
     return {
         "fresh_delivered": float(delivered.mean()), "fresh_tuned": float(tuned.mean()),

@@ -5,8 +5,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from agents.agent import load_agent
 from agents.files import replacing
-from agents.tuning.arm import Arm, Values
+from agents.studies.worlds import registered_id
+from agents.tuning.arm import Arm, Values, under
 from vessel_gym.toml_file import TomlFile
 
 _ARM = {"env_id": str, "agent": str, "options": dict, "conditions": list, "picked": list}
@@ -41,6 +43,20 @@ class Tuned:
         """The controller with its tuned parameters, for `agents.rollout`."""
         return self.arm.made_agent(self.values)
 
+    def agent_in(self, env: Any) -> Any:
+        """The controller with its tuned parameters, for an environment or a batch.
+
+        Raises:
+            ValueError: for an environment or a vessel that was not tuned, or observations that the
+                controller cannot use.
+        """
+        if getattr(env.unwrapped, "system", self.arm.system) is not self.arm.system:
+            raise ValueError(
+                f"these parameters were tuned for {self.arm.env_id}, not for this environment or"
+                " vessel"
+            )
+        return load_agent(self.arm.agent, env, under("agent.", self.values))
+
     def options_for(self, env_id: str, given: dict[str, Any]) -> dict[str, Any]:
         """Options of an environment with the tuned estimator in place of its own.
 
@@ -49,15 +65,18 @@ class Tuned:
             given: Its other options.
 
         Raises:
-            ValueError: for an environment, sensors or an estimator that were not tuned.
+            ValueError: for an environment, vessel, sensors, estimator or options of the estimator
+                that were not tuned.
         """
-        suites = [
-            (self.arm.options | each).get("sensors", "nominal") for each in self.arm.conditions
-        ]
+        arm, plain = self.arm, "as registered"
+        suites = [(arm.options | each).get("sensors", "nominal") for each in arm.conditions]
+        own = arm.options.get("estimator_options") or {}
         asked = {
-            "environment": (env_id, [self.arm.env_id]),
+            "environment": (registered_id(env_id), [registered_id(arm.env_id)]),
+            "vessel": (given.get("vessel", plain), [plain]),
             "sensors": (given.get("sensors", "nominal"), suites),
-            "estimator": (given.get("estimator", self.arm.estimator), [self.arm.estimator]),
+            "estimator": (given.get("estimator", arm.estimator), [arm.estimator]),
+            "estimator options": (given.get("estimator_options", own), [own]),
         }
         for what, (chosen, known) in asked.items():
             if chosen not in known:
@@ -71,8 +90,11 @@ class Tuned:
     def write(self, path: str | Path) -> None:
         """Write the file.
 
+        None is written as ``"none"``, as in studies.
+
         Raises:
-            OSError: if it cannot be written.
+            TypeError: for a class or another object among the options.
+            OSError: if the file cannot be written.
         """
         arm = {key: getattr(self.arm, key) for key in _ARM}
         tables = {"arm": arm, "values": self.values, "made_by": self.made_by, "found": self.found}
@@ -106,11 +128,19 @@ def load_tuned(path: str | Path) -> Tuned:
     if not whole or not all(isinstance(each, float) for each in values.values()):
         raise ValueError(f"{path} is no file of tuned parameters, as vessel-gym tune writes it")
     arm |= {key: tuple(arm[key]) for key in ("conditions", "picked")}
+    arm["options"] = {key: _without_none(value) for key, value in arm["options"].items()}
     return Tuned(Arm(**{key: arm[key] for key in _ARM}), values, *rest)
 
 
+def _without_none(value: Any) -> Any:
+    """A value or table in which ``"none"`` is None."""
+    if isinstance(value, dict):
+        return {key: _without_none(each) for key, each in value.items()}
+    return None if value == "none" else value
+
+
 def _key(name: str) -> str:
-    return name if name.isidentifier() else json.dumps(name)
+    return name if name.isidentifier() and name.isascii() else json.dumps(name)
 
 
 def _toml(value: Any) -> str:
@@ -121,4 +151,6 @@ def _toml(value: Any) -> str:
         return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, float):
         return str(value)  # also nan, which JSON spells otherwise
-    return json.dumps(value, ensure_ascii=False)
+    if not isinstance(value, str | int | None):
+        raise TypeError(f"a file cannot hold {value!r}: name your own part as module:object")
+    return json.dumps("none" if value is None else value, ensure_ascii=False)

@@ -1,18 +1,22 @@
 """Estimator and controller are tuned together, in closed loop, on common random numbers."""
 
 import json
+from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
+from refusals import refused
 
-from agents import rollout
+from agents import load_agent, rollout
 from agents.seeds import tuning_seeds
 from agents.tuning.arm import NOISE, Arm, Parameter
 from agents.tuning.search import Journal, search
 from agents.tuning.trials import Trials
-from agents.tuning.tune import tune
+from agents.tuning.tune import _compared, tune
 from agents.tuning.tuned import Tuned, load_tuned
 from estimators import ExtendedKalmanFilter, Log
 
@@ -81,6 +85,13 @@ def test_factors_given_to_the_environment_are_delivered():
     plain, own = Arm(CORVETTE, options={"estimator": "ekf"}), {"estimator_options": given}
     scored = Trials(Arm(CORVETTE, options={"estimator": "ekf"} | own), SEEDS).scores([{}])
     np.testing.assert_allclose(scored, Trials(plain, SEEDS).scores(CANDIDATES[1:2]), atol=1e-12)
+
+
+def test_sensors_that_are_not_tuned_keep_their_factor_on_R():
+    given = {"estimator_options": {"assume": {"R": 4.0}}}
+    arm = Arm(CORVETTE, options={"estimator": "ekf"} | given)
+    R = arm.estimator_options({"estimator.R.receiver": 9.0})["assume"]["R"]
+    assert R == {"gyro compass": 4.0, "rate gyro": 4.0, "receiver": 9.0}
 
 
 def test_a_candidate_without_a_design_scores_as_failed():
@@ -181,6 +192,48 @@ def test_a_tuned_file_is_refused_elsewhere(tuned: Tuned):
             tuned.options_for(env_id, given)
 
 
+def test_a_tuned_controller_is_refused_elsewhere(tuned: Tuned, tmp_path: Path):
+    tuned.write(path := tmp_path / "tuned.toml")
+    for env_id, given, said in (
+        ("SigmaChannel-v0", {}, "were tuned for SigmaCorvette-v0, not for this"),
+        (CORVETTE, {"observe": "measurement"}, "needs estimates"),
+        (CORVETTE, {"guidance": False}, "goes by guidance"),
+    ):
+        with refused(ValueError, said):
+            rollout(str(path), env_id, SEEDS, given)
+    with closing(gym.make(CORVETTE)) as env:
+        observation = np.zeros((1, *env.observation_space.shape))
+        assert load_agent(path, env).act(observation).shape == (1, 1)
+
+
+def test_a_tuned_estimator_keeps_its_vessel_and_options(tuned: Tuned):
+    for given, said in (
+        ({"vessel": "mariner"}, "tuned for vessel as registered, not for mariner"),
+        ({"estimator_options": {"late": "discarded"}}, "estimator options {}, not for .*late"),
+    ):
+        with refused(ValueError, said):
+            tuned.options_for(CORVETTE, given)
+    named = replace(tuned.arm, env_id=f"agents.tuning:{CORVETTE}")
+    assert replace(tuned, arm=named).options_for(CORVETTE, {}) == tuned.env_options
+
+
+def test_options_without_a_value_survive_the_file(tuned: Tuned, tmp_path: Path):
+    options = {"estimator": "enkf", "estimator_options": {"members": None}}
+    replace(tuned, arm=Arm(CORVETTE, options=options)).write(path := tmp_path / "tuned.toml")
+    assert load_tuned(path).arm.options == options
+    with refused(TypeError, "cannot hold .*Inflated.*module:object"):
+        replace(tuned, arm=Arm(CORVETTE, options={"estimator": Inflated})).write(path)
+
+
+def test_all_others_as_searched_show_what_a_parameter_gains(tuned: Tuned):
+    names = [*tuned.arm.parameters]
+    searched = {name: tuned.arm.delivered[name] for name in names}
+    scaled = {n: 100.0 * v if n.startswith("estimator") else v for n, v in searched.items()}
+    seeds = tuning_seeds(4, first=9)
+    found = _compared(tuned.arm, searched, scaled | {"estimator.Q": 100.0}, seeds)
+    assert found["gain_of"] == {name: [0.0, 0.0, 0.0] for name in names}
+
+
 @pytest.mark.parametrize("text", ["", "[arm]\nenv_id = 3", "x = ["])
 def test_other_files_hold_no_tuned_parameters(text: str, tmp_path: Path):
     (path := tmp_path / "other.toml").write_text(text)
@@ -198,6 +251,68 @@ def test_other_files_hold_no_tuned_parameters(text: str, tmp_path: Path):
 def test_an_arm_without_the_parameters_is_refused(arm: Arm, said: str):
     with pytest.raises(ValueError, match=said):
         arm.parameters  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"fresh": 1}, "fresh must be a whole number of at least 2"),
+        ({"episodes": 0}, "episodes must be a whole number of at least 1"),
+        ({"evaluations": 0}, "evaluations must be"),
+        ({"seed": -1}, "seed must be"),
+        ({"seed": 12_500, "episodes": 40}, "500000 seeds to tune on.* needs 500040"),
+    ],
+)
+def test_numbers_are_refused_before_a_tuning(given: dict[str, int], said: str):
+    with refused(ValueError, said):
+        tune(Arm(CORVETTE), **given)
+
+
+@pytest.mark.parametrize("options", [{}, {"estimator_options": None}])
+def test_conditions_of_an_arm_have_equal_sensors(options: dict[str, Any]):
+    sensors = [*Arm(CORVETTE).configurations[0].sensors.each]
+    arm = Arm(CORVETTE, "autopilot", options, ({}, {"sensors": sensors[:-1]}))
+    with refused(ValueError, "conditions of a tuning need equal sensors"):
+        arm.parameters  # noqa: B018
+    with refused(ValueError, "only the vessel of a registered environment"):
+        Arm(CORVETTE, options=options | {"vessel": "mariner"}).parameters  # noqa: B018
+
+
+def test_a_controller_is_tuned_on_what_it_can_use():
+    arm = Arm(CORVETTE, options={"observe": "measurement"})
+    with refused(ValueError, "the autopilot needs estimates"):
+        tune(arm, evaluations=1, episodes=1)
+
+
+def test_a_late_sensor_in_any_condition_needs_environments():
+    late = {"latency": {"receiver": 2.0}}
+    assert Arm(CORVETTE).by_rows
+    assert not Arm(CORVETTE, conditions=({}, late)).by_rows
+
+
+@pytest.mark.parametrize("text", ["3\n", '[[0.1], "a"]\n', "[[0.1]]\n", "{\n"])
+def test_a_damaged_journal_is_refused(text: str, tmp_path: Path):
+    Journal(path := tmp_path / "a.jsonl", {})
+    path.write_text(path.read_text() + text)
+    with refused(ValueError, "is damaged: remove it"):
+        Journal(path, {})
+
+
+@pytest.mark.parametrize("text", ["", "{"])
+def test_a_journal_without_its_head_is_refused(text: str, tmp_path: Path):
+    (path := tmp_path / "a.jsonl").write_text(text)
+    with refused(ValueError, "the journal of another tuning"):
+        Journal(path, {})
+
+
+@pytest.mark.parametrize("cut", range(1, 12))
+def test_a_line_cut_anywhere_is_read_as_missing(cut: int, tmp_path: Path):
+    journal = Journal(path := tmp_path / "a.jsonl", {})
+    journal.score(np.array([0.5]), lambda: 1.0)
+    whole = path.read_text()
+    path.write_text(whole[:-cut])
+    Journal(path, {}).score(np.array([0.5]), lambda: 1.0)
+    assert path.read_text() == whole
 
 
 def test_a_journal_of_another_tuning_is_refused(tmp_path: Path):

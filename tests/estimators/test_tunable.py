@@ -5,7 +5,7 @@ import pytest
 from refusals import refused
 
 from estimators import Linear, Log
-from estimators.tunable import check_parameters
+from estimators.tunable import check_parameters, defaults
 
 RANGES = pytest.mark.parametrize("span", [Log(0.005, 0.5), Linear(-2.0, 3.0)])
 
@@ -46,3 +46,23 @@ def test_parameters_that_cannot_be_tuned_are_refused():
             check_parameters("autopilot", ranges, {"heading": value})
     with refused(ValueError, "^offset of autopilot must be a finite number, got nan"):
         check_parameters("autopilot", ranges, {"offset": np.nan})
+
+
+def test_what_is_tunable_has_a_range_and_a_default():
+    def controller(system: object, gain: float = 2.0, other: float = -1.0, *, last: float) -> None:
+        """A controller by a function."""
+
+    assert defaults("mine", controller) == {}
+    for ranges, said in (
+        ({"gain": Log(0.1, 9.0), "other": Linear(-2.0, 2.0)}, ""),
+        ({"gain": (0.1, 9.0)}, r"tunable of mine needs a range of gain, .*, got \(0.1, 9.0\)"),
+        ({"last": Log(0.1, 9.0)}, "mine has last in tunable: it must take last with a default"),
+        ({"none": Log(0.1, 9.0)}, "mine has none in tunable: it must take none with a default"),
+        ({"other": Log(0.1, 9.0)}, "other of mine must be a finite number above 0, got -1.0"),
+    ):
+        controller.tunable = ranges  # type: ignore[attr-defined]
+        if not said:
+            assert defaults("mine", controller) == {"gain": 2.0, "other": -1.0}
+            continue
+        with refused(ValueError, said):
+            defaults("mine", controller)
