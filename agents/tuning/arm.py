@@ -71,7 +71,7 @@ class Arm:
 
     @cached_property
     def configurations(self) -> list[Configuration]:
-        """Those of the conditions; none for an environment of another package.
+        """`Configuration` in each condition; none for an environment of another package.
 
         Raises:
             ValueError: for another vessel, or conditions with other sensors, whose R has other
