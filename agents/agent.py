@@ -92,11 +92,7 @@ def load_agent(name: str | Path, env: Any, parameters: Mapping[str, float] | Non
     if ours and name == PPO:
         return TrainedAgent(packaged(env.system.name), env)
     if ours and name in CONTROLLERS.of(env.core.config.system.task):
-        if env.core.config.observe_mode == "measurement":
-            raise ValueError(f'the {name} needs estimates: use observe="mean" or "mean+std"')
-        if not env.core.config.options.guidance:
-            raise ValueError(f"the {name} goes by guidance: leave out guidance")
-        return make_controller(str(name), env.system, **parameters)
+        return _guided(str(name), env, parameters)
     if Path(name).suffix == ".toml":
         from agents.tuning.tuned import load_tuned  # which loads agents
 
@@ -115,3 +111,13 @@ def load_agent(name: str | Path, env: Any, parameters: Mapping[str, float] | Non
     raise ValueError(
         unknown_controller(str(name), env.system, PPO, RANDOM, "the path of a checkpoint")
     )
+
+
+def _guided(name: str, env: Any, parameters: Mapping[str, float]) -> Agent:
+    """A registered controller, which needs estimates and guidance."""
+    if env.core.config.observe_mode == "measurement":
+        raise ValueError(f'the {name} needs estimates: use observe="mean" or "mean+std"')
+    if not env.core.config.options.guidance:
+        raise ValueError(f"the {name} goes by guidance: leave out guidance")
+    made: Agent = make_controller(name, env.system, **parameters)
+    return made

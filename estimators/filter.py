@@ -194,7 +194,7 @@ class Filter(ABC, Generic[Record]):
         return Q if belief.parameters is None else belief.parameters[..., 0, None, None] * Q
 
     def _option(self, name: str, belief: Record) -> Any:
-        """Value of an option in ``tunable``: a number, or ``(..., 1)`` where rows have their own."""
+        """Value of an option in ``tunable``: a number, or ``(..., 1)`` if rows have their own."""
         if belief.parameters is None:
             return getattr(self, name)
         place = 1 + self.model.p + [*self.tunable].index(name)

@@ -1,4 +1,4 @@
-"""Tables of the study in which every estimator is tuned with its controller: ``studies/tuned.toml``.
+"""Tables of ``studies/tuned.toml``, in which every estimator is tuned with its controller.
 
 They are read from ``results/tuned``, where ``vessel-gym ablate tuned`` leaves them.
 """

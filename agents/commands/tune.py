@@ -46,20 +46,10 @@ def main(
     evaluation is appended to a journal beside it. After Ctrl-C the best so far is written; after
     the death of the process the same command with --resume goes on.
     """
-    from agents.files import check_file
     from agents.tuning.arm import Arm
     from agents.tuning.tune import tune
-    from vessel_gym.checks import one_of
 
-    with asked():
-        one_of("kind of file", out.suffix.lower(), (".toml",))
-    check_file(out)
-    journal = out.with_suffix(".jsonl")
-    if not (resume or force) and (out.exists() or journal.exists()):
-        raise Refusal(
-            f"{out if out.exists() else journal} is there already: give --resume to go on,"
-            " --force to replace it, or another --out"
-        )
+    journal = _journal(out, resume or force)
     chosen = {} if estimator == "default" else {"estimator": estimator}
     conditions = [{"sensors": s, "disturbance": d} for s, d in product(sensors, disturbance)]
     with asked(), progress("candidates") as show:
@@ -73,6 +63,23 @@ def main(
         tuned = tune(arm, evaluations, episodes, seed, fresh, journal, processes, report)
     tuned.write(out)
     _print(tuned, out)
+
+
+def _journal(out: Path, used: bool) -> Path:
+    """The journal beside the file that is written; both may only be there if they are used."""
+    from agents.files import check_file
+    from vessel_gym.checks import one_of
+
+    with asked():
+        one_of("kind of file", out.suffix.lower(), (".toml",))
+    check_file(out)
+    journal = out.with_suffix(".jsonl")
+    if not used and (out.exists() or journal.exists()):
+        raise Refusal(
+            f"{out if out.exists() else journal} is there already: give --resume to go on,"
+            " --force to replace it, or another --out"
+        )
+    return journal
 
 
 def _print(tuned: Any, out: Path) -> None:

@@ -45,7 +45,7 @@ def main(
     every: int = 6,
     **options: Any,
 ) -> None:
-    """Write one episode to a file, to watch it: with several estimators, at equal waves and noise."""
+    """Write an episode to a file, to watch it; several estimators meet equal waves and noise."""
     import gymnasium as gym
 
     from agents import episode, load_agent

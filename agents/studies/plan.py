@@ -172,7 +172,8 @@ class _EnvironmentPlan:
     def _untunable(self, agent: Agent, estimator: Estimator, conditions: list[Condition]) -> str:
         """Reason why an agent cannot be tuned with an estimator; empty if it can be."""
         try:
-            Arm(self.environment, **self._arm(agent, estimator, conditions)).parameters  # noqa: B018
+            arm = Arm(self.environment, **self._arm(agent, estimator, conditions))
+            arm.parameters  # noqa: B018
         except ValueError as error:
             return str(error)
         return ""

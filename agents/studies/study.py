@@ -280,7 +280,7 @@ class _Reader:
         return [world for world in self.worlds if record.is_in(world)]
 
     def tuning(self, conditions: Sequence[Condition]) -> Tuning | None:
-        """How agents and estimators are tuned together, if they are."""
+        """The table of tunings, if there is one."""
         self.place, table = ("tune",), self.data.get("tune")
         if table is None:
             return None
