@@ -1,4 +1,6 @@
 from estimators.angles import wrap as wrap
+from estimators.as_printed import PrintedSquareRootFilter as PrintedSquareRootFilter
+from estimators.as_printed import PrintedUMVFilter as PrintedUMVFilter
 from estimators.augmentation import stacked as stacked
 from estimators.belief import Belief as Belief
 from estimators.belief import DelayedInputBelief as DelayedInputBelief

@@ -134,8 +134,9 @@ def run(
     if continued:
         _check_continued(prior.mean.shape[:-1], batch, keyed and first == 0)
     if isinstance(prior, Gaussian):
-        mean = broadcast("the prior's mean", prior.mean, batch + prior.mean.shape[-1:])
-        prior = prior.about(mean)
+        prior = prior.about(
+            broadcast("the prior's mean", prior.mean, (*batch, prior.mean.shape[-1]))
+        )
     _check_sampled(getattr(filter, "model", None), t)
     masks, covariances = _over_time("available", available, T), _over_time("R", R, T)
     after, at = _known_inputs(u, t, T + continued, batch)

@@ -21,8 +21,8 @@ COLUMNS = (
 
 OPTIONS = {
     "estimator": "one or more estimators; default is the environment's own",
-    "compare_to": "estimator from which the differences of the others are taken; if not given, truth"
-    " or else the first",
+    "compare_to": "estimator from which differences of the others are taken; if not given, truth or"
+    " else the first",
     "episodes": "episodes for each estimator",
     "out": "file for all means, differences and their intervals (.csv)",
 }

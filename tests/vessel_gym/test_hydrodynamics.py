@@ -80,16 +80,6 @@ REMUS = Torpedo(
     axial_drag=axial_drag_coefficient(1.3327, 0.191, speed=1.54),  # his top speed, 3 knots
     water_density=1030.0,
 )
-# da Silva et al. (2007): 1.08 m by .15 m, fins of 64 cm2 at -.4 m, rho 1000. The rest is assumed: a
-# hull and fins of REMUS' proportions, and 1.5 m/s.
-_SCALE = 1.08 / 1.3327
-LAUV = Torpedo(
-    Myring(0.191 * _SCALE, 0.654 * _SCALE, 0.541 * _SCALE, 0.15, 0.436 * 0.15 / 0.191 / _SCALE, origin=0.611 * _SCALE,
-           nose_cut=0.0165 * _SCALE, tail_cut=0.0368 * _SCALE),
-    Fins(area=6.4e-3, span=np.sqrt(0.5 * 2.21 * 6.4e-3), position=-0.4, taper=0.654),
-    axial_drag=axial_drag_coefficient(1.08, 0.15, speed=1.5),
-    water_density=1000.0,
-)  # fmt: skip
 
 
 @st.composite
@@ -374,15 +364,6 @@ def remus_rows() -> list[Row]:
     ]
 
 
-def lauv_ratios() -> dict[str, float]:
-    """Coefficients of LAUV over the published ones."""
-    c = LAUV.coefficients()
-    published = {"X_udot": -1.0, "Y_vdot": -16.0, "M_qdot": -1.3, "X_uu": -2.4}
-    published |= {"Y_vv": -80.0, "M_qq": -9.1}
-    ratios = {name: getattr(c, name) / value for name, value in published.items()}
-    return ratios | {"Y_uudr": LAUV.fin_lift() / 9.6}
-
-
 def table(rows: list[Row]) -> str:
     lines = ["| coefficient | published | ours | ratio |", "|---|---|---|---|"]
     lines += [f"| {name} | {old:.3g} | {new:.3g} | {new / old:.2f} |" for name, old, new in rows]
@@ -399,10 +380,6 @@ def with_table(page: str) -> str:
 def test_the_page_says_what_the_code_computes():
     page = PAGE.read_text(encoding="utf-8")
     assert page == with_table(page), "run python tests/vessel_gym/test_hydrodynamics.py"
-    lauv = page.partition("## LAUV")[2]
-    for name, ratio in lauv_ratios().items():
-        assert f"`{name}`" in lauv
-        assert f"{ratio:.2f}" in lauv, name
 
 
 if __name__ == "__main__":

@@ -46,9 +46,10 @@ def test_one_without_the_keyword_is_one_sentence():
         del gym.registry["Fixed-v0"]
 
 
-def test_ours_lists_the_estimators_that_its_models_carry(capsys):
+def test_ours_lists_the_estimators_that_its_models_carry(capsys, monkeypatch):
     from vessel_gym.envs import SigmaCorvetteEnv
 
+    monkeypatch.delenv("COLUMNS", raising=False)
     command.main("estimators")
     system = SigmaCorvetteEnv.system
     world = system.sensors_of("nominal"), chosen_disturbance(system, "moderate")
