@@ -62,7 +62,7 @@ def tuned_table(results: Results, environment: str) -> pd.DataFrame:
         jobs = {f.job.needs[0].key for f in tuned if f.estimator == name}
         found = [results.outcome.values[key] for key in jobs if key in results.outcome.values]
         before, after = (
-            results.rows(score, name, p) for p in (results.classical, results.compared)
+            results.rows(score, name, p).sort_index() for p in (results.classical, results.compared)
         )
         if not found or place not in before.index or place not in after.index:
             continue
