@@ -19,6 +19,7 @@ from agents.tuning.search import Journal, search
 from agents.tuning.trials import Trials
 from agents.tuning.tuned import Tuned
 from estimators.checks import integer
+from vessel_gym.models.estimation import WITHOUT_COVARIANCE
 
 FRESH = 500_000
 """Number of the first tuning seed on which tuned and delivered parameters are compared."""
@@ -107,6 +108,8 @@ def _scaled(arm: Arm, trials: Trials, values: Values) -> tuple[Values, float]:
     The gain of a Kalman filter depends on the ratio of Q and R alone, and so does the score. The
     factor brings the NEES to 1 unless that changes the score by `MATTERS` or more.
     """
+    if arm.estimator in WITHOUT_COVARIANCE:
+        return values, np.nan
     nees, names = _nees(arm, trials.seeds, values), [n for n in arm.every if _is_noise(n)]
     if arm.picked or not names or not np.isfinite(nees):
         return values, nees
