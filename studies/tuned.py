@@ -1,12 +1,14 @@
 """Tables of ``studies/tuned.toml``, in which every estimator is tuned with its controller.
 
-They are read from ``results/tuned``, where ``vessel-gym ablate tuned`` leaves them.
+They are read from ``results``, where ``vessel-gym ablate tuned`` leaves them, and ``ablate`` of
+``tuned_each``, in which arms are tuned for each condition, and of ``likelihood``.
 """
 
 from collections.abc import Iterator
 from itertools import groupby
 
 import numpy as np
+import pandas as pd
 
 from agents.commands.ablate import STUDIES
 from agents.jobs import load
@@ -22,29 +24,83 @@ from agents.tuning.tuned import load_tuned
 from studies.markdown import NONE, ROOT, table
 from studies.results import episodes
 
-STUDY = "tuned"
+Episodes = dict[tuple[str, str], np.ndarray]
+
+STUDY, EACH, LIKELIHOOD = "tuned", "tuned_each", "likelihood"
 AGENT = "autopilot"
+TUNED = f"{AGENT}, tuned"
+
+
+class Arms:
+    """Scores of an environment's arms ``(tunings, seeds)`` by condition and estimator.
+
+    Costs are against the truth with its own tuned controller; 95 % hold for all of an
+    environment at once, crossed over tunings and seeds.
+    """
+
+    def __init__(self, environment: str) -> None:
+        self.delivered = episodes(STUDY, environment, AGENT)
+        self.once = episodes(STUDY, environment, TUNED)
+        first = next(iter(self.once))[0]
+        own = {at: each for at, each in self.once.items() if at[0] == first}
+        self.each = own | episodes(EACH, environment, TUNED)
+        self.likely = episodes(LIKELIHOOD, environment, TUNED)
+        self.conditions = list(dict.fromkeys(condition for condition, _ in self.once))
+        self.names = list(dict.fromkeys(name for _, name in self.once))
+
+    def cost(self, of: Episodes, condition: str, name: str) -> str:
+        """Cost of an estimator with its interval; a dash where it cannot be used."""
+        if (condition, name) not in of or name == ORACLE:
+            return NONE
+        comparisons = len(self.conditions) * (len(self.names) - 1)
+        lost = of[condition, ORACLE] - of[condition, name]
+        return interval(crossed_interval(lost, comparisons))
+
+
+def mean(of: Episodes, *at: str) -> str:
+    """Mean score of an arm; a dash where it cannot be used."""
+    return f"{of[at].mean():.3f}" if at in of else NONE
 
 
 def scores(environment: str) -> str:
-    """Scores as delivered and tuned, and the cost against the truth's own tuned controller.
+    """Scores in the first condition, and costs in all."""
+    arms = Arms(environment)
+    first, *others = arms.conditions
+    rows = [
+        [
+            f"`{name}`", mean(arms.delivered, first, name), mean(arms.likely, first, name),
+            mean(arms.once, first, name), *(arms.cost(arms.once, c, name) for c in arms.conditions),
+        ]
+        for name in arms.names
+    ]  # fmt: skip
+    heads = "delivered", "by likelihood", "tuned", f"cost: {first}", *others
+    return table(["", *heads], rows)
 
-    95 % hold for all costs of an environment at once. They are crossed over tunings and seeds.
-    """
-    before, after = (episodes(STUDY, environment, name) for name in (AGENT, f"{AGENT}, tuned"))
-    conditions = list(dict.fromkeys(condition for condition, _ in after))
-    names = dict.fromkeys(name for _, name in after)
-    compared = len(conditions) * (len(names) - 1)
 
-    def cell(condition: str, name: str) -> str:
-        if (at := (condition, name)) not in after:
-            return NONE
-        gain = f"{before[at].mean():.3f} → {after[at].mean():.3f}"
-        cost = crossed_interval(after[condition, ORACLE] - after[at], compared)
-        return gain if name == ORACLE else f"{gain}; {interval(cost)}"
+def everything() -> str:
+    """All scores and costs, in a file beside the pages."""
+    rows = []
+    for environment in read_study(STUDIES[STUDY]).environments:
+        arms = Arms(environment)
+        rows += [
+            {
+                "environment": environment, "condition": condition, "estimator": name,
+                "delivered": mean(arms.delivered, condition, name),
+                "by likelihood": mean(arms.likely, condition, name),
+                "tuned once": mean(arms.once, condition, name),
+                "cost": arms.cost(arms.once, condition, name),
+                "tuned for the condition": mean(arms.each, condition, name),
+                "its cost": arms.cost(arms.each, condition, name),
+            }
+            for condition, name in arms.once
+        ]  # fmt: skip
+    return _file("tuned.csv", pd.DataFrame(rows))
 
-    rows = [[f"`{name}`", *(cell(each, name) for each in conditions)] for name in names]
-    return table(["delivered → tuned; cost", *conditions], rows)
+
+def _file(name: str, found: pd.DataFrame) -> str:
+    """A table in a file beside the pages, and what shows it on a page."""
+    found.to_csv(ROOT / "docs" / name, index=False)
+    return f"```{{csv-table}}\n:file: {name}\n:header-rows: 1\n```"
 
 
 ROWS = {
@@ -65,7 +121,7 @@ def overview() -> str:
     """Scores in the first condition as delivered and tuned, a column an environment."""
     columns = {}
     for environment in read_study(STUDIES[STUDY]).environments:
-        before, after = (episodes(STUDY, environment, name) for name in (AGENT, f"{AGENT}, tuned"))
+        before, after = (episodes(STUDY, environment, name) for name in (AGENT, TUNED))
         first = next(iter(after))[0]
         columns[environment] = {
             name: f"{before[first, name].mean():.2f} → **{after[first, name].mean():.2f}**"
@@ -84,7 +140,7 @@ def _tunings() -> Iterator[tuple[tuple[str, str], list[Flight]]]:
     first = {
         (f.environment, f.estimator, f.run): f
         for f in plan(read_study(STUDIES[STUDY])).flights
-        if f.policy == f"{AGENT}, tuned"
+        if f.policy == TUNED
     }
     for arm, flights in groupby(first.values(), lambda f: (f.environment, f.estimator)):
         yield arm, list(flights)
@@ -109,10 +165,10 @@ def tunings() -> str:
         apart = interval(crossed_interval((one - other)[None]))
         bounds = sorted({name for f in found for name in f["at_bound"]})
         nees = np.mean([f["position_nees"] for f in found])
-        rows.append([
-            f"`{environment}`", f"`{estimator}`", NONE if np.isnan(nees) else f"{nees:.2f}",
-            interval(crossed_interval(np.array(over)[None])), apart,
-            ", ".join(bounds) or NONE,
-        ])  # fmt: skip
-    heads = "", "estimator", "NEES of the position", "overfitting", "scatter", "at a bound"
-    return table(heads, rows)
+        rows.append({
+            "environment": environment, "estimator": estimator,
+            "NEES of the position": NONE if np.isnan(nees) else f"{nees:.2f}",
+            "overfitting": interval(crossed_interval(np.array(over)[None])), "scatter": apart,
+            "at a bound": ", ".join(bounds) or NONE,
+        })  # fmt: skip
+    return _file("tunings.csv", pd.DataFrame(rows))

@@ -12,6 +12,7 @@ OPTIONS = {
     "sensors": "one or more sensor suites",
     "disturbance": "one or more disturbances; the mean score over all combinations is tuned",
     "tune_": "parameters to tune, such as estimator.R or agent.heading; all if not given",
+    "by": "score, or likelihood: Q and R are then tuned alone, for likely measurements",
     "evaluations": "largest number of candidates",
     "episodes": "tuning seeds of a candidate in each condition",
     "seed": "number of the tuning, which has its own tuning seeds and its own start",
@@ -30,6 +31,7 @@ def main(
     sensors: tuple[str, ...] = ("nominal",),
     disturbance: tuple[str, ...] = ("moderate",),
     tune_: tuple[str, ...] = (),
+    by: str = "score",
     evaluations: int = 100,
     episodes: int = 40,
     seed: int = 0,
@@ -53,12 +55,12 @@ def main(
     chosen = {} if estimator == "default" else {"estimator": estimator}
     conditions = [{"sensors": s, "disturbance": d} for s, d in product(sensors, disturbance)]
     with asked(), progress("candidates") as show:
-        arm = Arm(env_id, agent, options | chosen, tuple(conditions), tune_)
+        arm = Arm(env_id, agent, options | chosen, tuple(conditions), tune_, by)
         if arm.parameters and force and not resume:
             journal.unlink(missing_ok=True)
 
         def report(done: int, best: float) -> None:
-            show(done, evaluations, f"best score {best:.4f}")
+            show(done, evaluations, f"best {by} {best:.4f}")
 
         tuned = tune(arm, evaluations, episodes, seed, fresh, journal, processes, report)
     tuned.write(out)

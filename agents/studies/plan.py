@@ -149,7 +149,7 @@ class _EnvironmentPlan:
         for estimator in self.estimators.values():
             if estimator.name == FLOOR:
                 continue
-            if reason := self._untunable(agent, estimator, once):
+            if reason := self._untunable(agent, tuning, estimator, once):
                 self._skip(f"{agent.tuned} on {estimator.name}", reason)
                 continue
             home = estimator.name == self.system.estimator
@@ -161,18 +161,20 @@ class _EnvironmentPlan:
                 yield Flight(*at, home, job)
 
     def _arm(
-        self, agent: Agent, estimator: Estimator, conditions: list[Condition]
+        self, agent: Agent, tuning: Tuning, estimator: Estimator, conditions: list[Condition]
     ) -> dict[str, Any]:
         """Arguments of an `agents.tuning.arm.Arm`."""
         given = options(self.study, conditions[0], estimator, self.environment)
         shared = {k: v for k, v in given.items() if k not in conditions[0].options}
         each = [condition.options for condition in conditions]
-        return {"agent": agent.kind, "options": shared, "conditions": each}
+        return {"agent": agent.kind, "options": shared, "conditions": each, "by": tuning.by}
 
-    def _untunable(self, agent: Agent, estimator: Estimator, conditions: list[Condition]) -> str:
+    def _untunable(
+        self, agent: Agent, tuning: Tuning, estimator: Estimator, conditions: list[Condition]
+    ) -> str:
         """Reason why an agent cannot be tuned with an estimator; empty if it can be."""
         try:
-            arm = Arm(self.environment, **self._arm(agent, estimator, conditions))
+            arm = Arm(self.environment, **self._arm(agent, tuning, estimator, conditions))
             arm.parameters  # noqa: B018
         except ValueError as error:
             return str(error)
@@ -186,7 +188,7 @@ class _EnvironmentPlan:
         own = dict[str, str]()
         for condition in conditions:
             own |= self._world(agent, condition, estimator, agent.kind)["own"]
-        arguments = self._arm(agent, estimator, conditions) | {
+        arguments = self._arm(agent, tuning, estimator, conditions) | {
             "environment": self.environment, "own": own, "seed": seed,
             "evaluations": tuning.evaluations, "episodes": tuning.episodes,
         }  # fmt: skip

@@ -152,12 +152,14 @@ class Tuning:
         tunings: Tunings of each arm, with their own seeds: the unit of resampling.
         conditions: Names of the conditions for whose mean score an arm is tuned once, to be used in
             all conditions; ``"each"``: it is tuned for each condition.
+        by: What is maximised, see `agents.tuning.arm.Arm`.
     """
 
     evaluations: int = 100
     episodes: int = 40
     tunings: int = 3
     conditions: tuple[str, ...] = ()
+    by: str = "score"
 
 
 EACH = "each"

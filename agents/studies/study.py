@@ -29,6 +29,7 @@ from agents.studies.worlds import (
     system_of,
 )
 from agents.training.algorithms import describe
+from agents.tuning.arm import LIKELIHOOD, SCORE
 from agents.tuning.tune import seeds_of_tuning
 from estimators.checks import short_repr
 from estimators.factory import unknown
@@ -106,6 +107,7 @@ _KEYS: dict[str, tuple[Any, ...]] = {
     "evaluations": (int, "a whole number of at least 1", lambda value: value >= 1),
     "tunings": (int, "a whole number from 1 to 1000", lambda value: 1 <= value <= 1000),
     "conditions": _LIST,
+    "by": (str, f"{SCORE} or {LIKELIHOOD}", (SCORE, LIKELIHOOD).__contains__),
 }
 """Type in TOML of each key, its description, and perhaps a test; other keys take a name."""
 

@@ -13,6 +13,7 @@ def tune_arm(
     agent: str,
     options: dict[str, Any],
     conditions: list[dict[str, Any]],
+    by: str,
     evaluations: int,
     episodes: int,
     seed: int,
@@ -26,6 +27,7 @@ def tune_arm(
         agent: A controller of its task.
         options: Options of the environment that all conditions share, among them the estimator.
         conditions: Options of each condition; the mean score over all of them is tuned.
+        by: What is maximised.
         evaluations: See `agents.tuning.tune.tune`.
         episodes: See `agents.tuning.tune.tune`.
         seed: Number of the tuning.
@@ -37,7 +39,7 @@ def tune_arm(
         What the tuning found, and the tuned values by name as ``values``.
     """
     import_own(own)
-    arm = Arm(environment, agent, options, tuple(conditions))
+    arm = Arm(environment, agent, options, tuple(conditions), by=by)
     tuned = tune(arm, evaluations, episodes, seed)
     tuned.write(artifact)
     return tuned.found | {"values": tuned.values}

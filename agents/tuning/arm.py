@@ -11,12 +11,19 @@ from agents.rollouts import batch
 from agents.studies.worlds import environment_options, registered_id, system_of
 from estimators.factory import unknown
 from estimators.tunable import Linear, Log, defaults
+from vessel_gym.checks import one_of
 from vessel_gym.models.estimation import ENVIRONMENT_ONLY
 from vessel_gym.simulation.configuration import Configuration, Options
 from vessel_gym.system import System
 
 NOISE = Log(0.001, 1000.0)
 """Range of a factor on Q or on a sensor's R."""
+
+NO_LIKELIHOOD = "huber-kf", "huber-kf-nonlinear", "robust-kf", "steady-kf"
+"""Filters in which S is not the covariance of the innovations."""
+
+SCORE, LIKELIHOOD = "score", "likelihood"
+"""What is maximised: the task's score, or the likelihood of the measurements."""
 
 Values = dict[str, float]
 """Values of parameters by name."""
@@ -42,6 +49,8 @@ class Arm:
         picked: Names of the parameters to tune, or beginnings of them such as ``"estimator"``.
             Empty: all but the factor on Q, of which the filter's gain depends only through its
             ratio to R.
+        by: What is maximised. By "likelihood", it is that of the measurements, and Q and R of the
+            estimator are tuned alone: the controller stays as delivered.
 
     Raises:
         ValueError: for parameters that are not there, or an arm that has nothing to tune.
@@ -52,6 +61,7 @@ class Arm:
     options: dict[str, Any] = field(default_factory=dict)
     conditions: tuple[dict[str, Any], ...] = ({},)
     picked: tuple[str, ...] = ()
+    by: str = SCORE
 
     @cached_property
     def worlds(self) -> list[dict[str, Any]]:
@@ -114,14 +124,24 @@ class Arm:
     def parameters(self) -> dict[str, Parameter]:
         """Parameters that are tuned, by name."""
         found = self.every
+        one_of("by", self.by, (SCORE, LIKELIHOOD))
         if not found:
             raise ValueError(f"{self.agent} on {self.estimator} has nothing that can be tuned")
+        if self.by == LIKELIHOOD:
+            return self._of_likelihood()
         if not self.picked:
             return {name: each for name, each in found.items() if name != "estimator.Q"}
         for name in self.picked:
             if not any(_begins(each, name) for each in found):
                 raise ValueError(unknown("parameter", name, found))
         return {n: each for n, each in found.items() if any(_begins(n, p) for p in self.picked)}
+
+    def _of_likelihood(self) -> dict[str, Parameter]:
+        """Factors on Q and R of a filter that has a likelihood, and whose candidates share a batch."""
+        noise = {name: each for name, each in self._of_estimator().items() if is_noise(name)}
+        if not noise or not self.by_rows or self.estimator in NO_LIKELIHOOD:
+            raise ValueError(f"{self.estimator} cannot be tuned by likelihood: tune it by the score")
+        return noise
 
     @property
     def estimator(self) -> str:
@@ -173,6 +193,11 @@ class Arm:
         """The agent with some values of its parameters."""
         with closing(batch(registered_id(self.env_id), 1, self.worlds[0])) as env:
             return load_agent(self.agent, env, under("agent.", values))
+
+
+def is_noise(name: str) -> bool:
+    """Is a parameter a factor on Q or R?"""
+    return name == "estimator.Q" or name.startswith("estimator.R.")
 
 
 def _begins(name: str, with_: str) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 
 from agents.rollouts import rollout
 from agents.studies.worlds import registered_id
-from agents.tuning.arm import Arm, Values
+from agents.tuning.arm import LIKELIHOOD, Arm, Values
 from vessel_gym.simulation.configuration import Configuration
 from vessel_gym.simulation.core import Core
 
@@ -75,7 +75,7 @@ class Trials:
     def _side_by_side(self, candidates: Sequence[Values], agents: Sequence[Any]) -> np.ndarray:
         """Scores ``(C, conditions * N)``, by one batch of all candidates for each condition."""
         found = [
-            _scores(core, agents, self.seeds, self._rows(core, candidates))
+            _scores(core, agents, self.seeds, self._rows(core, candidates), self.arm.by)
             for core in self._cores(len(candidates))
         ]
         return np.concatenate([each.reshape(len(agents), -1) for each in found], 1)
@@ -116,15 +116,19 @@ def _share(arm: Arm, seeds: list[int], candidates: Sequence[Values]) -> np.ndarr
 
 
 def _scores(
-    core: Core, agents: Sequence[Any], seeds: Sequence[int], parameters: np.ndarray
+    core: Core, agents: Sequence[Any], seeds: Sequence[int], parameters: np.ndarray, by: str
 ) -> np.ndarray:
-    """Scores ``(C * N,)`` of one episode for each seed with each of C agents."""
+    """Scores ``(C * N,)`` of one episode for each seed with each of C agents.
+
+    By "likelihood" a score is the mean log-likelihood of the measurements of a step.
+    """
     core.config.estimators[0].parameters = parameters
     core.start([*seeds] * len(agents))
     rows = [slice(i * len(seeds), (i + 1) * len(seeds)) for i in range(len(agents))]
     for agent in agents:
         agent.reset(len(seeds))
     alive, score = np.ones(core.num_envs, bool), np.full(core.num_envs, np.nan)
+    density, likelihood = np.zeros(core.num_envs), core.config.estimation.filter.log_likelihood
     horizon = core.config.system.task.horizon
     while alive.any():
         observations = core.observe()
@@ -132,7 +136,10 @@ def _scores(
             [a.act(observations[own]) for a, own in zip(agents, rows, strict=True)]
         )
         core.advance(actions, core.action_shape, ended=~alive, info=False)
+        if by == LIKELIHOOD:
+            density += np.where(alive, likelihood(core.now.belief, core.now.belief), 0.0)
         done = alive & ((core.last.end != 0) | (core.last.steps >= horizon))
         if done.any():
-            score[done], alive = core.score[done], alive & ~done
+            found = density / core.last.steps if by == LIKELIHOOD else core.score
+            score[done], alive = found[done], alive & ~done
     return score

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from agents.seeds import tuning_seeds
 from agents.source import source_digest
 from agents.statistics import mean_interval
 from agents.studies.worlds import digests, registered_id
-from agents.tuning.arm import Arm, Values
+from agents.tuning.arm import LIKELIHOOD, SCORE, Arm, Values, is_noise
 from agents.tuning.search import Journal, search
 from agents.tuning.trials import Trials
 from agents.tuning.tuned import Tuned
@@ -110,8 +111,8 @@ def _scaled(arm: Arm, trials: Trials, values: Values) -> tuple[Values, float]:
     """
     if arm.estimator in WITHOUT_COVARIANCE:
         return values, np.nan
-    nees, names = _nees(arm, trials.seeds, values), [n for n in arm.every if _is_noise(n)]
-    if arm.picked or not names or not np.isfinite(nees):
+    nees, names = _nees(arm, trials.seeds, values), [n for n in arm.every if is_noise(n)]
+    if arm.picked or arm.by == LIKELIHOOD or not names or not np.isfinite(nees):
         return values, nees
     scaled, scaled_nees = values, nees
     for _ in range(_SCALINGS):  # the share of the prior and of biases does not scale
@@ -119,10 +120,6 @@ def _scaled(arm: Arm, trials: Trials, values: Values) -> tuple[Values, float]:
         scaled_nees = _nees(arm, trials.seeds, scaled)
     before, after = trials.scores([values, scaled]).mean(1)
     return (values, nees) if abs(after - before) >= MATTERS else (scaled, scaled_nees)
-
-
-def _is_noise(name: str) -> bool:
-    return name == "estimator.Q" or name.startswith("estimator.R.")
 
 
 def _nees(arm: Arm, seeds: Sequence[int], values: Values) -> float:
@@ -141,7 +138,7 @@ def _at_bound(arm: Arm, values: Values) -> list[str]:
 
 
 def _compared(arm: Arm, searched: Values, values: Values, seeds: Sequence[int]) -> dict[str, Any]:
-    """Comparison of tuned and delivered parameters on other seeds.
+    """Comparison of the scores of tuned and delivered parameters on other seeds.
 
     The gain of a parameter is that over all others as searched and this one as delivered. Q and R
     are not yet scaled there: a sensor's R as delivered beside the scaled R of the others would
@@ -149,7 +146,8 @@ def _compared(arm: Arm, searched: Values, values: Values, seeds: Sequence[int]) 
     """
     left_out = [{n: v for n, v in searched.items() if n != name} for name in arm.parameters]
     candidates = [{}, values, searched, *left_out]
-    delivered, tuned, best, *others = Trials(arm, seeds).scores(candidates)
+    by_score = Trials(replace(arm, by=SCORE), seeds)
+    delivered, tuned, best, *others = by_score.scores(candidates)
     gains = [mean_interval(each) for each in (tuned - delivered, *(best - np.array(others)))]
     gain, *each = [[g.mean, g.low, g.high] for g in gains if g is not None]
     return {

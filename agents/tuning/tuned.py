@@ -11,7 +11,10 @@ from agents.studies.worlds import registered_id
 from agents.tuning.arm import Arm, Values, under
 from vessel_gym.toml_file import TomlFile
 
-_ARM = {"env_id": str, "agent": str, "options": dict, "conditions": list, "picked": list}
+_ARM = {
+    "env_id": str, "agent": str, "options": dict, "conditions": list, "picked": list,
+    "by": str,
+}  # fmt: skip
 """Keys of the table ``arm``, and their types."""
 
 

@@ -10,6 +10,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from refusals import refused
+from scipy.stats import multivariate_normal
 
 from agents import load_agent, rollout
 from agents.seeds import tuning_seeds
@@ -92,6 +93,34 @@ def test_sensors_that_are_not_tuned_keep_their_factor_on_R():
     arm = Arm(CORVETTE, options={"estimator": "ekf"} | given)
     R = arm.estimator_options({"estimator.R.receiver": 9.0})["assume"]["R"]
     assert R == {"gyro compass": 4.0, "rate gyro": 4.0, "receiver": 9.0}
+
+
+def density(belief: Any, row: int) -> float:
+    """Log density of the innovations of a row that have arrived."""
+    came = belief.available[row]
+    e, S = belief.innovation[row, came], belief.innovation_cov[row][np.ix_(came, came)]
+    return float(multivariate_normal(np.zeros(len(e)), S).logpdf(e)) if came.any() else 0.0
+
+
+def test_likelihood_is_that_of_the_innovations_of_a_step():
+    arm = Arm(CORVETTE, options={"estimator": "ekf"}, by="likelihood")
+    env = gym.make(CORVETTE, estimator="ekf")
+    densities = list[float]()
+    agent, (observation, _) = load_agent("autopilot", env), env.reset(seed=SEEDS[0])
+    over = False
+    while not over:
+        observation, _, terminated, truncated, _ = env.step(agent.act(observation[None])[0])
+        densities.append(density(env.unwrapped.core.now.belief, 0))
+        over = terminated or truncated
+    found = Trials(arm, SEEDS[:1]).scores([{}])
+    assert found.item() == pytest.approx(np.mean(densities), rel=1e-9)
+
+
+@pytest.mark.parametrize("estimator", ["huber-kf", "steady-kf", "truth"])
+def test_what_has_no_likelihood_is_refused_in_a_sentence(estimator: str):
+    arm = Arm(CORVETTE, options={"estimator": estimator}, by="likelihood")
+    with refused(ValueError, f"{estimator} cannot be tuned by likelihood: tune it by the score"):
+        tune(arm, 4, 2)
 
 
 def test_a_candidate_without_a_design_scores_as_failed():
