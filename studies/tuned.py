@@ -1,10 +1,12 @@
 """Tables of ``studies/tuned.toml``, in which every estimator is tuned with its controller.
 
 They are read from ``results``, where ``vessel-gym ablate tuned`` leaves them, and ``ablate`` of
-``tuned_each``, in which arms are tuned for each condition, and of ``likelihood``.
+``tuned_each``, in which arms are tuned for each condition, and of ``likelihood``. The files that
+come with the package are made by ``python -m studies.tuned``.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import groupby
 
 import numpy as np
@@ -14,13 +16,14 @@ from agents.commands.ablate import STUDIES
 from agents.jobs import load
 from agents.page import interval
 from agents.seeds import tuning_seeds
-from agents.statistics import crossed_interval
+from agents.statistics import crossed_interval, paired_difference
 from agents.studies.plan import Flight, plan
 from agents.studies.records import ORACLE
 from agents.studies.study import read_study
+from agents.tuning.arm import Arm
 from agents.tuning.trials import Trials
-from agents.tuning.tune import FRESH
-from agents.tuning.tuned import load_tuned
+from agents.tuning.tune import FRESH, tune
+from agents.tuning.tuned import SHIPPED, load_tuned
 from studies.markdown import NONE, ROOT, table
 from studies.results import episodes
 
@@ -95,6 +98,39 @@ def everything() -> str:
             for condition, name in arms.once
         ]  # fmt: skip
     return _file("tuned.csv", pd.DataFrame(rows))
+
+
+SUITES = [{"sensors": name} for name in ("nominal", "budget", "denied")]
+SHIPS = [*SUITES, {"disturbance": "rough"}, {"mismatch": 0.2}]
+MIX = {
+    "SigmaCorvette-v0": SHIPS, "SigmaChannel-v0": SHIPS, "SegorogeniAUV-v0": SUITES,
+    "ItsunusaAUV-v0": SUITES, "PunaUAV-v0": SUITES,
+}  # fmt: skip
+"""Conditions for whose mean score the files that come with the package are tuned."""
+
+
+def ship() -> None:
+    """Tune the default estimator and the autopilot of each environment anew, for the package."""
+    for environment, mix in MIX.items():
+        tune(Arm(environment, conditions=tuple(mix))).write(SHIPPED[environment])
+
+
+def shipped() -> str:
+    """What the files that come with the package change, on seeds that no tuning has used."""
+    rows, seeds = [], tuning_seeds(200, first=FRESH + 2000)
+    for environment in MIX:
+        tuned = load_tuned(environment)
+        cells = []
+        for condition in tuned.arm.conditions:
+            trials = Trials(replace(tuned.arm, conditions=(condition,)), seeds)
+            before, after = trials.scores([{}, tuned.values])
+            gain = paired_difference(after, before, comparisons=len(tuned.arm.conditions))
+            cells.append(f"{before.mean():.3f} → {after.mean():.3f} ({interval(gain)})")
+        cells += [NONE] * (len(SHIPS) - len(cells))
+        nees = f"{tuned.found['position_nees']:.2f}"
+        rows.append([f"`{environment}`", f"`{tuned.arm.estimator}`", *cells, nees])
+    names = [" ".join(map(str, each.values())) for each in SHIPS]
+    return table(["delivered → tuned (gain)", "estimator", *names, "NEES of the position"], rows)
 
 
 def _file(name: str, found: pd.DataFrame) -> str:
@@ -172,3 +208,7 @@ def tunings() -> str:
             "at a bound": ", ".join(bounds) or NONE,
         })  # fmt: skip
     return _file("tunings.csv", pd.DataFrame(rows))
+
+
+if __name__ == "__main__":
+    ship()

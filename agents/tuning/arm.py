@@ -140,7 +140,9 @@ class Arm:
         """Factors on Q and R of a filter that has a likelihood, and whose candidates share a batch."""
         noise = {name: each for name, each in self._of_estimator().items() if is_noise(name)}
         if not noise or not self.by_rows or self.estimator in NO_LIKELIHOOD:
-            raise ValueError(f"{self.estimator} cannot be tuned by likelihood: tune it by the score")
+            raise ValueError(
+                f"{self.estimator} cannot be tuned by likelihood: tune it by the score"
+            )
         return noise
 
     @property

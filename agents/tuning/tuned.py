@@ -116,8 +116,8 @@ def load_tuned(path: str | Path) -> Tuned:
     """The tuned parameters in a file that `vessel-gym tune` has written.
 
     Args:
-        path: File, or the name of an environment in `SHIPPED`: its EKF and autopilot, tuned
-            together for nominal sensors.
+        path: File, or the name of an environment in `SHIPPED`: its default estimator and
+            autopilot, tuned together for a mix of sensor suites, seas and model errors.
 
     Raises:
         ValueError: for a file that is no such file, or is of an environment that is not there.
