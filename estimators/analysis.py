@@ -12,7 +12,6 @@ from estimators.engine import compiled
 from estimators.linalg import (
     cholesky,
     identity,
-    inner,
     joined,
     regular,
     semidefinite_cholesky,
@@ -28,7 +27,7 @@ _TURN = 2.0 * np.pi
 
 def _mean(a: np.ndarray) -> np.ndarray:
     """Means ``(..., k, 1)`` over members ``(..., k, N)``, weighted first as sums may overflow."""
-    return inner(a, np.full((1, a.shape[-1]), 1.0 / a.shape[-1]))
+    return a @ np.full((a.shape[-1], 1), 1.0 / a.shape[-1])
 
 
 def average(a: np.ndarray) -> np.ndarray:
@@ -39,7 +38,7 @@ def average(a: np.ndarray) -> np.ndarray:
 def covariance(members: np.ndarray, mean: np.ndarray) -> np.ndarray:
     """Sample covariance ``(..., n, n)`` of members ``(..., n, N)``."""
     A = members - mean[..., None]
-    return inner(A, A) / (A.shape[-1] - 1)
+    return A @ A.mT / (A.shape[-1] - 1)
 
 
 # --- draws ----------------------------------------------------------------------------------------
@@ -72,9 +71,9 @@ def noise(
         return root @ z
     if A is not None:
         L = regular(semidefinite_cholesky(gram))  # a row that repeats earlier ones has no share
-        z = z - solve_upper(L.mT, solve_lower(L, inner(A, z))).mT @ A
+        z = z - solve_upper(L.mT, solve_lower(L, A @ z.mT)).mT @ A
         z = z - _mean(z)  # the anomalies' rounding, where these nearly repeat each other
-    cov = inner(z, z) / (z.shape[-1] - 1)
+    cov = z @ z.mT / (z.shape[-1] - 1)
     absent = np.where(cov.diagonal(0, -2, -1) == 0.0, 1.0, 0.0)
     W = cholesky(cov + absent[..., None] * identity(cov.shape[-1]))
     return solve_upper(W.mT, root.mT).mT @ z
@@ -98,10 +97,10 @@ def gathered(
     if not angles:
         return members
     parts = [members[..., i : i + 1, :] for i in range(members.shape[-2])]
-    ones = np.ones((1, members.shape[-1]))
+    ones = np.ones((members.shape[-1], 1))
     for i in angles:
         near = parts[i][..., :1] if about is None else about[..., i : i + 1, :]
-        centre = np.arctan2(inner(np.sin(parts[i]), ones), inner(np.cos(parts[i]), ones))
+        centre = np.arctan2(np.sin(parts[i]) @ ones, np.cos(parts[i]) @ ones)
         parts[i] = _near(parts[i], _near(centre, near))
     return joined(parts, -2)
 

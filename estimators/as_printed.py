@@ -10,7 +10,7 @@ import numpy as np
 
 from estimators.engine import compiled
 from estimators.ensemble import EnsembleTransformFilter
-from estimators.filter import Changes, Model
+from estimators.filter import Changes
 from estimators.linalg import cholesky, congruence, solve, symmetrise
 from estimators.models import LinearModel
 from estimators.unknown_input import UMVFilter
@@ -73,9 +73,9 @@ class PrintedUMVFilter(UMVFilter):
         ValueError: for another model.
     """
 
-    def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
-        super().__init__(model, input_prior)
-        if not isinstance(model, LinearModel) or model.B is None:
+    def _check_model(self) -> None:
+        super()._check_model()
+        if not isinstance(self.model, LinearModel) or self.model.B is None:
             raise ValueError(
                 "kf-umv-ui as printed multiplies d by B: give it a LinearModel with a B, or leave"
                 " as_printed out"

@@ -100,15 +100,13 @@ def as_covariance(name: str, value: object) -> np.ndarray:
     cov = finite_array(name, value, "...", "k", "k")
     if cov.shape[-1] != cov.shape[-2] or cov.shape[-1] == 0:
         raise ValueError(f"{name} must be a square matrix (..., k, k), got shape {cov.shape}")
-    if not cov.size:  # no rows
-        return cov
     # Correlations: rounding is a share of standard deviations. What has none correlates with none.
     scale = np.sqrt(np.maximum(cov.diagonal(0, -2, -1), 1e-300))
     with np.errstate(over="ignore"):
         unit = np.clip(cov / scale[..., None] / scale[..., None, :], -1e100, 1e100)
     if (np.abs(unit - unit.mT) > 1e-9).any():
         raise ValueError(f"{name} must be symmetric")
-    if np.linalg.eigvalsh(unit).min() < -1e-9:
+    if np.linalg.eigvalsh(unit).min(initial=0.0) < -1e-9:
         lowest = np.linalg.eigvalsh(cov).min()
         raise ValueError(
             f"{name} must be positive semidefinite, its smallest eigenvalue is {lowest:.3g}"

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from estimators.checks import AT_LEAST_0, as_array, finite_array, number
-from estimators.linalg import congruence, joined, symmetrise
+from estimators.linalg import congruence, identity, joined, symmetrise
 from estimators.models import LinearModel
 
 
@@ -55,9 +55,7 @@ def riccati_step(
 
     They are blocks of the exponential of a Hamiltonian matrix, which also contains exp(-A t). A
     fast decay makes that huge, so the exponential is taken over a part of the step, and the part is
-    then doubled.
-
-    Source: Anderson & Moore (1979), Optimal Filtering, section 6.7 (the doubling algorithm).
+    then doubled by `riccati_composition`.
 
     Args:
         A: ``(n, n)``.
@@ -80,14 +78,30 @@ def riccati_step(
     doublings = math.ceil(math.log2(max(1.0, 0.5 * rate * dt)))
     part = _exponential(hamiltonian * (dt / 2**doublings))
     F = np.linalg.inv(part[:n, :n])
-    N, Y = F @ part[:n, n:], part[n:, :n] @ F
+    step = F, F @ part[:n, n:], part[n:, :n] @ F
     for _ in range(doublings):
-        both = np.linalg.solve(np.eye(n) + N @ Y, np.hstack([F, N @ F.T]))
-        after, added = both[:, :n], both[:, n:]
-        F, N, Y = F @ after, N + F @ added, Y + F.T @ Y @ after
-    units = units[:n]
+        step = riccati_composition(step, step)
+    (F, N, Y), units = step, units[:n]
     scale = np.outer(units, units)
     return F * units[:, None] / units, symmetrise(N) * scale, symmetrise(Y) / scale
+
+
+RiccatiMap = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""F, N and Y ``(..., n, n)`` of the map ``P -> F (P^-1 + Y)^-1 F' + N`` of covariances."""
+
+
+def riccati_composition(one: RiccatiMap, two: RiccatiMap) -> RiccatiMap:
+    """The map that applies one map of covariances, and then another.
+
+    Composed with itself, a map covers twice as many steps (the doubling algorithm).
+
+    Source: Anderson & Moore (1979), Optimal Filtering, section 6.7.
+    """
+    (F, N, Y), (F2, N2, Y2) = one, two
+    n = F.shape[-1]
+    both = np.linalg.solve(identity(n) + N @ Y2, joined([F, N @ F2.mT], -1))
+    after, added = both[..., :n], both[..., n:]
+    return F2 @ after, N2 + F2 @ added, Y + F.mT @ Y2 @ after
 
 
 def _exponential(matrix: np.ndarray) -> np.ndarray:
@@ -98,11 +112,11 @@ def _exponential(matrix: np.ndarray) -> np.ndarray:
     """
     largest = np.abs(matrix).sum(-2).max(initial=0.0)
     squarings = max(0, math.frexp(largest / 5.37)[1])
-    A, identity = matrix / 2.0**squarings, np.eye(matrix.shape[-1])
+    A, unit = matrix / 2.0**squarings, identity(matrix.shape[-1])
     square, even, odd = A @ A, np.zeros_like(A), np.zeros_like(A)
     for k in range(12, -1, -2):
-        even = even @ square + math.comb(13, k) / math.perm(26, k) * identity
-        odd = odd @ square + math.comb(13, k + 1) / math.perm(26, k + 1) * identity
+        even = even @ square + math.comb(13, k) / math.perm(26, k) * unit
+        odd = odd @ square + math.comb(13, k + 1) / math.perm(26, k + 1) * unit
     odd = A @ odd
     exponential = np.linalg.solve(even - odd, even + odd)
     for _ in range(squarings):

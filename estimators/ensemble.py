@@ -22,7 +22,6 @@ from estimators.engine import compiled
 from estimators.filter import Changes, Data, Filter, Model
 from estimators.linalg import (
     cholesky,
-    inner,
     rescuing,
     semidefinite_cholesky,
     shared_root,
@@ -144,17 +143,17 @@ class EnsembleFilter(Filter[EnsembleBelief]):
             normals = draw(rng, batch, self.members, root.shape[-1], PROCESS)
             mean = average(members)
             A = members - mean[..., None]
-            gram = inner(A, A)
+            gram = A @ A.mT
             members = members + noise(root, normals, self._exact, A, gram)
             if self._exact and not self._angles:
-                cov = gram / (self.members - 1) + inner(root, root)
+                cov = gram / (self.members - 1) + root @ root.mT
                 return {"mean": mean, "cov": cov, "members": members}
         return _moments(gathered(members, self._angles))
 
     def _update(
         self, belief: Any, u: Any, e: Any, Y: Any, R: Any, available: Any, *more: Any
     ) -> Changes:
-        S = inner(Y, Y) / (self.members - 1) + R
+        S = Y @ Y.mT / (self.members - 1) + R
         shift, A = self._analysis(belief, e, Y, S, R, available, *more)
         arrived = (1.0 * available).sum(-1) > 0.0
         inflation = self._option("inflation", belief)
@@ -178,7 +177,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         members = np.where(kept, members, 0.0)
         mean = (members.sum(-1) / number)[..., None]
         A = np.where(kept, members - mean, 0.0)
-        root = semidefinite_cholesky(inner(A, A) / (number[..., None] - 1.0))
+        root = semidefinite_cholesky(A @ A.mT / (number[..., None] - 1.0))
         return np.where(kept, members, mean + root @ normals)
 
     def _repaired(self, step: str, belief: Any, data: Data) -> Any:
@@ -223,7 +222,7 @@ class EnsembleKalmanFilter(EnsembleFilter):
     ) -> tuple[Any, Any]:
         N, root = self.members, semidefinite_cholesky(R)
         A = belief.members - belief.mean[..., None]
-        gain = solve(S, inner(Y, A) / (N - 1))
+        gain = solve(S, Y @ A.mT / (N - 1))
         normals = draw(rng, belief.mean.shape[:-1], N, self.model.p, MEASUREMENTS)
         used = np.vecmat(1.0 * available, 1.0 * (np.abs(root) > 0.0)) > 0.0
         normals = np.where(used[..., None], normals, 0.0)
@@ -271,7 +270,7 @@ class EnsembleTransformFilter(EnsembleFilter):
     ) -> tuple[Any, Any]:
         A, L = belief.members - belief.mean[..., None], cholesky(S)
         singular_values, V = singular(solve_lower(L, semidefinite_cholesky(R)).mT)
-        CP = solve_lower(L, inner(Y, A) / (self.members - 1))
+        CP = solve_lower(L, Y @ A.mT / (self.members - 1))
         gain = V @ ((1.0 / (1.0 + singular_values))[..., None] * (V.mT @ CP))
         shift = np.vecmat(solve_lower(L, e[..., None])[..., 0], CP)
         return shift, A - solve_upper(L.mT, gain).mT @ Y

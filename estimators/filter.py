@@ -17,12 +17,7 @@ from numpy.typing import ArrayLike
 from estimators.belief import Belief, Record, unmeasured
 from estimators.checks import as_array, as_covariance, as_mask, broadcast, known_input, short_repr
 from estimators.engine import invoker
-from estimators.linalg import (
-    lacks_rank,
-    masked,
-    semidefinite,
-    semidefinite_form,
-)
+from estimators.linalg import lacks_rank, masked, semidefinite, semidefinite_form
 from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import RandomKeys
 from estimators.stepping import in_numpy, in_program
@@ -87,21 +82,18 @@ class Filter(ABC, Generic[Record]):
         self.model = model
         self._programs: dict[str, Any] = {}
         self.model_per_row = any(getattr(part, "ndim", 2) > 2 for part in vars(model).values())
-        if self.model_per_row:
-            self.compiled = False  # type: ignore[misc]  # a program has one model for all rows
+        if self.model_per_row:  # a program has one model for all rows
+            self.compiled = False  # type: ignore[misc]
         self._inside = {step: model.is_compiled(step) for step in ("predict", "update")}
-        self._inside["step"] = all(self._inside.values())
         # With a singular R an update is checked against its prediction.
-        self._joined = callable(model.R) or not lacks_rank(resolve(model.R)).any()
+        regular = callable(model.R) or not lacks_rank(resolve(model.R)).any()
+        self._inside["step"] = regular and all(self._inside.values())
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
-        attributes = vars(cls)
         cls.name, cls.compiled = getattr(cls, "name", cls.__name__), False
-        steps = {"_predict", "_update", "propagate"}
-        cls.reversible = attributes.get(
-            "reversible", cls.reversible and not steps & attributes.keys()
-        )
+        own = vars(cls).keys() & {"_predict", "_update", "propagate"}
+        cls.reversible = vars(cls).get("reversible", cls.reversible and not own)
 
     def __setattr__(self, name: str, value: Any) -> None:
         if type(self).compiled and name in self.__dict__ and name != "name":
@@ -134,16 +126,9 @@ class Filter(ABC, Generic[Record]):
 
     @abstractmethod
     def _update(
-        self,
-        belief: Record,
-        u: Any,
-        e: Any,
-        C: Any,
-        R: Any,
-        available: Any,
-        *more: Any,
+        self, belief: Record, u: Any, e: Any, C: Any, R: Any, available: Any, *more: Any,
         **named: Any,
-    ) -> Changes:
+    ) -> Changes:  # fmt: skip
         """Arrays that a measurement changes, by name.
 
         ``innovation``, ``innovation_cov`` and ``available`` are filled in if absent.
@@ -167,10 +152,8 @@ class Filter(ABC, Generic[Record]):
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
         """Next mean ``(..., n)``, Jacobian A, and Q."""
-        model = self.model
-        return *model.linearise_transition(belief.mean, u, belief.cov), self._process_noise(
-            belief, u
-        )
+        mean, A = self.model.linearise_transition(belief.mean, u, belief.cov)
+        return mean, A, self._process_noise(belief, u)
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
         """Expected measurement, C, and R: the argument, or the model's if it is None."""
@@ -228,8 +211,8 @@ class Filter(ABC, Generic[Record]):
         if (n := prior.mean.shape[-1]) != self.model.n:
             raise ValueError(f"the prior is for {n} states, the model has {self.model.n}")
         batch = np.broadcast_shapes(prior.mean.shape[:-1], prior.cov.shape[:-2])
-        mean = np.array(np.broadcast_to(prior.mean, batch + prior.mean.shape[-1:]))
-        cov = np.array(np.broadcast_to(prior.cov, batch + prior.cov.shape[-2:]))
+        mean = np.broadcast_to(prior.mean, (*batch, n)).copy()
+        cov = np.broadcast_to(prior.cov, (*batch, n, n)).copy()
         initial = self._begin(mean, cov, self._numbers(rng, batch) if self.random else None)
         every = {"mean": mean, "cov": cov, "healthy": np.ones(batch, bool)}
         every |= unmeasured(batch, self.model.p)
@@ -263,14 +246,9 @@ class Filter(ABC, Generic[Record]):
         return self._run("predict", belief, (u, None, None, None, rng))
 
     def update(
-        self,
-        belief: Record,
-        y: ArrayLike,
-        rng: Rng = None,
-        available: ArrayLike | None = None,
-        R: ArrayLike | None = None,
-        u: ArrayLike | None = None,
-    ) -> Record:
+        self, belief: Record, y: ArrayLike, rng: Rng = None, available: ArrayLike | None = None,
+        R: ArrayLike | None = None, u: ArrayLike | None = None,
+    ) -> Record:  # fmt: skip
         """Take in a measurement: ``x(k|k-1)`` to ``x(k|k)``.
 
         Numerical trouble raises no error. A row whose result is not finite, or whose covariance is
@@ -296,12 +274,9 @@ class Filter(ABC, Generic[Record]):
                 measurement of this step.
         """
         batch, p = self._batch(belief), self.model.p
-        if type(y) is not np.ndarray or y.dtype != float or y.shape != (*batch, p):
-            y = broadcast("y", as_array("y", y), (*batch, p))
-        if available is None:
-            available = _all(batch, p)
-        else:
-            available = broadcast("available", as_mask("available", available), (*batch, p))
+        y = broadcast("y", as_array("y", y), (*batch, p))
+        mask = _all(batch, p) if available is None else as_mask("available", available)
+        available = broadcast("available", mask, (*batch, p))
         if R is not None:
             R = broadcast("R", as_array("R", R), (*batch, p, p), core=2)
             arrived = np.isfinite(y) & np.isfinite(R.diagonal(0, -2, -1))
@@ -316,13 +291,9 @@ class Filter(ABC, Generic[Record]):
         return self._run("update", belief, (u, y, available, R, rng))
 
     def step(
-        self,
-        belief: Record,
-        y: np.ndarray,
-        u: np.ndarray | None = None,
-        rng: Rng = None,
+        self, belief: Record, y: np.ndarray, u: np.ndarray | None = None, rng: Rng = None,
         available: np.ndarray | None = None,
-    ) -> Record:
+    ) -> Record:  # fmt: skip
         """`predict` and then `update`, without checks of the arguments, for fast loops.
 
         Both run as one program where filter and model are compiled. The arguments are as for
@@ -337,7 +308,7 @@ class Filter(ABC, Generic[Record]):
 
     def joins_steps(self) -> bool:
         """Are a prediction and its update one program? Filter and model are then compiled."""
-        return self.compiled and self._joined and self._inside["step"]
+        return self.compiled and self._inside["step"]
 
     def log_likelihood(self, predicted: Record, updated: Record) -> np.ndarray:
         """The log density ``(...)`` of a measurement, given those before it; 0 where none came.
@@ -412,10 +383,10 @@ class Filter(ABC, Generic[Record]):
 
     def _numbers(self, rng: Rng, batch: tuple[int, ...]) -> Rng:
         """Random numbers of a step: a key for every row, or a Generator."""
-        if rng is None or not isinstance(rng, RandomKeys | np.random.Generator):
-            how = "pass rng, keys (estimators.RandomKeys) or a numpy Generator"
+        if not isinstance(rng, RandomKeys | np.random.Generator):
             raise (ValueError if rng is None else TypeError)(
-                f"{self.name} draws random numbers: {how}, got {short_repr(rng)}"
+                f"{self.name} draws random numbers: pass rng, keys (estimators.RandomKeys) or a"
+                f" numpy Generator, got {short_repr(rng)}"
             )
         if isinstance(rng, RandomKeys) and rng.keys.shape[:-1] != batch:
             raise ValueError(f"rng has keys for rows {rng.keys.shape[:-1]}, expected {batch}")

@@ -125,24 +125,32 @@ class KalmanFilter(ExtendedKalmanFilter):
             return super()._update(belief, u, e, C, R, available)
         n, q = self.model.n, self.model.q
         mean = joined([belief.mean[..., None], np.zeros((q, 1))], -2)[..., 0]
-        joint = symmetric_blocks(belief.cov, belief.state_input_cov, belief.input_cov)
+        joint = joint_covariance(belief)
         mean, cov, S = joseph_update(mean, joint, e, joined([C, *more], -1), R)
-        return {
-            "mean": mean[..., :n],
-            "cov": cov[..., :n, :n],
-            "innovation_cov": S,
-            "input_mean": mean[..., n:],
-            "input_cov": cov[..., n:, n:],
-            "state_input_cov": cov[..., :n, n:],
-        }
+        return of_joint(mean, cov, n) | {"innovation_cov": S}
+
+
+def joint_covariance(belief: Any) -> np.ndarray:
+    """Covariance ``(..., n + q, n + q)`` of state and unknown input."""
+    return symmetric_blocks(belief.cov, belief.state_input_cov, belief.input_cov)
+
+
+def of_joint(mean: np.ndarray, cov: np.ndarray, n: int) -> Changes:
+    """Arrays of an `InputBelief` from mean and covariance of its n states and unknown inputs."""
+    return {
+        "mean": mean[..., :n],
+        "cov": cov[..., :n, :n],
+        "input_mean": mean[..., n:],
+        "input_cov": cov[..., n:, n:],
+        "state_input_cov": cov[..., :n, n:],
+    }
 
 
 def with_input(belief: Belief) -> tuple[np.ndarray, np.ndarray]:
     """Mean ``(..., k)`` and covariance ``(..., k, k)`` of state and, if estimated, input."""
     if not isinstance(belief, InputBelief):
         return belief.mean, belief.cov
-    cov = symmetric_blocks(belief.cov, belief.state_input_cov, belief.input_cov)
-    return np.concatenate([belief.mean, belief.input_mean], -1), cov
+    return np.concatenate([belief.mean, belief.input_mean], -1), joint_covariance(belief)
 
 
 def driven(belief: Any, mean: Any, A: Any, Q: Any, G: Any) -> Changes:

@@ -108,11 +108,6 @@ def solve_lower(t: np.ndarray, b: np.ndarray) -> np.ndarray:
     return _solved(t, b)
 
 
-def inner(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """``A B' (..., i, j)`` of ``(..., i, N)`` and ``(..., j, N)``: sums over members."""
-    return a @ b.mT
-
-
 def singular(a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Singular values ``(..., n)`` of ``A (..., m, n)``, m at least n, and V ``(..., n, n)``.
 

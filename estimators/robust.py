@@ -1,6 +1,5 @@
 """Robust filters: one for measurements with outliers, one for a model that is not quite right."""
 
-from functools import reduce
 from typing import Any, ClassVar
 
 import numpy as np
@@ -176,7 +175,7 @@ def _entropy_odds(values: np.ndarray, radius: Any) -> np.ndarray:
         values: ``(..., n)`` eigenvalues, not negative.
         radius: Positive number, or ``(..., 1)`` of each row.
     """
-    largest = reduce(np.maximum, [values[..., i, None] for i in range(values.shape[-1])])
+    largest = values.max(-1)[..., None]
     ratio = np.where(values < largest, values / np.where(largest > 0.0, largest, 1.0), 1.0)
     rest = 1.0 - ratio
     start = np.minimum(1.0 / (1.0 + radius + np.sqrt(2.0 * radius)), _BELOW_ONE)

@@ -11,6 +11,7 @@ Times come first, then rows, then components. `run` needs only ``init``, ``predi
 of a filter.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Generic, cast
@@ -130,19 +131,17 @@ def run(
         raise ValueError(f"y has shape {y.shape}, expected (T, ..., p): one channel has y[:, None]")
     T, batch = len(y), y.shape[1:-2] if isinstance(filter, Delayed) else y.shape[1:-1]
     continued = not isinstance(prior, Gaussian)
-    keyed = getattr(filter, "random", False) and not isinstance(rng, np.random.Generator)
-    if continued:
-        _check_continued(prior.mean.shape[:-1], batch, keyed and first == 0)
     if isinstance(prior, Gaussian):
-        prior = prior.about(
-            broadcast("the prior's mean", prior.mean, (*batch, prior.mean.shape[-1]))
-        )
+        shape = *batch, prior.mean.shape[-1]
+        prior = prior.about(broadcast("the prior's mean", prior.mean, shape))
+    else:
+        keyed = getattr(filter, "random", False) and not isinstance(rng, np.random.Generator)
+        _check_continued(prior.mean.shape[:-1], batch, keyed and first == 0)
     _check_sampled(getattr(filter, "model", None), t)
     masks, covariances = _over_time("available", available, T), _over_time("R", R, T)
     after, at = _known_inputs(u, t, T + continued, batch)
     if isinstance(rng, int | np.integer):
-        rows = np.arange(int(np.prod(batch))).reshape(batch)
-        rng = RandomKeys(key(int(rng))).of(rows)
+        rng = RandomKeys(key(int(rng))).of(np.arange(math.prod(batch)).reshape(batch))
     loop, belief, predicted, updated = cast(Any, filter), prior, [], []
     for k in range(T):
         i, now = k + continued, rng.at(first + k) if isinstance(rng, RandomKeys) else rng

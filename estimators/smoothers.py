@@ -23,7 +23,7 @@ from estimators.angles import difference
 from estimators.belief import Belief, InputBelief, Record
 from estimators.checks import integer
 from estimators.ensemble import EnsembleFilter
-from estimators.kalman import KalmanFilter, with_input
+from estimators.kalman import KalmanFilter, of_joint, with_input
 from estimators.linalg import congruence, identity, joined, principal_root, semidefinite
 from estimators.series import Series
 
@@ -76,11 +76,9 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
 
     smoothed, covs = _swept(back, steps, z, P)
     n, covs = updated.mean.shape[-1], semidefinite(covs)
-    changes = {"mean": smoothed[..., :n], "cov": covs[..., :n, :n]}
     if isinstance(updated, InputBelief):
-        changes |= {"input_mean": smoothed[..., n:], "input_cov": covs[..., n:, n:]}
-        changes["state_input_cov"] = covs[..., :n, n:]
-    return updated.replace(**changes)
+        return updated.replace(**of_joint(smoothed, covs, n))
+    return updated.replace(mean=smoothed, cov=covs)
 
 
 def _swept(

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimators.checks import indices, shaped_array
+from estimators.discretisation import RiccatiMap, riccati_composition
 from estimators.engine import compiled
 from estimators.filter import Changes, Model
 from estimators.kalman import ExtendedKalmanFilter, joseph_update
@@ -73,10 +74,10 @@ def steady_state(model: LinearModel, measured: Any = None, names: Any = None) ->
             raise ValueError(f"there is no steady state: {why.format(listed)}")
     C, R = np.where(measured[..., None], C, 0.0), masked(R, measured)
     with np.errstate(all="ignore"), rescue():  # channels without noise may repeat others
-        period = limit = reduce(_then, zip(*_steps(A, C, Q, R), strict=True))
+        period = limit = reduce(riccati_composition, zip(*_steps(A, C, Q, R), strict=True))
         for _ in range(_DOUBLINGS):
-            limit = _then(limit, limit)
-        cov = limit[1]
+            limit = riccati_composition(limit, limit)
+        cov = symmetrise(limit[1])
         errors = period[0] @ np.linalg.inv(eye + cov @ period[2])
         sd = np.sqrt(np.maximum(cov.diagonal(), np.finfo(float).tiny))
         residual = errors @ cov @ period[0].T + period[1] - cov
@@ -126,23 +127,12 @@ def _hidden(A: np.ndarray, C: np.ndarray) -> np.ndarray:
     return hidden
 
 
-Map = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""A, G and H of the map ``P -> A P (I + H P)^-1 A' + G`` of covariances after measurements."""
-
-
-def _steps(A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray) -> Map:
+def _steps(A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray) -> RiccatiMap:
     """The map of each step: a prediction, then the measurement ``C (T, p, n)``, ``R (T, p, p)``."""
     CQ, CA = C @ Q, C @ A
     S = CQ @ C.mT + R
     left = identity(len(A)) - solve(S, CQ).mT @ C
     return left @ A, left @ Q, CA.mT @ solve(S, CA)
-
-
-def _then(one: Map, two: Map) -> Map:
-    """The map of one, then two."""
-    (A, G, H), (A2, G2, H2) = one, two
-    WA, WG = np.split(np.linalg.solve(identity(len(A)) + G @ H2, np.hstack([A, G])), 2, -1)
-    return A2 @ WA, symmetrise(G2 + congruence(A2, WG)), symmetrise(H + A.T @ H2 @ WA)
 
 
 @compiled

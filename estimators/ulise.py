@@ -6,8 +6,9 @@ import numpy as np
 
 from estimators.belief import FeedthroughBelief
 from estimators.engine import compiled
-from estimators.filter import Changes, Model
+from estimators.filter import Changes
 from estimators.input_observability import observable_ranks
+from estimators.kalman import joint_covariance, of_joint
 from estimators.linalg import congruence, identity, joined, symmetric_blocks, symmetrise
 from estimators.models import LinearModel
 from estimators.unknown_input import DelayedInputFilter, waiting
@@ -66,12 +67,11 @@ class ULISE(DelayedInputFilter):
     reversible = False
     model: LinearModel
 
-    def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
-        super().__init__(model, input_prior)
+    def _check_model(self) -> None:
         C, G, H = cast(Any, (self.model.C, self.model.G, self.model.H))
         if any(map(callable, (C, G, H))):
             return
-        if model.delayed_feedthrough:  # d(k) shows at k + 1 alone, through both
+        if self.model.delayed_feedthrough:  # d(k) shows at k + 1 alone, through both
             observable = np.linalg.matrix_rank((C @ G + H) @ self._root)
         else:
             observable = np.add(*observable_ranks(C, G @ self._root, H @ self._root))
@@ -153,13 +153,11 @@ class ULISE(DelayedInputFilter):
         cov = cov + congruence(past, self._prior_cov(observed))
         cov = symmetrise(cov + congruence(present, self._prior_cov(now)))
         carried = joined([present[..., :n, :], present[..., n + q :, :]], -2)
-        return {
+        both = slice(n + q)
+        return of_joint(correction[..., both], cov[..., both, both], n) | {
             "mean": belief.mean + correction[..., :n],
-            "cov": cov[..., :n, :n],
             "innovation_cov": S,
             "input_mean": belief.input_mean + correction[..., n : n + q],
-            "input_cov": cov[..., n : n + q, n : n + q],
-            "state_input_cov": cov[..., :n, n : n + q],
             "input_observed": observed,
             "pending": np.zeros(belief.pending.shape, bool),
             "input_reach": carried @ (identity(q) - now),
@@ -175,6 +173,7 @@ class ULISE(DelayedInputFilter):
         The inputs' share in Z e cancels where they are seen; elsewhere they have their prior.
         """
         n, q, before = self.model.n, self.model.q, belief.input_observed
-        joint = symmetric_blocks(belief.cov, belief.state_input_cov, belief.input_cov)
         kept = joined([np.zeros((n, q)), before, np.zeros((q, q))], -2)
-        return congruence(joined([np.eye(n + 2 * q, n) - Z @ C, kept], -1), joint)
+        return congruence(
+            joined([np.eye(n + 2 * q, n) - Z @ C, kept], -1), joint_covariance(belief)
+        )

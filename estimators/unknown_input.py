@@ -7,7 +7,7 @@ import numpy as np
 from estimators.belief import Belief, DelayedInputBelief, ObservedInputBelief
 from estimators.engine import compiled
 from estimators.filter import Changes, Filter, Model
-from estimators.kalman import driven, input_covariance, unseen_input
+from estimators.kalman import driven, input_covariance, of_joint, unseen_input
 from estimators.linalg import (
     congruence,
     equilibrated,
@@ -58,6 +58,10 @@ class UnknownInputFilter(Filter[Any]):
                 "input_prior must be positive definite: an input without variance is no input"
             ) from None
         self._inverse_root = np.linalg.inv(self._root)
+        self._check_model()
+
+    def _check_model(self) -> None:
+        """Refuse a model whose unknown input the filter cannot estimate."""
 
     def _require_rank(self, condition: str, rank: int, remedy: str) -> None:
         """Refuse a model whose measurements do not show all of the unknown input."""
@@ -97,13 +101,9 @@ class UnknownInputFilter(Filter[Any]):
         cov = congruence(np.eye(n + q, n) - Z @ C, belief.cov) + congruence(Z, R)
         cov = symmetrise(cov + congruence(reach, self._prior_cov(observed)))
         correction = np.matvec(Z, e)
-        return {
+        return of_joint(correction, cov, n) | {
             "mean": belief.mean + correction[..., :n],
-            "cov": cov[..., :n, :n],
             "innovation_cov": S,
-            "input_mean": correction[..., n:],
-            "input_cov": cov[..., n:, n:],
-            "state_input_cov": cov[..., :n, n:],
             "input_observed": observed,
         }
 
@@ -219,16 +219,15 @@ class UMVFilter(UnknownInputFilter):
     record = ObservedInputBelief
     input_delay = 0
 
-    def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
-        super().__init__(model, input_prior)
-        if model.delayed_feedthrough:
+    def _check_model(self) -> None:
+        if self.model.delayed_feedthrough:
             raise ValueError(
                 "UMVFilter takes H d(k) for the input that acts now, but this model has"
                 ' delayed_feedthrough: use EndedUMVFilter, which estimators.make("kf-umv-ui",'
                 " model) builds of such a model"
             )
-        if isinstance(model.H, np.ndarray):
-            rank = int(np.linalg.matrix_rank(model.H).min())
+        if isinstance(self.model.H, np.ndarray):
+            rank = int(np.linalg.matrix_rank(self.model.H).min())
             remedy = "measure the input or use ekf-ui-wdf, or kf-umv-ui-wdf if all is linear"
             self._require_rank("rank(H)", rank, remedy)
 
@@ -297,8 +296,8 @@ def waiting(belief: DelayedInputBelief) -> np.ndarray:
 class NoFeedthroughFilter(DelayedInputFilter):
     """Base of filters without d(k) in measurement k: H is 0, or feeds d(k-1) through."""
 
-    def __init__(self, model: Model, input_prior: np.ndarray | float = 1.0) -> None:
-        super().__init__(model, input_prior)
+    def _check_model(self) -> None:
+        model = self.model
         if not model.delayed_feedthrough and (callable(model.H) or np.any(model.H)):
             raise ValueError(f"{self.name} needs H = 0 (no feedthrough): use kf-umv-ui or ulise")
         C, H, G = getattr(model, "C", None), model.H, cast(Any, model.G)

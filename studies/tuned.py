@@ -8,6 +8,7 @@ come with the package are made by ``python -m studies.tuned``.
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import groupby
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -100,7 +101,7 @@ def everything() -> str:
     return _file("tuned.csv", pd.DataFrame(rows))
 
 
-SUITES = [{"sensors": name} for name in ("nominal", "budget", "denied")]
+SUITES: list[dict[str, Any]] = [{"sensors": name} for name in ("nominal", "budget", "denied")]
 SHIPS = [*SUITES, {"disturbance": "rough"}, {"mismatch": 0.2}]
 MIX = {
     "SigmaCorvette-v0": SHIPS, "SigmaChannel-v0": SHIPS, "SegorogeniAUV-v0": SUITES,

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Linear
+from estimators.discretisation import riccati_composition
 from vessel_gym.system import System
 
 Control = tuple[np.ndarray, np.ndarray]
@@ -146,9 +147,9 @@ def bryson(*tolerances: float) -> np.ndarray:
 def regulator_gains(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.ndarray:
     """Gains K ``(..., m, n)`` of ``u = -K x`` for ``x+ = A x + B u``.
 
-    They minimise the sum of ``x' Q x + u' R u``. Riccati's equation is solved by doubling (Anderson
-    & Moore 1979, sec. 6.7): each round doubles the number of steps to go, of which P is the cost
-    and F the transition of the regulated system.
+    They minimise the sum of ``x' Q x + u' R u``. Riccati's equation is solved by doubling: each
+    round doubles the number of steps to go, of which P is the cost and F the transition of the
+    regulated system.
 
     Args:
         A: ``(..., n, n)``.
@@ -162,8 +163,7 @@ def regulator_gains(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) 
     F, G, P = A, B @ np.linalg.solve(R, B.mT), Q
     with np.errstate(all="ignore"):
         for _ in range(40):
-            W = np.linalg.inv(np.eye(len(Q)) + G @ P)
-            P, G, F = P + F.mT @ P @ W @ F, G + F @ W @ G @ F.mT, F @ W @ F
+            F, G, P = riccati_composition((F, G, P), (F, G, P))
             if np.abs(F).max() < 1e-16:
                 return np.linalg.solve(R + B.mT @ P @ B, B.mT @ P @ A)
     raise np.linalg.LinAlgError(

@@ -163,14 +163,11 @@ def _interpolated(x: Any, xp: Any, fp: Any) -> Any:
     slopes = np.append(np.diff(fp) / np.diff(xp), 0.0)
 
     def one(x: Any) -> Any:
+        x = operation("minimum", operation("maximum", x, float(xp[0])), float(xp[-1]))
         index: Any = 0  # of the last entry that is at most x
         for bound in xp[1:]:
             index = cast(x >= float(bound), "i") + index
-        value = lookup(slopes, index) * (x - lookup(xp, index)) + lookup(fp, index)
-        value = where(
-            x >= float(xp[-1]), float(fp[-1]), where(x < float(xp[0]), float(fp[0]), value)
-        )
-        return where(operation("isnan", x), x, value)
+        return lookup(slopes, index) * (x - lookup(xp, index)) + lookup(fp, index)
 
     return each_entry(one, x)
 
@@ -210,8 +207,7 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {
     np.where: partial(each_entry, where),
     np.clip: lambda a, *bounds, **named: TracedArray.of(a).clip(*bounds, **named),
     np.mean: lambda a, *args, **others: TracedArray.of(a).mean(*args, **others),
-    np.zeros_like: lambda a, *_, **__: _full(a, 0.0),
-    np.empty_like: lambda a, *_, **__: _full(a, 0.0),
+    **dict.fromkeys((np.zeros_like, np.empty_like), lambda a, *_, **__: _full(a, 0.0)),
     np.ones_like: lambda a, *_, **__: _full(a, 1.0),
     np.full_like: _full,
     np.round: lambda x: np.rint(x),

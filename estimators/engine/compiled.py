@@ -122,12 +122,11 @@ class Compiled:
     def __get__(self, instance: Any, owner: Any = None) -> Any:
         if instance is None:  # the class' own: plain, with the object as an argument
             return self.function
-        own = instance.__dict__.get(_METHODS)
-        if own is None:
-            own = instance.__dict__[_METHODS] = _Methods()
-        if self not in own:
-            own[self] = Compiled(self.function.__get__(instance), self._axes, **self._options)
-        return own[self]
+        own, bound = vars(instance), self.function.__get__(instance)
+        place = self.function.__qualname__
+        if place not in own or own[place].function != bound:  # a copy has those of its original
+            own[place] = Compiled(bound, self._axes, **self._options)
+        return own[place]
 
     def __call__(self, *arrays: Any, **static: Any) -> Any:
         """Results for arrays; for tracers, the function becomes part of the traced caller."""
@@ -159,16 +158,6 @@ class Compiled:
         name = getattr(self.function, "__qualname__", "<locals>")
         made = partial(Compiled, **self._options), (self.function, self._axes)
         return made if "<locals>" in name else name
-
-
-class _Methods(dict[Compiled, Compiled]):
-    """Compiled methods of an object; a copy compiles its own, as its attributes may differ."""
-
-    def __reduce__(self) -> Any:
-        return _Methods, ()
-
-
-_METHODS = "_compiled_methods"
 
 
 def compiled(

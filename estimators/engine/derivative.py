@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from estimators.engine.arrays import TracedArray, entries
-from estimators.engine.matrices import by_entries
+from estimators.engine.matrices import by_entries, stored
 from estimators.engine.program import Instruction, NotTraceable, Program
 from estimators.engine.tracer import Tracer, operation, program_of, where
 
@@ -61,26 +61,26 @@ def jacobian(outputs: Any, inputs: Any) -> Any:
     """
     seeds, values = TracedArray.of(inputs), TracedArray.of(outputs)
     program: Any = program_of(seeds.flat)
-    found, known = entries(values, program), dict[int, Tangent]()
+    found, tangents = entries(values, program), dict[int, Tangent]()
     for i, seed in enumerate(seeds.flat):
-        known[seed.value] = {i: 1.0}
+        tangents[seed.value] = {i: 1.0}
     for each in program.live([*map(attrgetter("value"), found)]):
-        if each.result not in known and any(map(known.get, each.values)):
-            known[each.result] = _tangent(program, each, known)
+        if each.result not in tangents and any(map(tangents.get, each.values)):
+            tangents[each.result] = _tangent(program, each, tangents)
     slopes = np.zeros((len(found), seeds.size)).astype(object)
     for row, output in zip(slopes, found, strict=True):
-        for i, slope in known.get(output.value, {}).items():
+        for i, slope in tangents.get(output.value, {}).items():
             row[i] = slope
     return slopes.reshape(values.shape + seeds.shape).view(TracedArray)
 
 
-def _tangent(program: Program, instruction: Instruction, known: dict[int, Tangent]) -> Tangent:
+def _tangent(program: Program, instruction: Instruction, tangents: dict[int, Tangent]) -> Tangent:
     """The tangent of an instruction's result."""
     opcode = instruction.opcode
     if opcode in _FLAT:
         return {}
     operands = [Tracer(program, value) for value in instruction.operands if isinstance(value, int)]
-    own = [known.get(x.value, {}) for x in operands]
+    own = [tangents.get(x.value, {}) for x in operands]
     if opcode == "where":
         seeds = sorted({*own[1], *own[2]})
         return {
@@ -118,6 +118,10 @@ def linearise(
     Raises:
         NotTraceable: if an operation cannot be traced or has no derivative.
     """
-    x, u = by_entries(x), by_entries(u)
+    x, u, program = by_entries(x), by_entries(u), program_of(x.flat)
+    own = (*map(attrgetter("value"), entries(x, program)),)
+    if len({*own} - program.constants.keys()) < len(own):
+        # Derivatives are by values: entries that are constant or share one get their own.
+        x = by_entries(stored(program, program.add("pack", own, "f", len(own)), x.shape))
     value = function(x, u)
     return value, jacobian(value, x) if slopes is None else slopes(x, u)

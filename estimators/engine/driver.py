@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from estimators.engine.emit import Module, type_of
@@ -16,8 +16,8 @@ from estimators.engine.tracer import Tracer, cast, operation, where
 class Driver(LinearEmitter):
     """The loop over the rows: loads what a program reads, and stores what it gives."""
 
-    def __init__(self, function: Any, places: Mapping[int, int], width: int) -> None:
-        super().__init__(function.program, Module(places), width, function.layout)
+    def __init__(self, function: Any, width: int) -> None:
+        super().__init__(function.program, Module(function.places), width, function.layout)
         self._function = function
         self._together = width if width > 1 else CHUNK  # entries that are moved at a time
         self._bases: dict[int, list[str]] = {}
@@ -28,11 +28,10 @@ class Driver(LinearEmitter):
                 argument, column = each.attributes
                 self._columns[argument].add(column)
 
-    def function(
-        self, name: str, instructions: Sequence[Instruction], outputs: Sequence[Any]
-    ) -> str:
-        """The function in LLVM IR."""
-        arguments, results = self._function.arguments, self._function.results
+    def text(self, name: str) -> str:
+        """The module in LLVM IR, with the function under a name."""
+        function = self._function
+        arguments, results = function.arguments, function.results
         end, shared = (self.one.value(f"%{name}", "i") for name in ("end", "shared"))
 
         strides = {
@@ -48,13 +47,13 @@ class Driver(LinearEmitter):
 
             for i, each in arguments.items():
                 self._bases[i] = places(f"%a{i}", strides[i], each.kind)
-            self.block(instructions)
-            for i, (parts, each) in enumerate(zip(outputs, results, strict=True)):
+            self.block(function.instructions)
+            for i, (parts, each) in enumerate(zip(function.outputs, results, strict=True)):
                 self._result(parts, each.kind, places(f"%o{i}", each.size, each.kind))
 
         self.loop(0, end, body, step=self.width)
         arrays = {f"%a{i}": i for i in arguments}
-        arrays |= {f"%o{i}": self._function.count + i for i in range(len(results))}
+        arrays |= {f"%o{i}": function.count + i for i in range(len(results))}
         loads = [
             f"  {name}.at = getelementptr ptr, ptr %arrays, i64 {i}\n"
             f"  {name} = load ptr, ptr {name}.at"
@@ -64,7 +63,7 @@ class Driver(LinearEmitter):
             f"define void @{name}(i64 %end, i64 %shared, ptr noalias %scratch,"
             " ptr noalias readonly %constants, ptr noalias readonly %arrays) #0 {\nentry:"
         )
-        return "\n".join([head, *loads, *self.lines, "  ret void\n}"])
+        return self.module.text("\n".join([head, *loads, *self.lines, "  ret void\n}"]))
 
     def _loaded(self, argument: int, column: Any) -> Tracer:
         """An entry of the rows of an argument."""

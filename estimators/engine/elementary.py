@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from estimators.engine.arrays import TracedArray, each_entry
+from estimators.engine.program import KINDS
 from estimators.engine.tracer import Tracer, cast, operation, where
 
 _LN2_HIGH, _LN2_LOW, _PER_LN2 = (
@@ -33,21 +34,17 @@ def _of_arrays(function: Callable[[Any], Any]) -> Callable[[Any], Any]:
     return convert
 
 
-def _float_bits(x: Any) -> Any:
+def _viewed(x: Any, kind: str, other: str) -> Any:
+    """The bits of a number of a kind as another kind."""
+    x = cast(x, kind)
     if isinstance(x, Tracer):
-        return Tracer(x.program, x.program.add("bits", (cast(x, "f").value,), "u"))
-    return np.asarray(x, float).view(np.uint64)[()]
+        return Tracer(x.program, x.program.add("bits", (x.value,), other))
+    return x.view(KINDS[other])
 
 
-def _bits_float(x: Any) -> Any:
-    if isinstance(x, Tracer):
-        return Tracer(x.program, x.program.add("bits", (cast(x, "u").value,), "f"))
-    return np.asarray(x, np.uint64).view(float)[()]
-
-
-float_bits = _of_arrays(_float_bits)
+float_bits = _of_arrays(lambda x: _viewed(x, "f", "u"))
 """The 64 bits of a float as a word."""
-bits_float = _of_arrays(_bits_float)
+bits_float = _of_arrays(lambda x: _viewed(x, "u", "f"))
 """The float of 64 bits."""
 as_float = _of_arrays(lambda x: cast(x, "f"))
 """Whole numbers, words or masks as floats."""
@@ -245,7 +242,6 @@ def _tanh(x: Any) -> Any:
 
 
 EXPANSIONS: dict[str, tuple[int, Callable[..., Any]]] = {
-    "sin": (1, lambda x: _sincos(x)[0]), "cos": (1, lambda x: _sincos(x)[1]),
     "sincos": (1, _sincos), "exp": (1, _exp), "log": (1, _log), "log1p": (1, _log1p),
     "arctan": (1, _arctan), "arctan2": (2, _arctan2), "arcsin": (1, _arcsin),
     "hypot": (2, _hypot), "tanh": (1, _tanh),

@@ -5,10 +5,11 @@ fast-math flags: a row has the same bits alone, in any batch and on any processo
 """
 
 import itertools
-import struct
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
+
+import numpy as np
 
 from estimators.engine.elementary import EXPANSIONS
 from estimators.engine.program import KINDS, Instruction, Program
@@ -42,7 +43,7 @@ def type_of(kind: str, width: int) -> str:
 def literal(value: Any, kind: str, width: int) -> str:
     """A constant in LLVM IR."""
     if kind == "f":
-        text = f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
+        text = f"0x{int(np.float64(value).view(np.uint64)):016X}"
     elif kind == "b":
         text = "true" if value else "false"
     else:
@@ -67,45 +68,36 @@ class Module:
 
     def elementary(self, opcode: str, width: int) -> str:
         """Add an elementary function and return its name."""
-        name = f"@{opcode}.{width}"
-        if name not in self.functions:
-            own = _elementary(opcode, width)
-            self.declared |= own.declared
-            self.functions |= own.functions
+        name, T = f"@{opcode}.{width}", type_of("f", width)
+        if name in self.functions:
+            return name
+        (count, expansion), emitter = EXPANSIONS[opcode], Emitter(Program(), self, width)
+        lanes = emitter.own
+        results = expansion(*(lanes.value(f"%p{i}") for i in range(count)))
+        given, last = T, ""
+        if isinstance(results, tuple):
+            given, last = f"{{{T}, {T}}}", "poison"
+            for i, each in enumerate(results):
+                last = emitter.line(f"insertvalue {given} {last}, {T} {lanes.name(each)}, {i}")
+        parameters = ", ".join(f"{T} %p{i}" for i in range(count))
+        self.functions[name] = "\n".join([
+            f"define internal {given} {name}({parameters}) #1 {{\nentry:", *emitter.lines,
+            f"  ret {given} {last or lanes.name(results)}\n}}",
+        ])  # fmt: skip
         return name
 
-    def text(self, functions: Sequence[str]) -> str:
-        """The module with these functions."""
+    def text(self, function: str) -> str:
+        """The module with a function beside its own."""
         return "\n".join(
             [
                 *self.declared,
                 *self.functions.values(),
-                *functions,
+                function,
                 "attributes #0 = { nounwind }",
                 "attributes #1 = { nounwind willreturn memory(none) }",
                 "",
             ]
         )
-
-
-@cache
-def _elementary(opcode: str, width: int) -> Module:
-    """A module that contains an elementary function."""
-    (count, expansion), emitter = EXPANSIONS[opcode], Emitter(Program(), Module({}), width)
-    lanes, T = emitter.own, type_of("f", width)
-    results = expansion(*(lanes.value(f"%p{i}") for i in range(count)))
-    given, last = T, ""
-    if isinstance(results, tuple):
-        given, last = f"{{{T}, {T}}}", "poison"
-        for i, each in enumerate(results):
-            last = emitter.line(f"insertvalue {given} {last}, {T} {lanes.name(each)}, {i}")
-    body = "\n".join([*emitter.lines, f"  ret {given} {last or lanes.name(results)}"])
-    head = (
-        f"define internal {given}"
-        f" @{opcode}.{width}({', '.join(f'{T} %p{i}' for i in range(count))})"
-    )
-    emitter.module.functions[f"@{opcode}.{width}"] = f"{head} #1 {{\nentry:\n{body}\n}}"
-    return emitter.module
 
 
 class Lanes(Program):
@@ -122,7 +114,11 @@ class Lanes(Program):
         kinds = "".join(map(self.kinds.__getitem__, operands))
         names = [*map(self._names.__getitem__, operands)]
         T = type_of(kinds[0], self.width)
-        if opcode in EXPANSIONS:
+        if opcode in ("sin", "cos"):  # computed together; LLVM finds calls that are equal
+            pair, function = f"{{{T}, {T}}}", self.emitter.module.elementary("sincos", self.width)
+            both = self.emitter.line(f"call {pair} {function}({T} {names[0]})")
+            text = f"extractvalue {pair} {both}, {opcode == 'cos':d}"
+        elif opcode in EXPANSIONS:
             function = self.emitter.module.elementary(opcode, self.width)
             text = f"call {T} {function}({', '.join(f'{T} {each}' for each in names)})"
         elif opcode in _INTRINSICS:
@@ -162,7 +158,7 @@ class Emitter:
     def __init__(self, program: Program, module: Module, width: int) -> None:
         self.program, self.module, self.width = program, module, width
         self.lines: list[str] = []
-        self.labels = ["entry"]
+        self.label = "entry"  # of the basic block
         self.scalars: dict[int, int] = {}  # of the program, as values of `own`
         self._read: dict[tuple[str, int, int], int] = {}
         self._numbers: Iterator[int] = itertools.count(1)
@@ -180,7 +176,7 @@ class Emitter:
     def begin(self, label: str) -> None:
         """Begin a basic block."""
         self.lines.append(f"{label}:")
-        self.labels.append(label)
+        self.label = label
 
     def fresh(self, stem: str) -> str:
         """A new label."""
@@ -208,7 +204,7 @@ class Emitter:
 
     def _own_value(self, value: int) -> int:
         if value in self.module.places:  # read once a basic block
-            place = self.labels[-1], self.width, value
+            place = self.label, self.width, value
             if place not in self._read:
                 number = self.read(self.constant(value, 0), 1)
                 self._read[place] = self.spread(number, self.width).value
@@ -258,7 +254,7 @@ class Emitter:
             for i in range(first, count, step):
                 initial = body(i, *initial) or ()
             return list(initial)
-        before, head, inside, done = self.labels[-1], *map(self.fresh, ("head", "body", "done"))
+        before, head, inside, done = self.label, *map(self.fresh, ("head", "body", "done"))
         first, count = self.one.name(first), self.one.name(count)
         counter, advanced = f"%{self.fresh('i')}", f"%{self.fresh('n')}"
         self.lines.append(f"  br label %{head}")
@@ -276,7 +272,7 @@ class Emitter:
         after = body(self.one.value(counter, "i"), *carried) or ()
         self.lines.append(f"  {advanced} = add i64 {counter}, {step}")
         self.lines.append(f"  br label %{head}")
-        end = self.labels[-1]
+        end = self.label
         phis = [f"  {counter} = phi i64 [{first}, %{before}], [{advanced}, %{end}]"]
         for p, x, one, two in zip(programs, carried, initial, after, strict=True):
             kind = type_of(x.kind, p.width)
@@ -302,16 +298,6 @@ class Emitter:
     def special(self, instruction: Instruction) -> None:
         """Emit an instruction other than a scalar operation, by the method of its name."""
         getattr(self, f"_emit_{instruction.opcode}")(instruction)
-
-    def _emit_sin(self, instruction: Instruction) -> None:
-        """Sine and cosine are computed together; LLVM finds calls that are equal."""
-        value: Any = instruction.operands[0]
-        T, name = type_of("f", self.width), self.module.elementary("sincos", self.width)
-        pair = self.line(f"call {{{T}, {T}}} {name}({T} {self.own.name(self.scalar(value))})")
-        part = f"extractvalue {{{T}, {T}}} {pair}, {instruction.opcode == 'cos':d}"
-        self.scalars[instruction.result] = self.own.value(self.line(part)).value
-
-    _emit_cos = _emit_sin
 
     def gather(self, one: Callable[[int], str], kind: str = "f") -> str:
         """A vector of a function's values for each lane."""

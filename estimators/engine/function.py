@@ -49,6 +49,7 @@ class Function:
             to ``otherwise``.
         computed: Calls of `compute` by all functions, each some 30 us slower than `call`.
         layout: Places of matrices in the scratch.
+        places: Places of constants in memory; others are literals of the code.
         otherwise: Function of arrays unlike the last ones: `compute`, unless it is set.
     """
 
@@ -76,7 +77,7 @@ class Function:
             i: row for i, row in enumerate(arguments) if row and (i in read or not sealed)
         }
         self.layout, self._scratch = _laid_out(program, self.instructions, values)
-        self._places, self._literals, self._constants = _placed(program)
+        self.places, self._literals, self._constants = _placed(program)
         self._address = self._constants.__array_interface__["data"][0]
         loops = any(each.opcode in LOOPS for each in self.instructions)
         # Straight code is read once for all lanes, a loop's body is short: more lanes are faster.
@@ -134,7 +135,7 @@ class Function:
         if width not in self._codes:
             code = str((
                 self.instructions, self.outputs, self.arguments, self.count, self.results, width,
-                self._literals, self._places, self.program.sizes, self.program.kinds,
+                self._literals, self.places, self.program.sizes, self.program.kinds,
             )).encode()  # fmt: skip
             self._codes[width] = machine.load(code, partial(self.text, width))
         return self._codes[width]
@@ -143,8 +144,7 @@ class Function:
         """The program in LLVM IR, as a function of a name."""
         from estimators.engine.driver import Driver  # late: code that is kept needs no emitters
 
-        driver = Driver(self, self._places, width)
-        return driver.module.text([driver.function(name, self.instructions, self.outputs)])
+        return Driver(self, width).text(name)
 
 
 _CODE = ctypes.PYFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 3)
@@ -175,9 +175,7 @@ def _laid_out(
     """
     places: dict[int, int] = {}
     total, free = 0, defaultdict[int, list[int]](list)
-    last: dict[int, int] = {}
-    for at, each in enumerate(instructions):
-        last |= dict.fromkeys(each.values, at)
+    last = {value: at for at, each in enumerate(instructions) for value in each.values}
     last |= dict.fromkeys(outputs, len(instructions))
     for at, each in enumerate(instructions):
         size = program.sizes.get(each.result)

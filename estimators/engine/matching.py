@@ -77,18 +77,16 @@ def is_right(invoke: _Invoker) -> bool:
     like = id(dtype), 2, 1, 2
     others = (x[0],), (x.astype(np.int64),), (np.zeros((1, 4))[:, ::2],)
     unlike = (), (x, x), (x, x, x), *((*each, None, x) for each in others)
-    for several in (0, 1):
+    for several in (False, True):
         head = code, 1, 0, 0, 0, several, several, 3, 1
         table = np.array([*head, *like, id(None), 0, 0, 0, *like], np.int64)
         found: Any = invoke(table, _number, x, None, x)
-        is_tuple = type(found) is tuple and len(found) == 1
-        y = found[0] if is_tuple else found
-        if is_tuple != bool(several) or type(y) is not np.ndarray:
+        if type(found) is not (tuple if several else np.ndarray):
             return False
+        (y,) = found if several else (found,)
         right = y.dtype is dtype and y.shape == x.shape and y[0, 0] == 3.0 and y.flags.owndata
-        if not right or y.flags.writeable == bool(several):
-            return False
-        if any(invoke(table, _number, *each) != len(each) for each in unlike):
+        passed_on = [invoke(table, _number, *each) for each in unlike]
+        if not right or y.flags.writeable == several or passed_on != [*map(len, unlike)]:
             return False
     return True
 

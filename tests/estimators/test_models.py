@@ -273,6 +273,25 @@ def test_the_jacobian_of_an_angle_is_right_for_any_spread(spread: float, way: Ca
 # --- compiled functions ---------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize(
+    "transition",
+    [
+        lambda x, u: np.stack([x[..., 1] ** 2, x[..., 0], x[..., 0]], -1),
+        lambda x, u: np.stack([x[..., 1] ** 2, 0.0 * x[..., 0] + 0.5, 0.0 * x[..., 0]], -1),
+        lambda x, u: np.concatenate([x[..., 1:2] ** 2, np.zeros(2)], -1),
+    ],
+    ids=["equal", "equal but for a number", "constant"],
+)
+def test_states_that_a_step_makes_equal_are_linearised(transition: Callable):
+    """In one program with the prediction, the measurement has the Jacobian that it has alone."""
+    seen = compiled(lambda x, u: x[..., :1] * (1.0 + x[..., 1:2]) + np.sin(x[..., 2:]))
+    model = NonlinearModel(compiled(transition), seen, 0.1 * np.eye(3), [[0.5]])
+    filter, y = make("ekf", model), np.array([2.0])
+    belief = filter.init(Gaussian([0.3, 1.2, -0.4], np.eye(3)))
+    assert filter.joins_steps()
+    assert_same(filter.step(belief, y), filter.update(filter.predict(belief), y), 1e-13)
+
+
 def test_a_compiled_jacobian_counts_and_not_the_derivative():
     """It is off by a ten-thousandth, and so is the covariance."""
     sine, x = compiled(lambda x, u: np.sin(x)), np.array([0.3, 1.0])

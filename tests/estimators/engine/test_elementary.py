@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from estimators.engine import compiled
+from estimators.engine import compiled, sincos
 from estimators.engine.elementary import EXPANSIONS
 
 pytestmark = pytest.mark.skipif(
@@ -78,6 +78,13 @@ def run(name: str, *operands: np.ndarray) -> np.ndarray:
     return function(np.stack(operands, -1))
 
 
+def formula(name: str, *operands: np.ndarray) -> np.ndarray:
+    """The package's formula, computed in NumPy."""
+    if name in ("sin", "cos"):
+        return sincos(*operands)[name == "cos"]
+    return EXPANSIONS[name][1](*operands)
+
+
 def check(name: str, *operands: np.ndarray) -> None:
     """Within two units, tangents four, with NumPy's signs of zeros, and in NumPy the bits of what is compiled."""
     found, expected = run(name, *operands), getattr(np, name)(*operands)
@@ -88,7 +95,7 @@ def check(name: str, *operands: np.ndarray) -> None:
         signed | ((operands[0] == 0.0) & (name in ("sin", "tan")))
     ).all()  # of -0.0 they are 0.0
     if name != "tan":
-        np.testing.assert_array_equal(bits(EXPANSIONS[name][1](*operands)), bits(found))
+        np.testing.assert_array_equal(bits(formula(name, *operands)), bits(found))
 
 
 @pytest.mark.parametrize("name", RANGES)
@@ -101,9 +108,9 @@ def test_a_function_of_one_number(name: str):
 
 @pytest.mark.parametrize("name", ["sin", "cos"])
 def test_sines_of_large_angles_are_within_two_and_a_half(name: str):
-    x, function = np.random.default_rng(2).uniform(-1e6, 1e6, 10 * N), EXPANSIONS[name][1]
-    assert units(function(x), x, name=name).max() <= 2.5
-    assert (np.abs(function(LARGEST)) <= 1.0).all()  # without an accurate digit, but bounded
+    x = np.random.default_rng(2).uniform(-1e6, 1e6, 10 * N)
+    assert units(formula(name, x), x, name=name).max() <= 2.5
+    assert (np.abs(formula(name, LARGEST)) <= 1.0).all()  # without an accurate digit, but bounded
 
 
 def pairs(edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -33,19 +33,19 @@ def formulas(S: Any, B: Any, x: Any, m: Any) -> dict[str, Any]:
         + np.where(x < -0.2, np.sin(x), np.arctan2(x, x * x)),
         "sums of entries": B.sum(-2).sum(-1) * x.sum(-1) - S.diagonal(0, -2, -1).sum(-1),
         "masked": np.where(m[..., None] & m[..., None, :], S, np.exp(x[..., 1])[..., None, None]),
-        "inner of many": linalg.inner(*[linalg.joined([S, B, S @ S, B, S, B, B], -1)] * 2),
+        "inner of many": linalg.joined([S, B, S @ S, B, S, B, B], -1)
+        @ linalg.joined([S, B, S @ S, B, S, B, B], -1).mT,
         "inner of two of many": linalg.joined([S] * 6, -1)
         @ linalg.joined([2.0 * S, B] * 4, -1)[..., 1:, 2:].mT,
-        "inner": linalg.inner(B, B) + linalg.inner(S, B.mT @ S) @ B.mT,
+        "inner": B @ B.mT + S @ (B.mT @ S).mT @ B.mT,
         "equal numbers": (np.floor(S) == np.floor(S.mT)) * S - (S.mT != S) * np.exp(-np.abs(S)),
         "slices": linalg.joined([B[..., 1:, :], np.eye(3)[:1, :2]], -2) + B[..., 2, None, :],
         "solve": linalg.solve(S, B),
         "solve by a lower triangle": linalg.solve_lower(linalg.cholesky(S), B),
         "solve by an upper triangle": linalg.solve_upper(L.mT, B),
         "cholesky": linalg.cholesky(S) - 2.0 * linalg.symmetrise(S @ L),
-        "cholesky of less than full rank": linalg.inner(
-            *[linalg.semidefinite_cholesky(B @ B.mT)] * 2
-        ),
+        "cholesky of less than full rank": linalg.semidefinite_cholesky(B @ B.mT)
+        @ linalg.semidefinite_cholesky(B @ B.mT).mT,
         "singular values": from_singular(B, 1),
         "singular values squared": from_singular(S, 2),
     }
