@@ -27,7 +27,7 @@ def prior(rows: int) -> Gaussian:
     return Gaussian(np.zeros((rows, STATES)), spread * np.eye(STATES))
 
 
-def bent(M: np.ndarray) -> tuple[Callable[..., np.ndarray], Callable[..., np.ndarray]]:
+def nonlinear(M: np.ndarray) -> tuple[Callable[..., np.ndarray], Callable[..., np.ndarray]]:
     """``M (x + 0.1 sin x)`` as a function of x, and its Jacobian."""
 
     def value(x: np.ndarray, u: Any = None) -> np.ndarray:
@@ -39,7 +39,7 @@ def bent(M: np.ndarray) -> tuple[Callable[..., np.ndarray], Callable[..., np.nda
     return value, slope
 
 
-(move, moving), (see, seeing) = bent(A), bent(C)
+(move, moving), (see, seeing) = nonlinear(A), nonlinear(C)
 NONLINEAR = "ekf", "ukf"
 """Filters that are timed on the nonlinear system, whose transition and measurement these are."""
 
@@ -73,12 +73,13 @@ def filterpys(name: str) -> Step:
     """The filter of filterpy that computes the same for one row."""
     from filterpy import kalman
 
-    told: tuple[Any, ...] = ()
+    functions: tuple[Any, ...] = ()
     if name == "kf":
         rival = kalman.KalmanFilter(STATES, MEASUREMENTS)
         rival.F, rival.H = A, C
     elif name == "ekf":
-        rival, told = kalman.ExtendedKalmanFilter(STATES, MEASUREMENTS), (seeing, see)
+        rival = kalman.ExtendedKalmanFilter(STATES, MEASUREMENTS)
+        functions = seeing, see
 
         def predict_x(u: Any = 0) -> None:  # which is left to its user
             rival.F, rival.x = moving(rival.x), move(rival.x)
@@ -91,7 +92,7 @@ def filterpys(name: str) -> Step:
 
     def step(y: np.ndarray) -> np.ndarray:
         rival.predict()
-        rival.update(y[0], *told)
+        rival.update(y[0], *functions)
         return rival.x[None]
 
     return step

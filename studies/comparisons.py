@@ -220,12 +220,12 @@ def packaged_agents() -> str:
     rows = []
     for env_id in (CORVETTE, "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"):
         one, other = (arm_metrics("default", env_id, agent=name) for name in ("autopilot", "ppo"))
-        told = description(packaged(env_id)) or {}
+        training = description(packaged(env_id))
         values = one["score"], other["score"], other["score"] - one["score"]
         there = f"{one['arrived']}; {other['arrived']}"
         rows.append((
             f"`{env_id}`", f"`{system_of(env_id).estimator}`", *map(mean_and_half, values), there,
-            f"{told['seed']}; {told['trained_steps']:,}",
+            f"{training['seed']}; {training['trained_steps']:,}",
         ))  # fmt: skip
     header = (
         "", "estimates", "`autopilot`", "`ppo`", "`ppo` − `autopilot`",

@@ -1,7 +1,7 @@
 """Tables of docs/ on filters alone, without an environment's task, and on grades of sensors."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Sequence
 from itertools import product
 from typing import Any
 
@@ -9,11 +9,10 @@ import numpy as np
 
 from agents.page import mean_and_half
 from agents.papers.robust.experiment import Condition, simulate, squared_errors
-from agents.statistics import share_interval
 from agents.studies.worlds import system_of
-from estimators import LinearModel, input_conditions
+from estimators import LinearModel
 from studies.lorenz import BENCHMARKS, analysis_rmse
-from studies.markdown import NONE, table
+from studies.markdown import table
 from vessel_gym.sensors import Sensor
 from vessel_gym.sensors.grades import read_grades
 
@@ -91,28 +90,6 @@ def robust_losses() -> str:
 # --- other filters --------------------------------------------------------------------------------
 
 
-def unstable_zeros(systems: int = 400) -> str:
-    """Share of random systems in which an unknown input adds a zero on or outside the unit circle.
-
-    Four states and one input; A has normal entries and a spectral radius of 0.98, C, G and H have
-    normal entries.
-    """
-    kinds = {"at once, `kf-umv-ui`": 1.0, "one step late": 0.0}
-
-    def share(gain: float, p: int) -> str:
-        rng, hits = np.random.default_rng([p, round(gain)]), 0
-        for _ in range(systems):
-            A, C, G, H = (rng.normal(size=shape) for shape in ((4, 4), (p, 4), (4, 1), (p, 1)))
-            A *= 0.98 / np.abs(np.linalg.eigvals(A)).max()
-            zeros = input_conditions(A, C, G, gain * H, np.eye(4), np.eye(p), 1.0).zeros
-            hits += bool((np.abs(zeros) >= 1.0).any())
-        of = share_interval(hits, systems).times(100.0)
-        return f"{of.mean:.1f} % [{of.low:.1f}, {of.high:.1f}]"
-
-    rows = [(label, *(share(gain, p) for p in (1, 2, 3))) for label, gain in kinds.items()]
-    return table(("d reaches the measurements", "1 measurement", "2", "3"), rows)
-
-
 def published_scores(runs: int = 20) -> str:
     """Analysis RMSE of ensemble and particle filters on the Lorenz systems, beside published ones.
 
@@ -140,50 +117,33 @@ GRADED = {
 def sensor_grades() -> str:
     """Tables of the grades of sensors for each kind of vehicle, with suites and documents.
 
-    What no document states has an asterisk.
+    Figures have the keys of a file of grades. What no document states has an asterisk.
     """
-    errors = "slow error; correlation time; constant error"
-    heads = "sensor", "grade", "white noise", errors, "interval", "document"
     parts = []
     for env_id, heading in GRADED.items():
         grades, rows = read_grades(system_of(env_id)), []
         for name, grade in ((name, grade) for name, of in grades.sensors.items() for grade in of):
             suites = [suite for suite, of in grades.suites.items() if of.get(name) == grade]
             label = f"{grade} (`{'`, `'.join(suites)}`)" if suites else grade
-            white, slow, often = (
-                [f"{text}*" if key in grades.assumed[name][grade] else text
-                 for key, text in part]
-                for part in _figures(grades.sensors[name][grade])
-            )  # fmt: skip
+            figures = _figures(grades.sensors[name][grade], grades.assumed[name][grade])
             document = re.split(r" by| datasheet|,| \(|: ", grades.sources[name][grade])[0]
-            cells = white[0], "; ".join(slow), ", ".join(often), document
-            rows.append((name, label, *cells))
+            rows.append((name, label, figures, document))
+        heads = "sensor", "grade", "figures", "document"
         parts.append(f"### {heading}\n\n{table(heads, rows)}")
     return "\n\n".join(parts)
 
 
-def _figures(sensor: Sensor) -> Iterator[list[tuple[str, str]]]:
-    """Keys and values of white noise, slow error, and time between measurements."""
-    yield [("sd", _values(sensor.sd))]
-    slow, bias = [("", NONE)], sensor.bias
-    if bias is not None:
-        start, constant = (_values(of) for of in (bias.start, bias.constant))
-        slow = [("start", start)]
-        if bias.time is not None:
-            slow += [("time", f"{bias.time:g} s")]
-            slow += [("constant", f"constant {constant}")] * any(bias.constant)
-        elif any(bias.pace):
-            slow = [
-                ("start", f"start {start}"),
-                ("pace", f"random walk {_values(bias.pace)}/√s"),
-            ]
-        else:
-            slow = [("start", f"constant {start}")]
-    yield slow
-    every = ("rate", "step" if sensor.rate is None else f"{1.0 / sensor.rate:g} s")
-    yield [every, *[("dropout", f"{sensor.dropout:.0%} lost")] * bool(sensor.dropout)]
-
-
-def _values(values: tuple[float, ...]) -> str:
-    """One number for all channels, or one for each."""
-    return ", ".join(f"{value:g}" for value in (values[:1] if len(set(values)) == 1 else values))
+def _figures(sensor: Sensor, assumed: Sequence[str]) -> str:
+    """The figures of a sensor that are not 0: one number for all channels, or one for each."""
+    figures: dict[str, Any] = {key: getattr(sensor, key) for key in ("sd", "rate", "dropout")}
+    if sensor.bias is not None:
+        keys = ("start", "pace", "time", "constant")
+        figures |= {key: getattr(sensor.bias, key) for key in keys}
+    found = []
+    for key, value in figures.items():
+        if value is not None and np.any(value):
+            values = np.atleast_1d(value).tolist()
+            shown = values[:1] if len(set(values)) == 1 else values
+            star = "*" if key in assumed else ""
+            found.append(f"{key}{star} {' '.join(f'{each:g}' for each in shown)}")
+    return ", ".join(found)

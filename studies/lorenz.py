@@ -102,7 +102,6 @@ class Benchmark:
         reported_only: True if the mean varies too much to be held against: with few members or
             particles, or with the least inflation that works, about one run in twenty loses the
             truth for good.
-        draws: Of an ensemble: those of the published scores are independent.
     """
 
     setting: Setting
@@ -112,14 +111,13 @@ class Benchmark:
     source: str
     tuning: dict[str, Any]
     reported_only: bool = False
-    draws: str = "independent"
 
     @property
     def options(self) -> dict[str, Any]:
-        """Options of the filter."""
+        """Options of the filter; the draws of published ensembles are independent."""
         if "pf" in self.filters:
             return {"particles": self.members} | self.tuning
-        return {"members": self.members, "draws": self.draws} | self.tuning
+        return {"members": self.members, "draws": "independent"} | self.tuning
 
     @property
     def described(self) -> str:

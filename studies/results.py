@@ -6,7 +6,6 @@ They are read from ``results/STUDY``, where ``vessel-gym ablate`` leaves them.
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cache
-from itertools import combinations
 from math import comb
 from typing import Any, NamedTuple
 
@@ -156,21 +155,6 @@ def wild_and_wrong(study: str) -> str:
         gap = mean_and_half(of[condition, one] - of[condition, other])
         rows.append((f"{world}, {condition}", f"`{one}` − `{other}`", gap))
     return table(("", "scores", "difference"), rows)
-
-
-def pairing(study: str) -> str:
-    """Factor of episodes that pairing saves, over all pairs of filters in the first condition."""
-    rows = []
-    for at in columns(study):
-        if at.condition == "nominal":
-            filters = [of for name, of in at.scores.items() if name not in (ORACLE, HELD, FLOOR)]
-            pairs = [(a, b) for a, b in combinations(filters, 2) if (a != b).any()]
-            factors = [(a.var() + b.var()) / (a - b).var() for a, b in pairs]
-            cells = (f"{factor:.1f}" for factor in np.quantile(factors, (0.0, 0.25, 0.5, 0.75)))
-            rows.append((at.environment, str(len(pairs)), *cells))
-    return table(
-        ("Environment", "pairs", "least", "lower quartile", "median", "upper quartile"), rows
-    )
 
 
 def latency(study: str) -> str:

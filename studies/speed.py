@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Callable, Mapping
-from copy import copy
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,7 +19,7 @@ from studies.markdown import around, measured_on, publish
 
 ENVIRONMENTS = "SigmaCorvette-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"
 STEPS, BATCH, MARK = 64, 256, "measured"
-"""Steps of a block of flights, environments of a batch, and the mark of the tables on a page."""
+"""Steps of a block, environments of a batch, and the mark of the tables on a page."""
 
 
 def time_block(step: Callable[[Any], Any], inputs: Any, rows: int) -> float:
@@ -37,60 +36,18 @@ def filter_block(step: Step, rows: int) -> Callable[[], float]:
     return partial(time_block, step, inputs, rows)
 
 
-class Flight:
+def environment_block(env_id: str, rows: int = 0) -> Callable[[], float]:
     """A block of steps of an environment, or of a native batch, under small random actions."""
+    options: dict[str, Any] = {"num_envs": rows, "vectorization_mode": "vector_entry_point"}
+    env: Any = gym.make_vec(env_id, **options) if rows else gym.make(env_id)
+    actions = np.random.default_rng(0).uniform(-0.2, 0.2, (STEPS, *env.action_space.shape))
+    actions = actions.astype(env.action_space.dtype)
 
-    def __init__(self, env_id: str, rows: int = 0, **options: Any) -> None:
-        if rows:
-            options |= {"num_envs": rows, "vectorization_mode": "vector_entry_point"}
-        self.env: Any = (gym.make_vec if rows else gym.make)(env_id, **options)
-        space: Any = self.env.action_space
-        actions = np.random.default_rng(0).uniform(-0.2, 0.2, (STEPS, *space.shape))
-        self.actions, self.rows = actions.astype(space.dtype), max(rows, 1)
+    def block() -> float:
+        env.reset(seed=0)  # not timed
+        return time_block(env.step, actions, max(rows, 1))
 
-    def __call__(self) -> float:
-        """Reset, which is not timed, and step."""
-        self.env.reset(seed=0)
-        return time_block(self.env.step, self.actions, self.rows)
-
-
-PARTS = "world", "filter", "task", "observation", "info"
-"""Parts of a step."""
-
-
-def part_shares(env_id: str, rows: int) -> Callable[[], np.ndarray]:
-    """A block that returns the share of each part, and of the rest, of a step stage by stage."""
-    flight, spent = Flight(env_id, rows), dict.fromkeys(PARTS, 0.0)
-    core = flight.env.unwrapped.core
-    core._together = False  # one program has no parts
-    config = core.config
-    config.world, config.mission = copy(config.world), copy(config.mission)  # which others share
-
-    def clock(part: str, owner: Any, name: str) -> None:
-        method = getattr(owner, name)
-
-        def timed(*args: Any, **named: Any) -> Any:
-            start = time.process_time()
-            found = method(*args, **named)
-            spent[part] += time.process_time() - start
-            return found
-
-        setattr(owner, name, timed)
-
-    clock("world", config.world, "step")
-    clock("filter", config.estimators[0], "step")
-    clock("task", config.mission, "step")
-    clock("observation", core, "observe")
-    clock("info", core, "info" if rows else "happened")
-
-    def shares() -> np.ndarray:
-        flight.env.reset(seed=0)
-        spent.update(dict.fromkeys(PARTS, 0.0))
-        whole = time_block(flight.env.step, flight.actions, 1)
-        found = 1e6 / STEPS * np.array([*spent.values()]) / whole
-        return np.append(found, 1.0 - found.sum())
-
-    return shares
+    return block
 
 
 def measure(blocks: Mapping[Any, Callable[[], Any]], rounds: int) -> dict[Any, np.ndarray]:
@@ -122,7 +79,7 @@ def labels() -> dict[str, tuple[str, bool]]:
 
 
 def report(env_ids: tuple[str, ...], rows: tuple[int, ...], rounds: int) -> str:
-    """Tables of filters by rows, of flights, and of the parts of a step, timed in one run."""
+    """Tables of environments and of filters, by rows, timed in one run."""
     filters = {
         (label, size): filter_block(ours(name, size, plain), size)
         for label, (name, plain) in labels().items()
@@ -131,24 +88,20 @@ def report(env_ids: tuple[str, ...], rows: tuple[int, ...], rounds: int) -> str:
     for name in ("kf", "ekf", "ukf"):
         filters[f"{name} of filterpy", 1] = filter_block(filterpys(name), 1)
     filters |= {("kf in bare NumPy", size): filter_block(numpy_kalman(size), size) for size in rows}
+    sizes = 0, BATCH
     with asked():
-        plain = {(env_id, size): Flight(env_id, size) for env_id in env_ids for size in (0, BATCH)}
-    parts = {("parts", at): part_shares(*at) for at in plain}
-    found = measure(plain | filters | parts, rounds)
-    shares = [
-        (env_id, f"batch of {size}" if size else "alone", quartiles(found[env_id, size]),
-         *(f"{100.0 * share:.0f}" for share in np.median(found["parts", (env_id, size)], 0)))
-        for env_id, size in plain
-    ]  # fmt: skip
+        steps = {(name, size): environment_block(name, size) for name in env_ids for size in sizes}
+    found = {at: quartiles(values) for at, values in measure(steps | filters, rounds).items()}
+    steps_of = [(f"`{name}`", *(found[name, size] for size in sizes)) for name in env_ids]
     lines = [
-        (name, *(quartiles(found[name, size]) if (name, size) in filters else "" for size in rows))
+        (name, *(found.get((name, size), "") for size in rows))
         for name in dict.fromkeys(name for name, _ in filters)
     ]
     heads = "", *(f"{size:,} system{'s' if size > 1 else ''}" for size in rows)
     return "\n\n".join((
         f"CPU time [µs]: median [quartiles] of {rounds} rounds. {measured_on()}",
-        "**A step of one environment on its default estimator, and the share of each part [%]**",
-        markdown_table(("", "", "µs", *PARTS, "rest"), shares, 2),
+        "**A step of one environment on its default estimator**",
+        markdown_table(("", "alone", f"in a batch of {BATCH}"), steps_of, 1),
         f"**Prediction and update for each system: {STATES} states, {MEASUREMENTS} measurements**",
         markdown_table(heads, lines, 1),
     ))  # fmt: skip

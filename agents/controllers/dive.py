@@ -1,12 +1,10 @@
 """Controllers of dives: course and flight-path loops designed from the linearised vehicle."""
 
 from collections import defaultdict
-from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import root
 
 from agents.controllers import AUTOPILOT, register_controller
 from agents.controllers.loops import Control, Controller, bryson, jacobian, regulator_gains
@@ -16,6 +14,7 @@ from vessel_gym.processes import interpolated
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import Dive
 from vessel_gym.vehicles.auv import AUV
+from vessel_gym.vehicles.equilibrium import root
 
 SPEED = 2.0  # s, time constant in which an error of speed is to vanish
 
@@ -65,6 +64,9 @@ def steady_motions(vehicle: AUV, lateral: bool) -> SteadyMotions:
 
     The stern plane acts on heave, pitch rate and flight path, about steady dives and climbs of up
     to 45 deg; the rudder on sway, roll, yaw rate and course, about steady level turns.
+
+    Raises:
+        RuntimeError: if the vehicle has no steady motion for a command.
     """
     names, speed = vehicle.state_names, vehicle.body.cruise_speed
     if lateral:
@@ -74,23 +76,30 @@ def steady_motions(vehicle: AUV, lateral: bool) -> SteadyMotions:
         plane, rate, fin, side = ["w", "q", "theta"], 1, -2, -1.0
         command = np.deg2rad(np.linspace(-45.0, 45.0, 91))
     index = [names.index(name) for name in plane]
-    surge, tilt, balanced = names.index("u"), index[rate + 1], index[: rate + 1]
+    surge, tilt, balanced = names.index("u"), index[rate + 1], index[:2]
 
-    def motion(z: np.ndarray, command: float) -> tuple[np.ndarray, np.ndarray]:
-        state, actuators = np.zeros(len(names)), np.zeros(len(vehicle.action_names))
-        state[[surge, index[0], tilt]], actuators[[fin, -1]] = (speed, *z[:2]), z[2:]
+    def motion(z: np.ndarray, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        state = np.zeros((*z.shape[:-1], len(names)))
+        actuators = np.zeros((*z.shape[:-1], len(vehicle.action_names)))
+        state[..., surge] = speed
+        state[..., [index[0], tilt]], actuators[..., [fin, -1]] = z[..., :2], z[..., 2:]
         if lateral:
-            state[index[rate]] = command
+            state[..., index[rate]] = command[..., 0]
         return state, actuators
 
-    def residual(z: np.ndarray, command: float) -> np.ndarray:
+    def residual(z: np.ndarray, command: np.ndarray) -> np.ndarray:
         state, actuators = motion(z, command)
-        balance = ((_after(vehicle, state, actuators) - state) / vehicle.dt)[[surge, *balanced]]
-        return balance if lateral else np.append(balance, z[1] - np.arctan2(z[0], speed) - command)
+        rates = (_after(vehicle, state, actuators) - state) / vehicle.dt
+        climb = z[..., 1:2] - np.arctan2(z[..., :1], speed)
+        last = rates[..., [index[rate]]] if lateral else climb - command
+        return np.concatenate([rates[..., [surge, *balanced]], last], -1)
 
-    guess = np.array([0.0, 0.0, 0.0, vehicle.body.cruise_thrust])
-    table = _steady_motions(residual, command, guess)
-    state, actuators = motion(table[len(command) // 2], 0.0)
+    guess = np.tile([0.0, 0.0, 0.0, vehicle.body.cruise_thrust], (len(command), 1))
+    table = root(residual, guess, command[:, None])
+    if np.isnan(table).any():
+        raise RuntimeError("the vehicle has no steady motion for some commands of its autopilot")
+    middle = len(command) // 2
+    state, actuators = motion(table[middle], command[middle : middle + 1])
 
     def step(x: np.ndarray) -> np.ndarray:
         state[index], actuators[fin] = x[:-1], x[-1]
@@ -104,24 +113,9 @@ def steady_motions(vehicle: AUV, lateral: bool) -> SteadyMotions:
 
 
 def _after(vehicle: AUV, state: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-    """State ``(n,)`` after a step in still water with constant actuators."""
+    """States ``(..., n)`` after a step in still water with constant actuators."""
     flows = np.zeros(len(vehicle.ambient_flows))
-    return vehicle.drift(state, np.concatenate([actuators, actuators]), flows)
-
-
-def _steady_motions(
-    residual: Callable[[np.ndarray, float], np.ndarray], command: np.ndarray, guess: np.ndarray
-) -> np.ndarray:
-    """Solutions ``(m, 4)`` of ``residual(z, command) = 0``, each from its neighbour's."""
-    table, middle = np.empty((len(command), len(guess))), len(command) // 2
-    for indices in (range(middle, len(command)), range(middle, -1, -1)):
-        z = guess
-        for i in indices:
-            found = root(residual, z, args=(command[i],), tol=1e-12)
-            if np.abs(found.fun).max() > 1e-9:
-                raise RuntimeError(f"the vehicle has no steady motion at {command[i]:.3g}")
-            table[i] = z = found.x
-    return table
+    return vehicle.drift(state, np.concatenate([actuators, actuators], -1), flows)
 
 
 @register_controller(Dive, AUTOPILOT)

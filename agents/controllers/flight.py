@@ -7,7 +7,7 @@ import numpy as np
 
 from agents.controllers import AUTOPILOT, register_controller
 from agents.controllers.loops import Control, Controller, bryson, jacobian, regulator_gains
-from estimators import Log
+from estimators import Log, zero_order_hold
 from estimators.engine import compiled
 from vessel_gym.processes import interpolated
 from vessel_gym.system import System
@@ -23,19 +23,10 @@ def lateral_gains(vehicle: Puna, cross_track: float, course: float) -> np.ndarra
     They act on cross-track error [m], course error and bank [rad]. The first two have tolerances,
     by Bryson's rule; only ratios of tolerances matter, so that of the command is fixed.
     """
-    body, dt = vehicle.body, vehicle.dt
+    body = vehicle.body
     speed, rate = body.cruise_speed, body.bank_rate
-    # Over a step the bank nears its command as exp(-b t); course and cross-track are its integrals.
-    decay = np.exp(-rate * dt)
-    first, turn = (1.0 - decay) / rate, body.gravity / speed
-    second = (dt - first) / rate
-    A = np.array([
-        [1.0, speed * dt, speed * turn * second],
-        [0.0, 1.0, turn * first],
-        [0.0, 0.0, decay],
-    ])  # fmt: skip
-    third = (0.5 * dt**2 - second) / rate
-    B = np.array([[speed * turn * rate * third], [turn * rate * second], [rate * first]])
+    A = np.array([[0.0, speed, 0.0], [0.0, 0.0, body.gravity / speed], [0.0, 0.0, -rate]])
+    A, B = zero_order_hold(A, np.array([[0.0], [0.0], [rate]]), vehicle.dt)
     return regulator_gains(A, B, bryson(cross_track, course, np.inf), bryson(0.25))[0]
 
 

@@ -128,44 +128,38 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
 
     An environment of others has no map; its page holds charts of truth and estimate.
     """
-    ours, core = hasattr(flown[0].env.unwrapped, "core"), flown[0].core
-    name, dt = core.config.system.name, core.config.system.vehicle.dt
+    first, system = flown[0], flown[0].config.system
+    ours, dt = hasattr(first.env.unwrapped, "core"), system.vehicle.dt
     histories = [
         {key: values[: each.length[0] + 1, 0] for key, values in each.history.items()}
         for each in flown
     ]
+    episodes = list(zip(flown, names, histories, strict=True))
     page: dict[str, Any] = {
-        "title": f"{name}: one episode on {listed(names)}",
-        "name": name,
-        "environment": flown[0].env_id,
-        "conditions": [f"seed {flown[0].seeds[0]}"],
+        "title": f"{system.name}: one episode on {listed(names)}",
+        "name": system.name,
+        "environment": first.env_id,
+        "conditions": [f"seed {first.seeds[0]}"],
         "dt": dt,
         "unit": "s" if ours or dt != 1.0 else "steps",
-        "placed": False,
-        "located": False,
-        "focus": [],
-        "scene": None,
-        "waves": None,
     }
     if not ours:
-        page["flights"] = [
-            _figures(each, name) | curves(_estimates(history))
-            for each, name, history in zip(flown, names, histories, strict=True)
-        ]
-        return page
-    around = surroundings_of(core, flown[0].scenario[0])
-    scenes = [Scene(each.core, around, h) for each, h in zip(flown, histories, strict=True)]
-    first = scenes[0].position
+        without = {"placed": False, "located": False, "focus": [], "scene": None, "waves": None}
+        charts = [_figures(each, n) | curves(_estimates(history)) for each, n, history in episodes]
+        return page | without | {"flights": charts}
+    around = surroundings_of(first.core, first.scenario[0])
+    scenes = [Scene(each.core, around, history) for each, _, history in episodes]
+    position = scenes[0].position
     return page | {
         "conditions": [*scenes[0].conditions, *page["conditions"]],
-        "placed": bool({"x", "y", "z", "h"} & set(core.config.system.vehicle.state_names)),
+        "placed": bool({"x", "y", "z", "h"} & set(system.vehicle.state_names)),
         "located": scenes[0].located,
         "focus": [
             {"name": name, "unit": unit, "axis": axis}
-            for (name, unit, _), axis in zip(first.words, first.axes.tolist(), strict=True)
+            for (name, unit, _), axis in zip(position.words, position.axes.tolist(), strict=True)
         ],
         "scene": drawn(around, [scene.true for scene in scenes]),
-        "waves": packed(waves_of(core, flown[0].constants[0])),
+        "waves": packed(waves_of(first.core, first.constants[0])),
         "flights": [_flight(*each) for each in zip(flown, names, scenes, strict=True)],
     }
 

@@ -81,15 +81,11 @@ def register_metrics(task_type: type, metrics: Sequence[Metric]) -> None:
         ValueError: for two metrics with one key, or if another module has registered metrics for
             this class.
     """
-    own = {m.key: m for m in metrics}
-    if len(own) < len(metrics):
-        keys = ", ".join(m.key for m in metrics)
-        raise ValueError(f"the metrics of a task need keys of their own, got {keys}")
-    every = {m.key: m for m in (SCORE, RETURN, STEPS, *STEERING)} | own
-    for m in (INPUT, NEES, UNHEALTHY):
-        every.setdefault(m.key, m)
+    keys = [m.key for m in metrics]
+    if len({*keys}) < len(keys):
+        raise ValueError(f"the metrics of a task need keys of their own, got {', '.join(keys)}")
     module = sys._getframe(1).f_globals.get("__name__", "")
-    TASK_METRICS.register(task_type, tuple(every.values()), module)
+    TASK_METRICS.register(task_type, tuple(metrics), module)
 
 
 def metrics(system: System | Wrapped) -> tuple[Metric, ...]:
@@ -98,22 +94,19 @@ def metrics(system: System | Wrapped) -> tuple[Metric, ...]:
     A task without registered metrics has those of every task, and the RMS error of each estimated
     component of the state.
     """
+    found = TASK_METRICS.of(system.task)
+    own = found[""] if found else [_error(name) for name in _estimated(system)]
+    if isinstance(system, Wrapped) and not found:
+        return (_OWN_SCORE, STEPS, *own, *((NEES, UNHEALTHY) if system.estimator else ()))
     steering = STEERING if system.vehicle.steering else ()
-    if found := TASK_METRICS.of(system.task):
-        return tuple(m for m in found[""] if m not in STEERING or steering)
-    errors = [
-        Metric(
-            f"{name.replace(' ', '_')}_rmse",
-            name,
-            *("", "lower", 4, f"RMS error of the estimated {name} [SI]."),
-            of=rmse(name),
-        )
-        for name in _estimated(system)
-    ]
-    if isinstance(system, Wrapped):
-        last = (NEES, UNHEALTHY) if system.estimator else ()
-        return (_OWN_SCORE, STEPS, *errors, *last)
-    return (SCORE, RETURN, STEPS, *steering, *errors, INPUT, NEES, UNHEALTHY)
+    every = {m.key: m for m in (SCORE, RETURN, STEPS, *steering, *own)}
+    return (*every.values(), *(m for m in (INPUT, NEES, UNHEALTHY) if m.key not in every))
+
+
+def _error(name: str) -> Metric:
+    """The RMS error of a component of the estimated state."""
+    meaning = f"RMS error of the estimated {name} [SI]."
+    return Metric(f"{name.replace(' ', '_')}_rmse", name, "", "lower", 4, meaning, of=rmse(name))
 
 
 def scores(rollout: Rollout) -> dict[str, np.ndarray]:

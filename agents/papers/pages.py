@@ -10,7 +10,7 @@ from typing import Any
 from agents.page import Block, markdown_table, write_page
 from agents.papers import read
 from agents.papers.figures import draw
-from agents.plotting import data_uri, styled
+from agents.plotting import data_uri, svg
 
 
 def write_paper(name: str, values: Mapping[str, Any], out: Path) -> Path:
@@ -33,8 +33,7 @@ def write_paper(name: str, values: Mapping[str, Any], out: Path) -> Path:
     pictures = []
     for described in values["figures"]:
         drawn, title = draw(described), f"Figure {described['number']}"
-        with styled():
-            drawn.savefig(out / "figures" / file_name(name, title), metadata={"Date": None})
+        (out / "figures" / file_name(name, title)).write_bytes(svg(drawn))
         pictures.append(f'<img src="{data_uri(drawn)}" alt="{escape(described["caption"])}">')
     (title, source, opening), sections = page_parts(name, values["tables"])
     figures = Block("Figures of the paper", f'<div class="figures">{"".join(pictures)}</div>')

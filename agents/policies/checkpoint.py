@@ -2,8 +2,6 @@
 
 import json
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -199,27 +197,21 @@ def load(path: Path, space: Any) -> tuple[Policy, Network]:
     Raises:
         ValueError: if it is none.
     """
-    with _one_sentence(path), path.open("rb") as stream, np.load(stream) as file:
-        if "description" in file:
-            arrays = dict(file)
+    try:
+        with path.open("rb") as stream, np.load(stream) as file:
+            arrays = dict(file) if "description" in file else {}
+        if arrays:
             policy = Policy(**json.loads(str(arrays.pop("description")))["policy"])
             network = Network(policy.layers, arrays, policy.squash, space)
             if not np.isfinite(network(np.zeros((1, *policy.observations), np.float32))[0]).all():
                 raise ValueError("its actions are not finite")
             return policy, network
-    raise ValueError(
-        f"{path} was not saved by agents.save_agent or vessel-gym train of this version: load it by"
-        " stable-baselines3, and save the model by agents.save_agent(model, path)"
-    )
-
-
-@contextmanager
-def _one_sentence(path: Path) -> Iterator[None]:
-    """Whatever a damaged or doctored file makes fail ends in one sentence."""
-    try:
-        yield
-    except Exception as error:
+    except Exception as error:  # whatever a damaged or doctored file makes fail
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
         raise ValueError(
             f"{path} is not a checkpoint of an agent, or is damaged ({reason})"
         ) from None
+    raise ValueError(
+        f"{path} was not saved by agents.save_agent or vessel-gym train of this version: load it by"
+        " stable-baselines3, and save the model by agents.save_agent(model, path)"
+    )

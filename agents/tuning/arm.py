@@ -73,12 +73,6 @@ class Arm:
         """The environment's system."""
         return system_of(self.env_id)
 
-    @property
-    def named(self) -> list[str]:
-        """Options of the environment that are names, in all conditions."""
-        values = [value for each in (self.options, *self.conditions) for value in each.values()]
-        return [value for value in values if isinstance(value, str)]
-
     @cached_property
     def configurations(self) -> list[Configuration]:
         """`Configuration` in each condition; none for an environment of another package.
@@ -129,12 +123,13 @@ class Arm:
             raise ValueError(f"{self.agent} on {self.estimator} has nothing that can be tuned")
         if self.by == LIKELIHOOD:
             return self._of_likelihood()
-        if not self.picked:
-            return {name: each for name, each in found.items() if name != "estimator.Q"}
+        chosen: set[str] = set() if self.picked else {*found} - {"estimator.Q"}
         for name in self.picked:
-            if not any(_begins(each, name) for each in found):
+            matching = {each for each in found if f"{each}.".startswith(f"{name}.")}
+            if not matching:
                 raise ValueError(unknown("parameter", name, found))
-        return {n: each for n, each in found.items() if any(_begins(n, p) for p in self.picked)}
+            chosen |= matching
+        return {name: each for name, each in found.items() if name in chosen}
 
     def _of_likelihood(self) -> dict[str, Parameter]:
         """Factors on Q and R of a filter that has a likelihood, and whose candidates share a batch."""
@@ -191,19 +186,20 @@ class Arm:
                 options[name] = value
         return options | ({"assume": assume} if assume else {})
 
+    @cached_property
+    def _env(self) -> Any:
+        """A closed environment, of whose system and spaces agents are made."""
+        with closing(batch(registered_id(self.env_id), 1, self.worlds[0])) as env:
+            return env
+
     def made_agent(self, values: Values) -> Any:
         """The agent with some values of its parameters."""
-        with closing(batch(registered_id(self.env_id), 1, self.worlds[0])) as env:
-            return load_agent(self.agent, env, under("agent.", values))
+        return load_agent(self.agent, self._env, under("agent.", values))
 
 
 def is_noise(name: str) -> bool:
     """Is a parameter a factor on Q or R?"""
     return name == "estimator.Q" or name.startswith("estimator.R.")
-
-
-def _begins(name: str, with_: str) -> bool:
-    return name == with_ or name.startswith(f"{with_}.")
 
 
 def under(prefix: str, values: Values) -> Values:

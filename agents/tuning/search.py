@@ -96,7 +96,8 @@ def search(
     """The best values of parameters that a search has seen.
 
     Args:
-        score: Score of some values, to be maximised; finite.
+        score: Score of some values, to be maximised; not finite for values that fail. To the
+            search these score 1 less than the worst so far; they are never the best.
         parameters: What is searched.
         evaluations: Largest number of scores.
         seed: 0: the search begins at the delivered values; else at a point near them that the seed
@@ -104,6 +105,9 @@ def search(
         journal: Takes the evaluations.
         progress: Called after each with the number so far and the best score. A KeyboardInterrupt
             ends the search, and the best so far is returned.
+
+    Raises:
+        ValueError: if all values fail.
     """
     from scipy.optimize import minimize
 
@@ -117,8 +121,9 @@ def search(
     def loss(point: np.ndarray) -> float:
         point = np.clip(point, 0.0, 1.0)
         found = journal.score(point, lambda: score(values(point)))
-        progress(len(journal.points), max(s for _, s in journal.points))
-        return -found
+        finite = [each for _, each in journal.points if math.isfinite(each)]
+        progress(len(journal.points), max(finite, default=math.nan))
+        return -found if math.isfinite(found) else 1.0 - min(finite, default=0.0)
 
     start = np.array([r.to_unit(parameters[name].value) for name, r in ranges.items()])
     if seed:
@@ -139,5 +144,8 @@ def search(
 
 
 def _best(journal: Journal) -> np.ndarray:
-    """The point with the highest score so far."""
-    return np.array(max(journal.points, key=lambda each: each[1])[0])
+    """The point with the highest finite score so far."""
+    finite = [each for each in journal.points if math.isfinite(each[1])]
+    if not finite:
+        raise ValueError("no candidate has a finite score: evaluate the arm before you tune it")
+    return np.array(max(finite, key=lambda each: each[1])[0])

@@ -38,14 +38,13 @@ def tune(
     seed: int = 0,
     fresh: int = 100,
     journal: Path | None = None,
-    processes: int = 1,
     progress: Callable[[int, float], None] = lambda done, best: None,
 ) -> Tuned:
     """Tune estimator and controller together for the highest mean score, in closed loop.
 
     All candidates meet the same ``episodes`` tuning seeds in each condition. Then Q and R are
-    multiplied by one factor such that the NEES of the position is 1 per component, if that hardly
-    changes the score. Tuned and delivered parameters are compared on other seeds.
+    multiplied by one factor such that the NEES of the position is 1 per component in the median
+    episode, if that hardly changes the score. Tuned and delivered parameters are compared on other seeds.
 
     Args:
         arm: What is tuned, and for which conditions.
@@ -56,7 +55,6 @@ def tune(
         fresh: Seeds of the comparison, two or more.
         journal: File to which each evaluation is appended, and from which an interrupted tuning
             goes on; None: none.
-        processes: Processes that share the episodes of a candidate.
         progress: As for `agents.tuning.search.search`.
 
     Raises:
@@ -64,12 +62,14 @@ def tune(
             seeds that are not there.
     """
     evaluations, began = integer("evaluations", evaluations, 1), time.process_time()
-    trials = Trials(arm, seeds_of_tuning(episodes, seed), processes)
+    trials = Trials(arm, seeds_of_tuning(episodes, seed))
+    given = [value for each in (arm.options, *arm.conditions) for value in each.values()]
     others = tuning_seeds(integer("fresh", fresh, 2), first=FRESH)
     made_by = {
         "version": vessel_gym.__version__, "source": source_digest("agents.tuning.tune"),
         "first_seed": trials.seeds[0], "episodes": episodes, "evaluations": evaluations,
-        "seed": seed, "own": digests(arm.env_id, arm.agent, *arm.named),
+        "seed": seed,
+        "own": digests(arm.env_id, arm.agent, *(each for each in given if isinstance(each, str))),
     }  # fmt: skip
     described = [made_by, arm.env_id, arm.agent, str(arm.options), str(arm.conditions)]
     kept = Journal(journal, [*described, sorted(arm.parameters)])
@@ -78,7 +78,7 @@ def tune(
         kept, progress,
     )  # fmt: skip
     searched, (values, nees) = values, _scaled(arm, trials, values)
-    best = np.maximum.accumulate([score for _, score in kept.points]).tolist()
+    best = np.fmax.accumulate([score for _, score in kept.points]).tolist()
     found = {
         "before": float(trials.scores([{}]).mean()),
         "after": float(trials.scores([values]).mean()), "best_so_far": best,
@@ -119,16 +119,19 @@ def _scaled(arm: Arm, trials: Trials, values: Values) -> tuple[Values, float]:
         scaled = scaled | {name: scaled_nees * (arm.delivered | scaled)[name] for name in names}
         scaled_nees = _nees(arm, trials.seeds, scaled)
     before, after = trials.scores([values, scaled]).mean(1)
-    return (values, nees) if abs(after - before) >= MATTERS else (scaled, scaled_nees)
+    return (scaled, scaled_nees) if abs(after - before) < MATTERS else (values, nees)
 
 
 def _nees(arm: Arm, seeds: Sequence[int], values: Values) -> float:
-    """Mean NEES of the position per component; NaN for an estimator without a covariance."""
+    """NEES of the position per component, in the median of the episodes.
+
+    A mean would follow a single episode in which the filter diverges. NaN where there is none.
+    """
     own, env_id, found = arm.estimator_options(values), registered_id(arm.env_id), []
     for world in arm.worlds:
         flown = rollout(arm.made_agent(values), env_id, seeds, world | {"estimator_options": own})
         found.append(scores(flown).get("position_nees", np.array([np.nan])))
-    return float(np.mean(found))
+    return float(np.median(found))
 
 
 def _at_bound(arm: Arm, values: Values) -> list[str]:
@@ -142,14 +145,14 @@ def _compared(arm: Arm, searched: Values, values: Values, seeds: Sequence[int]) 
 
     The gain of a parameter is that over all others as searched and this one as delivered. Q and R
     are not yet scaled there: a sensor's R as delivered beside the scaled R of the others would
-    count the scale as its gain.
+    count the scale as its gain. A gain over parameters that fail is NaN.
     """
     left_out = [{n: v for n, v in searched.items() if n != name} for name in arm.parameters]
     candidates = [{}, values, searched, *left_out]
     by_score = Trials(replace(arm, by=SCORE), seeds)
     delivered, tuned, best, *others = by_score.scores(candidates)
     gains = [mean_interval(each) for each in (tuned - delivered, *(best - np.array(others)))]
-    gain, *each = [[g.mean, g.low, g.high] for g in gains if g is not None]
+    gain, *each = [[g.mean, g.low, g.high] if g else [np.nan] * 3 for g in gains]
     return {
         "fresh_delivered": float(delivered.mean()), "fresh_tuned": float(tuned.mean()),
         "gain": gain, "gain_of": dict(zip(arm.parameters, each, strict=True)),

@@ -14,6 +14,7 @@ from scipy.stats import multivariate_normal
 
 from agents import load_agent, rollout
 from agents.seeds import tuning_seeds
+from agents.tuning import tune as tuning
 from agents.tuning.arm import NOISE, Arm, Parameter
 from agents.tuning.search import Journal, search
 from agents.tuning.trials import Trials
@@ -123,14 +124,14 @@ def test_what_has_no_likelihood_is_refused_in_a_sentence(estimator: str):
         tune(arm, 4, 2)
 
 
-def test_a_candidate_without_a_design_scores_as_failed():
+def test_a_candidate_without_a_design_has_no_score():
     class Undesigned(Trials):
         def _agent(self, values: Any) -> Any:
             return None if values else super()._agent(values)
 
     found = Undesigned(Arm(CORVETTE, options={"estimator": "ekf"}), SEEDS).scores([{}, {"a": 1.0}])
     assert (found[0] > 0.0).all()
-    assert (found[1] == 0.0).all()
+    assert np.isnan(found[1]).all()
 
 
 # --- search ---------------------------------------------------------------------------------------
@@ -166,6 +167,20 @@ def test_an_interrupted_search_ends_at_the_same_bits(tmp_path: Path):
     assert search(counted, PARAMETERS, 40, 1, Journal(cut, {"made": "by"})) == expected
     assert len(asked) == len(lines) - 12
     assert cut.read_text() == whole.read_text()
+
+
+@pytest.mark.parametrize("failed", [np.nan, -np.inf])
+def test_values_that_fail_are_never_the_best_of_negative_ones(failed: float):
+    def score(values: dict[str, float]) -> float:
+        return failed if values["a"] > 2.0 or len(journal.points) == 0 else hill(values) - 500.0
+
+    journal = Journal(None, {})
+    found = search(score, PARAMETERS, 40, 0, journal)
+    finite = [each for _, each in journal.points if np.isfinite(each)]
+    assert len(finite) < len(journal.points) == 40
+    assert score(found) == pytest.approx(max(finite), abs=1e-12)
+    with refused(ValueError, "no candidate has a finite score"):
+        search(lambda values: failed, PARAMETERS, 5, 0, Journal(None, {}))
 
 
 def test_an_interrupt_keeps_the_best_so_far():
@@ -208,6 +223,17 @@ def test_the_scale_of_Q_and_R_makes_NEES_one(tuned: Tuned):
     gained = tuned.found["after"] - max(tuned.found["best_so_far"])
     assert abs(gained) < 0.002
     assert 0.5 < tuned.found["position_nees"] < 2.0
+
+
+def test_an_episode_that_diverges_does_not_move_the_NEES(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(tuning, "rollout", lambda *_: None)
+    usual = np.random.default_rng(0).chisquare(2, 41) / 2.0
+    diverged = np.where(usual == usual.max(), 1e9, usual)
+    found = []
+    for values in (usual, diverged):
+        monkeypatch.setattr(tuning, "scores", lambda _, values=values: {"position_nees": values})
+        found.append(tuning._nees(Arm(CORVETTE), SEEDS, {}))
+    assert found[0] == found[1]
 
 
 def test_a_tuned_file_is_refused_elsewhere(tuned: Tuned):

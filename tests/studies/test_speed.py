@@ -2,14 +2,16 @@
 
 import re
 from pathlib import Path
+from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from studies import speed
 from studies.baselines import MEASUREMENTS, filterpys, numpy_kalman, ours
 from studies.markdown import ROOT, around
-from studies.speed import Flight, measure, part_shares
+from studies.speed import environment_block, measure
 
 
 @pytest.mark.parametrize("plain", [False, True])
@@ -32,16 +34,16 @@ def test_blocks_take_turns_and_every_other_round_goes_backwards():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("env_id", "rows"), [("SigmaCorvette-v0", 0), ("PunaUAV-v0", 3)])
-def test_a_block_has_its_steps_no_end_and_parts_that_add_up(env_id: str, rows: int):
-    flight = Flight(env_id, rows)
-    assert flight() > 0.0
-    core = flight.env.unwrapped.core
-    assert set(core.now.steps) == {speed.STEPS}
-    assert not core.now.episode.any()
-    block = part_shares(env_id, rows)
-    for shares in (block(), block()):
-        assert sum(shares) == pytest.approx(1.0)
-        assert min(shares) > 0.0
+def test_a_block_has_its_steps_and_no_end(env_id: str, rows: int, monkeypatch: pytest.MonkeyPatch):
+    made: list[Any] = []
+    make = "make_vec" if rows else "make"
+    usual = getattr(gym, make)
+    monkeypatch.setattr(gym, make, lambda *a, **k: made.append(usual(*a, **k)) or made[-1])
+    block = environment_block(env_id, rows)
+    assert min(block(), block()) > 0.0
+    now = made[0].unwrapped.core.now
+    assert set(now.steps) == {speed.STEPS}
+    assert not now.episode.any()
 
 
 @pytest.mark.slow
@@ -58,6 +60,6 @@ def test_the_report_names_all_that_is_timed_and_goes_onto_a_page(
     text = f"before\n<!-- measured -->\n\n{printed}\n<!-- end -->\nafter\n"
     assert page.read_text() == text
     for label in ("ItsunusaAUV-v0", "batch of 2", "kf of filterpy", "kf in bare NumPy",
-                  *speed.labels(), *speed.PARTS):  # fmt: skip
+                  *speed.labels()):  # fmt: skip
         assert label in printed
     assert re.search(r"\| kf \| \S+ \[\S+, \S+\] \|", printed)
