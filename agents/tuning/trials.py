@@ -1,6 +1,7 @@
 """Scores of candidates on equal seeds, side by side in one batch where the filter allows it."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -19,14 +20,17 @@ class Trials:
     Args:
         arm: What is tuned.
         seeds: N seeds.
+        processes: Processes that share the seeds; the scores do not depend on their number.
     """
 
-    def __init__(self, arm: Arm, seeds: Sequence[int]) -> None:
-        self.arm, self.seeds = arm, list(seeds)
+    def __init__(self, arm: Arm, seeds: Sequence[int], processes: int = 1) -> None:
+        self.arm, self.seeds, self.processes = arm, list(seeds), min(processes, len(seeds))
         self._cores = cache(self._made_cores)
 
     def scores(self, candidates: Sequence[Values]) -> np.ndarray:
         """Scores ``(C, conditions * N)`` of C candidates; NaN for one that cannot be designed."""
+        if self.processes > 1:
+            return self._shared(candidates)
         agents = [self._agent(values) for values in candidates]
         found = np.full((len(candidates), len(self.arm.conditions) * len(self.seeds)), np.nan)
         designed = [i for i, agent in enumerate(agents) if agent is not None]
@@ -35,6 +39,17 @@ class Trials:
             score = self._side_by_side if self.arm.by_rows else self._one_by_one
             found[designed] = score(*chosen)
         return found
+
+    def _shared(self, candidates: Sequence[Values]) -> np.ndarray:
+        """Scores ``(C, conditions * N)``, each process with its share of the seeds."""
+        from joblib import Parallel, delayed
+
+        shares, arm = np.array_split(self.seeds, self.processes), replace(self.arm)
+        jobs = (delayed(_share)(arm, share.tolist(), candidates) for share in shares)
+        found = Parallel(self.processes, inner_max_num_threads=1)(jobs)
+        rows = len(candidates), len(self.arm.conditions), -1
+        each = np.concatenate([part.reshape(rows) for part in found], -1)
+        return each.reshape(len(candidates), -1)
 
     def _agent(self, values: Values) -> Any:
         """The agent of a candidate; None if its parameters allow no design."""
@@ -86,6 +101,16 @@ class Trials:
             return ratios + [every[f"estimator.{name}"] for name in own]
 
         return np.repeat(np.array([*map(row, candidates)]), len(self.seeds), 0)
+
+
+_KEPT: dict[str, Trials] = {}
+"""Trials of a process, with their compiled programs, by arm and seeds."""
+
+
+def _share(arm: Arm, seeds: list[int], candidates: Sequence[Values]) -> np.ndarray:
+    """Scores of a process's share of the seeds."""
+    trials = _KEPT.setdefault(repr((arm, seeds)), Trials(arm, seeds))
+    return trials.scores(candidates)
 
 
 def _scores(

@@ -38,6 +38,7 @@ def tune(
     seed: int = 0,
     fresh: int = 100,
     journal: Path | None = None,
+    processes: int = 1,
     progress: Callable[[int, float], None] = lambda done, best: None,
 ) -> Tuned:
     """Tune estimator and controller together for the highest mean score, in closed loop.
@@ -55,6 +56,7 @@ def tune(
         fresh: Seeds of the comparison, two or more.
         journal: File to which each evaluation is appended, and from which an interrupted tuning
             goes on; None: none.
+        processes: Processes that share the episodes of a candidate.
         progress: As for `agents.tuning.search.search`.
 
     Raises:
@@ -62,7 +64,7 @@ def tune(
             seeds that are not there.
     """
     evaluations, began = integer("evaluations", evaluations, 1), time.process_time()
-    trials = Trials(arm, seeds_of_tuning(episodes, seed))
+    trials = Trials(arm, seeds_of_tuning(episodes, seed), processes)
     given = [value for each in (arm.options, *arm.conditions) for value in each.values()]
     others = tuning_seeds(integer("fresh", fresh, 2), first=FRESH)
     made_by = {
