@@ -18,6 +18,7 @@ from vessel_gym.envs.shared import tuning
 from vessel_gym.system import System
 from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.turning import TurningTrial
+from vessel_gym.tasks.workspace import Workspace
 from vessel_gym.vehicles.corvette import COMPASS, MOTION_UNIT, linear_matrices
 from vessel_gym.vehicles.corvette_equations import STATE
 from vessel_gym.vehicles.files import load
@@ -104,10 +105,9 @@ class TurningCircle(TurningTrial):
         turned = 0.5 * ramp * share * share + np.maximum(elapsed - ramp, 0.0)
         return np.stack([heading + rate * turned, rate * share, rate * ahead, rate], -1)
 
-    def path(self, scenario: np.ndarray) -> np.ndarray:
-        return self.track.path(
-            self.track.scenario(np.zeros((1, 3)), {"radius": self.ship.speed / scenario[1]})[0]
-        )
+    def workspace(self, scenario: np.ndarray) -> Workspace:
+        options = {"radius": self.ship.speed / scenario[1]}
+        return self.track.workspace(self.track.scenario(np.zeros((1, 3)), options)[0])
 
     def exogenous(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
         return np.zeros((*scenario.shape[:-1], 1 + len(Ship.ambient_flows)))

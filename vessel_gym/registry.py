@@ -1,4 +1,4 @@
-"""Registry of metrics, controllers and surroundings by kind of task, the package's and users'."""
+"""Registry of metrics and controllers by kind of task, the package's and users'."""
 
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar

@@ -19,7 +19,7 @@ from agents.plotting import KINDS, save_figure
 from vessel_gym.rendering.hulls import HULLS
 from vessel_gym.rendering.palette import DARK, LIGHT
 from vessel_gym.rendering.scene import Chart
-from vessel_gym.rendering.surroundings import Surroundings
+from vessel_gym.tasks.workspace import Workspace
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -126,8 +126,8 @@ def curves(charts: Sequence[Chart]) -> dict[str, Any]:
     return {"charts": [packed({n: getattr(c, n) for n in names}) for c in charts]}
 
 
-def drawn(around: Surroundings, tracks: Sequence[np.ndarray]) -> dict[str, Any]:
-    """The map of surroundings and tracks ``(T, 6)``, from its least to its most coordinates [m]."""
+def drawn(around: Workspace, tracks: Sequence[np.ndarray]) -> dict[str, Any]:
+    """The map of a workspace and tracks ``(T, 6)``, from its least to its most coordinates [m]."""
     points = np.concatenate([around.path, *(track[:, :3] for track in tracks)])
     place, radius = around.obstacles[:, :2], around.obstacles[:, 2:]
     level = np.concatenate([points[:, :2], place - radius, place + radius])

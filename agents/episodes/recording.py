@@ -16,7 +16,6 @@ from estimators.checks import short_repr
 from estimators.linalg import semidefinite_cholesky
 from vessel_gym import checks
 from vessel_gym.rendering.scene import Chart, Scene, Series, ambients, waves_of
-from vessel_gym.rendering.surroundings import surroundings_of
 
 TYPICAL = 40
 """Episodes of which the most typical one is shown where no seed is asked for."""
@@ -147,18 +146,19 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
         without = {"placed": False, "located": False, "focus": [], "scene": None, "waves": None}
         charts = [_figures(each, n) | curves(_estimates(history)) for each, n, history in episodes]
         return page | without | {"flights": charts}
-    around = surroundings_of(first.core, first.scenario[0])
+    around = system.task.workspace(first.scenario[0])
     scenes = [Scene(each.core, around, history) for each, _, history in episodes]
-    position = scenes[0].position
+    position, states = scenes[0].position, {*system.vehicle.state_names}
     return page | {
         "conditions": [*scenes[0].conditions, *page["conditions"]],
-        "placed": bool({"x", "y", "z", "h"} & set(system.vehicle.state_names)),
+        "placed": bool({"x", "y", "z", "h"} & states),
         "located": scenes[0].located,
         "focus": [
             {"name": name, "unit": unit, "axis": axis}
             for (name, unit, _), axis in zip(position.words, position.axes.tolist(), strict=True)
         ],
-        "scene": drawn(around, [scene.true for scene in scenes]),
+        "scene": drawn(around, [scene.true for scene in scenes])
+        | {"space": bool({"z", "h"} & states)},
         "waves": packed(waves_of(first.core, first.constants[0])),
         "flights": [_flight(*each) for each in zip(flown, names, scenes, strict=True)],
     }

@@ -21,8 +21,8 @@ from agents.metrics import metrics, scores
 from agents.rollouts import rollout
 from agents.seeds import evaluation_seeds
 from estimators import ExtendedKalmanFilter
+from vessel_gym.rendering.components import pose
 from vessel_gym.rendering.palette import DARK, LIGHT
-from vessel_gym.rendering.surroundings import pose
 
 SHIP = "SigmaCorvette-v0"
 ENVS = {SHIP: False, "SegorogeniAUV-v0": True, "PunaUAV-v0": True}

@@ -30,15 +30,10 @@ from agents.studies.study import StudyError, read_study
 from vessel_gym.envs import SegorogeniAUVEnv
 from vessel_gym.registry import Registry
 from vessel_gym.rendering.renderer import Renderer
-from vessel_gym.rendering.surroundings import (
-    SURROUNDINGS,
-    Surroundings,
-    register_surroundings,
-    surroundings_of,
-)
 from vessel_gym.simulation.core import Core
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import Dive, SpatialDive
+from vessel_gym.tasks.workspace import Workspace
 
 ENV, OWN = "KeepDepth-v0", "own_task:DepthController"
 COMMON = ["score", "return", "steps", "steering_travel", "reversals", "saturation"]
@@ -48,7 +43,7 @@ ENDS = ("input_rmse", "nees", "unhealthy")
 @pytest.fixture(autouse=True)
 def nothing_stays() -> Iterator[None]:
     """Registries are as they were after each test."""
-    registries = (TASK_METRICS, CONTROLLERS, SURROUNDINGS)
+    registries = (TASK_METRICS, CONTROLLERS)
     for registry in registries:
         registry.of(None)  # ours are there
     before = [deepcopy(registry._entries) for registry in registries]
@@ -120,8 +115,8 @@ def _pitch(flown: agents.Rollout) -> np.ndarray:
     return np.rad2deg(np.abs(flown.history["truth"][-1, :, 5]))
 
 
-def _dock(task: KeepDepth, scenario: np.ndarray) -> Surroundings:
-    return Surroundings("torpedo", 1.5, True, goal=(8.0, 0.0, scenario[0], 0.5))
+def _dock(task: KeepDepth, scenario: np.ndarray) -> Workspace:
+    return Workspace("torpedo", 1.5, goal=(8.0, 0.0, scenario[0], 0.5))
 
 
 OFFSET = Metric(
@@ -196,7 +191,7 @@ def test_the_packages_entries_are_registered_before_a_users():
             ValueError,
             "other than random, ppo, checkpoint",
         ),
-        (lambda: Surroundings("boat"), ValueError, "unknown hull 'boat'"),
+        (lambda: Workspace("boat"), ValueError, "unknown hull 'boat'"),
     ],
 )
 def test_what_cannot_be_registered_is_refused_in_one_sentence(attempt, error: type, sentence: str):
@@ -223,14 +218,12 @@ def picture(system: System, steps: int = 5, **options: Any) -> np.ndarray:
     return drawn
 
 
-def test_registered_surroundings_are_drawn():
+def test_workspace_of_a_task_is_drawn(monkeypatch):
     alone = picture(SYSTEM)
     assert alone.shape == (720, 1008, 3)
-    register_surroundings(KeepDepth)(_dock)
+    monkeypatch.setattr(KeepDepth, "workspace", _dock)
     for task in (KeepDepth(), KeepShallowDepth()):
         assert (picture(system_with(task)) != alone).any()
-        core = Core(system_with(task), 1)
-        assert surroundings_of(core, np.array([0.3])).goal == (8.0, 0.0, 0.3, 0.5)
     page = agents.episode(ENV, ["ekf"], OWN, seed=5).page
     assert page["scene"]["goal"][2] == rollout(OWN, ENV, [5]).history["reference"][0, 0, 0]
     assert page["scene"]["hull"] == "torpedo"
@@ -243,7 +236,6 @@ def test_a_subclass_of_a_task_of_ours_has_all_that_ours_has():
     mine = Mine(**{field.name: getattr(given, field.name) for field in fields(given)})
     assert CONTROLLERS.of(mine) == CONTROLLERS.of(given)
     assert TASK_METRICS.of(mine) == TASK_METRICS.of(given)
-    assert SURROUNDINGS.of(mine) == SURROUNDINGS.of(given)
 
 
 # --- studies, and what results depend on ----------------------------------------------------------

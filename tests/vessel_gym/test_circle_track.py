@@ -38,10 +38,10 @@ def integrated(scenario: np.ndarray, along: float) -> np.ndarray:
 def test_the_track_is_a_straight_a_clothoid_and_a_circle():
     for scenario in scenarios(6):
         for along in (30.0, 77.0, 200.0, 400.0, 900.0, 2500.0):
-            place, direction = TASK.track(scenario[None], np.array([along]))
+            pose = TASK.track(scenario[None], np.array([along]))
             expected = integrated(scenario, along)
-            assert np.abs(place[0] - expected[:2]).max() < 0.05
-            assert direction[0] == pytest.approx(expected[2], abs=1e-6)
+            assert np.abs(pose[0, :2] - expected[:2]).max() < 0.05
+            assert pose[0, 2] == pytest.approx(expected[2], abs=1e-6)
 
 
 def test_the_nearest_point_is_nearest():
@@ -56,7 +56,7 @@ def test_the_nearest_point_is_nearest():
         reference = TASK.reference(scenario[None], np.array([step]), state)[0]
 
         def distance(s: float, scenario: np.ndarray = scenario, place: np.ndarray = place) -> float:
-            return float(np.hypot(*(TASK.track(scenario[None], np.array([s]))[0][0] - place)))
+            return float(np.hypot(*(TASK.track(scenario[None], np.array([s]))[0, :2] - place)))
 
         over = TASK.lead + TASK.ramp
         sailed = over * SHIP.speed + scenario[SPEED] * (step * TASK.dt - over)
@@ -68,9 +68,9 @@ def test_the_nearest_point_is_nearest():
         if along < 1.0:
             continue  # before the track begins, its straight goes on backwards
         assert abs(reference[OFF]) == pytest.approx(distance(along), abs=0.1)
-        direction = TASK.track(scenario[None], np.array([along]))[1][0]
+        direction = TASK.track(scenario[None], np.array([along]))[0, 2]
         assert np.cos(reference[TRACK] - direction) > 1.0 - 1e-6
-        point = TASK.track(scenario[None], np.array([along]))[0][0]
+        point = TASK.track(scenario[None], np.array([along]))[0, :2]
         starboard = np.array([-np.sin(direction), np.cos(direction)])
         assert np.sign(reference[OFF]) == np.sign((place - point) @ starboard)
 
@@ -93,13 +93,13 @@ def test_ship_on_the_track_has_no_error_and_commanded_rate():
 
 def test_a_perfect_step_in_the_turn_is_worth_one():
     scenario, along = scenarios(1), np.array([1200.0])
-    place, direction = TASK.track(scenario, along)
+    pose = TASK.track(scenario, along)
     turns, side = steady_turns(SHIP), np.sign(scenario[0, 1])
     u, v = (
         np.interp(abs(scenario[0, 1]), turns.yaw_rate, each) for each in (turns.speed, turns.sway)
     )
     state, kept = np.zeros((1, 8)), np.zeros((1, 4))
-    state[0, :2], state[0, 2] = place[0], direction[0] - np.arctan2(side * v, u)
+    state[0, :2], state[0, 2] = pose[0, :2], pose[0, 2] - np.arctan2(side * v, u)
     state[0, 3:6] = u, side * v, scenario[0, 1]
     kept[0, :2] = along - scenario[0, SPEED] * TASK.dt
 

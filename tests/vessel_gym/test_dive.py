@@ -22,11 +22,16 @@ SPATIAL, VERTICAL = SegorogeniAUVEnv.system, ItsunusaAUVEnv.system
 DIVES = pytest.mark.parametrize("system", [SPATIAL, VERTICAL], ids=lambda system: system.name)
 
 
+def places(task: Dive) -> list[int]:
+    """Indices of north, east and down in a state; -1, the last, for what a plane has not."""
+    return [-1 if i is None else i for i in task.components[6:9]]
+
+
 def state(task: Dive, position: Any) -> np.ndarray:
     """States ``(B, n)`` of a vehicle at positions ``(B, 3)``, at cruising speed."""
     position = np.atleast_2d(position)
     x = np.zeros((len(position), len(task.prior_sd) + 1))  # what a plane has not goes into the last
-    x[:, 0], x[:, task.where[:3]] = task.auv.cruise_speed, position
+    x[:, 0], x[:, places(task)] = task.auv.cruise_speed, position
     return x[:, :-1]
 
 
@@ -150,9 +155,9 @@ def random_states(system: System, seed: int, rows: int = 300) -> np.ndarray:
     task, rng, names = system.task, np.random.default_rng(seed), system.vehicle.state_names
     x = rng.normal(size=(rows, len(names) + 1))
     x[:, 0] += task.auv.cruise_speed
-    x[:, task.where[:3]] += rng.uniform([-10.0, -5.0, -3.0], [50.0, 25.0, 20.0], (rows, 3))
+    x[:, places(task)] += rng.uniform([-10.0, -5.0, -3.0], [50.0, 25.0, 20.0], (rows, 3))
     x[:, [i for i, name in enumerate(names) if name in ("phi", "psi")]] *= 3.0
-    x[:5, task.where[3]] = [1.55, -1.55, np.pi / 2, -np.pi / 2, 1.6]
+    x[:5, names.index("theta")] = [1.55, -1.55, np.pi / 2, -np.pi / 2, 1.6]
     return x[:, :-1]
 
 

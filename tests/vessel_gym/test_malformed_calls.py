@@ -14,7 +14,6 @@ from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.envs.auv import WATERS
 from vessel_gym.envs.own import register_environment
 from vessel_gym.processes import Process
-from vessel_gym.rendering.surroundings import Surroundings
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Bias, Sensor, plain
 from vessel_gym.system import System
@@ -22,6 +21,7 @@ from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.tasks.dive import SpatialDive
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.tasks.task import Task
+from vessel_gym.tasks.workspace import Workspace
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.rov import ROV
 from vessel_gym.vehicles.ship import Ship
@@ -63,7 +63,7 @@ CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] = [
      | {"sensors": "nominal"}),
     (register_environment, {"system": replace(SigmaCorvetteEnv.system, name="Malformed-v0")},
      {"system": None, "max_episode_steps": 0}),
-    (Surroundings, {}, {"hull": None, "size": NOT_POSITIVE, "path": NO_VECTOR, "goal": (1.0, 2.0)}),
+    (Workspace, {}, {"hull": None, "size": NOT_POSITIVE, "path": NO_VECTOR, "goal": (1.0, 2.0)}),
 ]  # fmt: skip
 CASES = [
     pytest.param(

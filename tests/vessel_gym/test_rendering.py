@@ -13,13 +13,13 @@ pygame = pytest.importorskip("pygame")
 
 from pages import OWN  # noqa: E402
 
-from vessel_gym.rendering import surroundings  # noqa: E402
 from vessel_gym.rendering.canvas import Canvas  # noqa: E402
 from vessel_gym.rendering.hulls import HULLS  # noqa: E402
 from vessel_gym.rendering.maps import STYLES, Map, views  # noqa: E402
 from vessel_gym.rendering.palette import LIGHT  # noqa: E402
 from vessel_gym.rendering.renderer import SIZE, Renderer  # noqa: E402
 from vessel_gym.rendering.scene import nice, ticks  # noqa: E402
+from vessel_gym.tasks import workspace  # noqa: E402
 
 CORVETTE, THESIS, SPATIAL, VERTICAL, FLIGHT = (
     "SigmaCorvette-v0", "ThesisCorvette-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0",
@@ -163,7 +163,7 @@ def test_north_is_up_east_is_right_and_deeper_is_lower(env_id):
 @pytest.mark.parametrize("env_id", PLACED)
 def test_map_has_room_for_tracks_and_landmarks(env_id):
     scene = scene_of(env_id, steps=30)
-    around = scene.surroundings
+    around = scene.workspace
     for each in maps_of(scene):
         points = [around.landmarks, scene.true[:, :3], scene.believed[:, :3]]
         pixels = each.pixels(np.concatenate(points))
@@ -317,7 +317,7 @@ def test_window_that_the_user_closes_ends_nothing_else(monkeypatch):
 
 
 def test_every_hull_is_symmetric_and_one_length_long():
-    assert tuple(HULLS) == surroundings.HULLS
+    assert tuple(HULLS) == workspace.HULLS
     for name, hull in HULLS.items():
         above = hull.above
         assert np.ptp(above[:, int(name == "aircraft")]) == pytest.approx(1.0, rel=0.01)

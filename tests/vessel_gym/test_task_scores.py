@@ -65,13 +65,14 @@ def scenario_of(system: System, seed: int) -> np.ndarray:
 def dive(system: System) -> Course:
     task, scenario = system.task, scenario_of(system, 12)
     vertical = task.actuators == 2
+    places = [-1 if i is None else i for i in task.components[6:9]]
 
     def place(s: float, off: float = 0.0, above: float = 0.0) -> np.ndarray:
         x, y, z, heading, slope = path_point(s, scenario[0])
         above *= np.hypot(1.0, slope)  # at right angles to the path
         state = np.zeros(len(task.prior_sd) + 1)  # what a plane has not goes into the last
         state[0] = task.auv.cruise_speed
-        state[task.where[:3]] = x - off * np.sin(heading), y + off * np.cos(heading), z - above
+        state[places] = x - off * np.sin(heading), y + off * np.cos(heading), z - above
         return state[:-1]
 
     def helm(share: float) -> tuple[np.ndarray, np.ndarray]:
@@ -362,7 +363,7 @@ def test_a_dive_that_pitches_over_ends(course: Course):
     kept = course.task.initial_score_state(start[None], course.scenario)
     for degrees, expected in ((74.0, ""), (76.0, "pitched over"), (-76.0, "pitched over")):
         truth = start.copy()
-        truth[course.task.where[3]] = np.deg2rad(degrees)
+        truth[course.task.components[10]] = np.deg2rad(degrees)
         assert judged(course, truth, kept, start)[1] == expected
 
 

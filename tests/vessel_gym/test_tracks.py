@@ -8,7 +8,7 @@ import vessel_gym  # noqa: F401
 
 def test_the_commanded_path_of_a_trial_is_that_of_the_ship_in_it():
     task = gym.make("ThesisCorvette-v0").unwrapped.core.config.system.task
-    points = task.path(task.scenario(np.zeros((1, 0)), {})[0])
+    points = task.workspace(task.scenario(np.zeros((1, 0)), {})[0]).path[:, :2]
     np.testing.assert_array_equal(points, task.record[:195, :2])
 
 
@@ -17,7 +17,7 @@ def test_a_commanded_track_closes_its_circle():
     radius = 4.0 * task.ship.length
     for side in (1.0, -1.0):
         scenario = task.scenario(np.zeros((1, task.uniforms)), {"radius": side * radius})[0]
-        points = task.path(scenario)
+        points = task.workspace(scenario).path[:, :2]
         length = np.hypot(*np.diff(points, axis=0).T)
         turn = points[
             np.concatenate([[0.0], length.cumsum()]) >= task.ship.speed * (task.lead + task.ramp)

@@ -34,7 +34,9 @@ def test_a_channel_is_in_proportion_to_the_ship() -> None:
         assert task.dt * ship.speed / ship.length == pytest.approx(0.5 * 15.4 / 101.07, rel=0.01)
         assert task.margin == 2.0 * ship.beam
         straight = task.scenario(np.full((1, 4), 0.5), {})
-        assert np.hypot(*np.ptp(task.path(straight[0]), 0)) == pytest.approx(40.0 * ship.length)
+        assert np.linalg.norm(np.ptp(task.workspace(straight[0]).path, 0)) == pytest.approx(
+            40.0 * ship.length
+        )
     assert channel_system("kvlcc2") is channel_system(SYSTEMS["channel"].task.ship)
 
 

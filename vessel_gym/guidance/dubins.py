@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimators.checks import as_array, finite_array, number
-from estimators.engine import compiled
+from estimators.engine import compiled, sincos
+from vessel_gym.guidance.frames import ahead_and_aside
 
 WORDS = ("LSL", "LSR", "RSL", "RSR", "LRL", "RLR")
 """Words in the order of the last axis of `lengths`."""
@@ -51,41 +52,28 @@ def _choose(
     return pieces
 
 
-def _lsl(
-    x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.ndarray, hair: np.ndarray
-) -> np.ndarray:
-    """First arc, straight and last arc of LSL to (x, y, a); errors below ``hair`` are rounding."""
-    dx, dy = x - sin, y + cos - 1.0  # from the first arc's centre to the last arc's centre
-    along, none = dx * cos + dy * sin, np.zeros_like(dx)
-    ahead = (abs(dy) < hair) & (dx > -hair)
-    arrived = (abs(dy * cos - dx * sin) < hair) & (along > -hair)
-    heading = np.arctan2(dy, dx)
-    return _choose(
-        [
-            (ahead, [none, np.maximum(dx, 0.0), _turn(a)]),
-            (arrived, [_turn(a), np.maximum(along, 0.0), none]),
-        ],
-        [whole(heading), np.hypot(dx, dy), whole(a - heading)],
-    )
+def _turn_straight_turn(
+    x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.ndarray,
+    hair: np.ndarray, side: float,
+) -> np.ndarray:  # fmt: skip
+    """First arc, straight and last arc of LSL (``side`` 1) or LSR (``side`` -1) to (x, y, a).
 
-
-def _lsr(
-    x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.ndarray, hair: np.ndarray
-) -> np.ndarray:
-    """First arc, straight and last arc of LSR; infinite if the two circles overlap."""
-    dx, dy = x + sin, y - cos - 1.0
+    LSR is infinite if the two circles overlap. Errors below ``hair`` are rounding.
+    """
+    gap = 1.0 - side  # of LSR, whose straight goes from one side of the centres to the other
+    dx, dy = x - side * sin, y + side * cos - 1.0  # from the first arc's centre to the last arc's
     distance, along, none = np.hypot(dx, dy), dx * cos + dy * sin, np.zeros_like(dx)
-    ahead = (abs(dy + 2.0) < hair) & (dx > -hair)
-    arrived = (abs(dx * sin - dy * cos - 2.0) < hair) & (along > -hair)
-    straight = np.sqrt(np.maximum((distance - 2.0) * (distance + 2.0), 0.0))
-    heading = np.arctan2(dy, dx) + np.arctan2(2.0, straight)
+    ahead = (abs(dy + gap) < hair) & (dx > -hair)
+    arrived = (abs(dy * cos - dx * sin + gap) < hair) & (along > -hair)
+    straight = np.sqrt(np.maximum((distance - gap) * (distance + gap), 0.0))
+    heading = np.arctan2(dy, dx) + np.arctan2(gap, straight)
     return _choose(
         [
-            (distance < 2.0 - hair, [none + np.inf] * 3),
-            (ahead, [none, np.maximum(dx, 0.0), _turn(-a)]),
+            (distance < gap - hair, [none + np.inf] * 3),
+            (ahead, [none, np.maximum(dx, 0.0), _turn(side * a)]),
             (arrived, [_turn(a), np.maximum(along, 0.0), none]),
         ],
-        [whole(heading), straight, whole(heading - a)],
+        [whole(heading), straight, whole(side * (a - heading))],
     )
 
 
@@ -123,14 +111,21 @@ def _lrl(
 def word_pieces(start: np.ndarray, goal: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """Lengths ``(..., 6, 3)`` of the words' pieces, in units of the radius ``(...)``."""
     dx, dy = (goal[..., 0] - start[..., 0]) / radius, (goal[..., 1] - start[..., 1]) / radius
-    sin, cos, a = np.sin(start[..., 2]), np.cos(start[..., 2]), goal[..., 2] - start[..., 2]
+    x, y = ahead_and_aside(dx, dy, start[..., 2])
+    a = goal[..., 2] - start[..., 2]
+    sin, cos = sincos(a)
     reach = abs(start[..., 0]) + abs(start[..., 1]) + abs(goal[..., 0]) + abs(goal[..., 1])
     hair = 1e-12 * (10.0 + reach / radius)
-    x, y, sine, cosine = dx * cos + dy * sin, dy * cos - dx * sin, np.sin(a), np.cos(a)
-    left = x, y, a, sine, cosine, hair
-    right = x, -y, -a, -sine, cosine, hair  # R is the mirror image of L
-    words = [_lsl(*left), _lsr(*left), _lsr(*right), _lsl(*right), _lrl(*left), _lrl(*right)]
-    return np.stack(words, -2)
+    left = x, y, a, sin, cos, hair
+    right = x, -y, -a, -sin, cos, hair  # R is the mirror image of L
+    straight = _turn_straight_turn
+    words = [
+        straight(*left, 1.0),
+        straight(*left, -1.0),
+        straight(*right, -1.0),
+        straight(*right, 1.0),
+    ]
+    return np.stack([*words, _lrl(*left), _lrl(*right)], -2)
 
 
 @compiled(axes=(0, 0, 0, 0, 0))
@@ -195,8 +190,7 @@ def nearest(
         Arc length in [low, high], and x, y and heading there.
     """
     origin_x, origin_y, heading, curvature = arc
-    cos, sin, dx, dy = np.cos(heading), np.sin(heading), x - origin_x, y - origin_y
-    ahead, aside = dx * cos + dy * sin, dy * cos - dx * sin
+    ahead, aside = ahead_and_aside(x - origin_x, y - origin_y, heading)
     straight, side = curvature == 0.0, np.where(curvature > 0.0, 1.0, -1.0)
     radius = 1.0 / np.where(straight, 1.0, abs(curvature))
     full = 2.0 * np.pi * radius

@@ -12,6 +12,7 @@ import numpy as np
 
 from estimators.engine import compiled
 from vessel_gym.guidance.dubins import COLUMNS, nearest, pose_along
+from vessel_gym.guidance.frames import ahead_and_aside
 
 LEAD = 50.0
 """Length [m] of the straights before the start and beyond the end."""
@@ -106,7 +107,7 @@ def locate(
     near, far = progress + ahead[..., 0], progress + ahead[..., 1]
     soon = _mean_curvature(begin, curvature, progress, near)
     later = _mean_curvature(begin, curvature, near, far)
-    across = (y - py) * np.cos(heading) - (x - px) * np.sin(heading)
+    _, across = ahead_and_aside(x - px, y - py, heading)
     return np.stack([progress, across, heading, soon, later, np.hypot(x - px, y - py)], -1)
 
 

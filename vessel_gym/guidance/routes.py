@@ -101,16 +101,10 @@ def _checked(waypoints: object) -> np.ndarray:
 
 def _apart(one: np.ndarray, other: np.ndarray) -> float:
     """Least distance [m] between legs from and to places ``(2, 2)``; 0 if they cross."""
-
-    def sides(leg: np.ndarray, places: np.ndarray) -> np.ndarray:
-        (x, y), (dx, dy) = (places - leg[0]).T, leg[1] - leg[0]
-        return dx * y - dy * x
-
-    def to_leg(leg: np.ndarray, places: np.ndarray) -> np.ndarray:
+    distances, crossing = [], True
+    for leg, places in ((one, other), (other, one)):
         way, off = leg[1] - leg[0], places - leg[0]
         share = np.clip(off @ way / (way @ way), 0.0, 1.0)
-        return np.hypot(*(share[:, None] * way - off).T)
-
-    if sides(one, other).prod() < 0.0 and sides(other, one).prod() < 0.0:
-        return 0.0
-    return float(np.concatenate([to_leg(one, other), to_leg(other, one)]).min())
+        distances.append(np.hypot(*(share[:, None] * way - off).T).min())
+        crossing = crossing and (off @ [-way[1], way[0]]).prod() < 0.0
+    return 0.0 if crossing else float(min(distances))

@@ -56,4 +56,4 @@ HULLS = {
     "aircraft": Hull(_WING, _FUSELAGE, 28.0),
     "dot": Hull(_DOT, _DOT, 9.0, scaled=False),
 }
-"""Outlines by name, see `vessel_gym.rendering.surroundings.HULLS`."""
+"""Outlines by name, see `vessel_gym.tasks.workspace.HULLS`."""

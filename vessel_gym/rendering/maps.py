@@ -62,7 +62,7 @@ def views(scene: Scene) -> list[np.ndarray]:
     names, start = scene.core.config.system.vehicle.state_names, scene.true[0, :3]
     found = [np.eye(2, 3)] if {"x", "y"} <= set(names) else []
     if "x" in names and {"z", "h"} & set(names):
-        north, east, _ = np.vstack([start, scene.surroundings.landmarks])[-1] - start
+        north, east, _ = np.vstack([start, scene.workspace.landmarks])[-1] - start
         bearing = np.arctan2(east, north)
         found.append(np.array([[0.0, 0.0, -1.0], [np.cos(bearing), np.sin(bearing), 0.0]]))
     return found
@@ -84,7 +84,7 @@ class Map:
 
     def __init__(self, scene: Scene, axes: np.ndarray, box: pygame.Rect) -> None:
         self.scene, self.axes, self.box, self.aside = scene, axes, box, bool(axes[0, 2])
-        around, start = scene.surroundings, scene.true[0, :3]
+        around, start = scene.workspace, scene.true[0, :3]
         self.hull = HULLS[around.hull]
         points = [around.landmarks, scene.true[:, :3], scene.believed[:, :3]]
         points += [start + side * around.size * np.ones((1, 3)) for side in (-2.0, 2.0)]
@@ -121,7 +121,7 @@ class Map:
 
     def marks(self) -> dict[str, list[np.ndarray]]:
         """Pixels ``(n, 2)`` of the marks of each kind."""
-        scene, around, at = self.scene, self.scene.surroundings, self.pixels
+        scene, around, at = self.scene, self.scene.workspace, self.pixels
         true, believed = scene.true[:, :3], scene.believed[:, :3]
         marks = {
             "path": [at(around.path)], "true track": [at(true)], "start": [at(true[:1])],
@@ -177,7 +177,7 @@ class Map:
         right = left + metres * self.scale
         bar = [[left, y - 4], [left, y], [right, y], [right, y - 4]]
         canvas.line(np.array(bar), "muted")
-        magnified = self.size / self.scene.surroundings.size
+        magnified = self.size / self.scene.workspace.size
         enlarged = self.hull.scaled and magnified > 1.05
         note = f"   ·   vehicle drawn {magnified:.2g}×" if enlarged else ""
         canvas.text(right + 8, y - 3, f"{metres:g} m{note}", "muted", 11)

@@ -4,8 +4,9 @@ import numpy as np
 import pygame
 
 from vessel_gym.rendering.canvas import Canvas
+from vessel_gym.rendering.components import Components
 from vessel_gym.rendering.maps import Map, draw_icon, views
-from vessel_gym.rendering.scene import Components, Scene
+from vessel_gym.rendering.scene import Scene
 
 _GAP, _TOP, _SIDE = 10, 60, 246
 _ROW = 24
@@ -36,14 +37,14 @@ def draw_picture(canvas: Canvas, scene: Scene, row: int) -> None:
     for i, (kind, label) in enumerate(legend.items()):
         at = np.array([panel.left + 28, panel.top + 18 + _ROW * i])
         canvas.text(at[0] + 24, at[1], label, size=11)
-        draw_icon(canvas, kind, scene.surroundings.hull, at)
+        draw_icon(canvas, kind, scene.workspace.hull, at)
     top = panel.bottom + _GAP
     _draw_errors(canvas, pygame.Rect(panel.left, top, _SIDE, box.bottom - top), scene)
 
 
 def _draw_header(canvas: Canvas, box: pygame.Rect, scene: Scene, row: int) -> None:
     """Draw conditions, score, time, distance from the goal, and outcome, above a box."""
-    core, goal = scene.core, scene.surroundings.goal
+    core, goal = scene.core, scene.workspace.goal
     words = [f"estimator {core.config.estimation.filter.name}", *scene.conditions]
     canvas.text(box.left, 21, core.config.system.name, size=17, bold=True)
     canvas.text(box.left, 44, "   ·   ".join(words), "muted", 13)

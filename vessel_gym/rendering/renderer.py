@@ -8,8 +8,8 @@ from gymnasium.error import DependencyNotInstalled
 
 from vessel_gym.extras import require
 from vessel_gym.rendering.scene import RECORDED, Scene
-from vessel_gym.rendering.surroundings import Surroundings, surroundings_of
 from vessel_gym.simulation.core import Core
+from vessel_gym.tasks.workspace import Workspace
 
 SIZE = 1008, 720
 """Width and height of an image; video codecs need multiples of 16."""
@@ -43,7 +43,7 @@ class Renderer:
 
     def __init__(self, core: Core, render_mode: str, fps: int, row: int = 0) -> None:
         self._core, self._human, self._fps, self._row = core, render_mode == "human", fps, row
-        self._surroundings = Surroundings()
+        self._workspace = Workspace()
         self._history: dict[str, list[np.ndarray]] = {}
         self._window: Any = None
 
@@ -55,7 +55,7 @@ class Renderer:
         """Append the core's present state to the history, which begins anew if asked."""
         core, row = self._core, self._row
         if begin:
-            self._surroundings = surroundings_of(core, core.now.scenario[row])
+            self._workspace = core.config.system.task.workspace(core.now.scenario[row])
             self._history = {key: [] for key in RECORDED}
         present = core.happened()
         for key, moments in self._history.items():
@@ -68,7 +68,7 @@ class Renderer:
         ensemble = self._core.now.belief.ensemble
         if ensemble is not None:
             history["ensemble"] = ensemble[self._row : self._row + 1]
-        return Scene(self._core, self._surroundings, history)
+        return Scene(self._core, self._workspace, history)
 
     def draw(self) -> np.ndarray | None:
         """Return the image ``(height, width, 3)``, or update the window in mode ``"human"``.

@@ -9,12 +9,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimators.angles import difference
 from vessel_gym.disturbances.seaway import Seaway
 from vessel_gym.disturbances.water import SurfaceWater
-from vessel_gym.models.estimation import WITHOUT_COVARIANCE
-from vessel_gym.rendering.surroundings import Surroundings, in_words, pose
+from vessel_gym.rendering.components import Components, in_words, pose
 from vessel_gym.simulation.core import Core
+from vessel_gym.tasks.workspace import Workspace
 
 RECORDED = (
     "truth", "estimate", "covariance", "measurement", "available", "unknown_input",
@@ -80,30 +79,31 @@ def ambients(core: Core, history: dict[str, np.ndarray]) -> list[Ambient]:
         core: Core of the environment.
         history: History of one environment, with ``truth`` ``(T, n)``.
     """
-    truth, names = history["truth"], core.config.true_state.names
-    disturbance = core.config.world.disturbance
+    truth = dict(zip(core.config.true_state.names, history["truth"].T, strict=True))
+    disturbance, still = core.config.world.disturbance, np.zeros(len(history["truth"]))
 
-    def level(*each: str) -> np.ndarray:
-        columns = [[names.index(f"{name} {way}") for name in each] for way in ("north", "east")]
-        return np.stack([truth[:, column].sum(1) for column in columns], -1)
+    def level(name: str) -> np.ndarray:
+        return np.stack([truth[f"{name} north"], truth[f"{name} east"]], -1)
+
+    def toward(direction: float, size: float) -> np.ndarray:
+        return still[:, None] + size * np.array([np.cos(direction), np.sin(direction)])
 
     found = []
-    if "current north" in names:
+    if "current north" in truth:
         found.append(Ambient("Current", "m/s", level("current")))
-    elif "current" in names:  # of a vehicle in a vertical plane, which lies north
-        north = truth[:, names.index("current")]
-        found.append(Ambient("Current", "m/s", np.stack([north, 0.0 * north], -1)))
-    if "mean wind north" in names:
-        found.append(Ambient("Wind", "m/s", level("mean wind", "gust"), "gusts included"))
+    elif "current" in truth:  # of a vehicle in a vertical plane, which lies north
+        found.append(Ambient("Current", "m/s", np.stack([truth["current"], still], -1)))
+    if "mean wind north" in truth:
+        wind = level("mean wind") + level("gust")
+        found.append(Ambient("Wind", "m/s", wind, "gusts included"))
+    if isinstance(disturbance, Seaway):
+        wind = toward(disturbance.wind_direction, disturbance.wind)
+        found.append(Ambient("Wind", "m/s", wind))
     if isinstance(disturbance, Seaway | SurfaceWater):
-        spectrum, steps = disturbance.spectrum, (len(truth), 1)
-        if isinstance(disturbance, Seaway):
-            toward = disturbance.wind_direction
-            way = np.tile([np.cos(toward), np.sin(toward)], steps)
-            found.append(Ambient("Wind", "m/s", disturbance.wind * way))
+        spectrum = disturbance.spectrum
         note = f"significant height, peak period {spectrum.period:.3g} s"
-        way = np.tile([np.cos(spectrum.direction), np.sin(spectrum.direction)], steps)
-        found.append(Ambient("Waves", "m", spectrum.height * way, note))
+        waves = toward(spectrum.direction, spectrum.height)
+        found.append(Ambient("Waves", "m", waves, note))
     return found
 
 
@@ -123,57 +123,12 @@ def waves_of(core: Core, constants: np.ndarray) -> np.ndarray | None:
     return np.stack([np.arctan2(ky, kx), w / (2.0 * np.pi)])
 
 
-class Components:
-    """Estimated components of the vehicle's state, in displayed units.
-
-    Args:
-        core: Core of the environment.
-        history: History of one environment.
-        names: Names of the components.
-
-    Attributes:
-        words: Words, unit and factor from SI of each component.
-        true: ``(T, k)``.
-        error: ``(T, k)`` estimate minus truth; angles modulo a full turn.
-        cov: ``(T, k, k)``; None for an estimator without covariance.
-        measured: ``(T, k)`` measurement minus truth; NaN without a measurement.
-        axes: ``(k, 3)`` metres north, east and down in SI units of each component; 0 for components
-            that are no position.
-        members: ``(t, m, k)`` deviations of the ensemble from its mean; None without an ensemble.
-    """
-
-    def __init__(self, core: Core, history: dict[str, np.ndarray], names: Sequence[str]) -> None:
-        config, vehicle = core.config, core.config.system.vehicle
-        state, turns = vehicle.state_names, [name in vehicle.angles for name in names]
-        at = [config.estimation.space.names.index(name) for name in names]
-        angles = tuple(np.flatnonzero(turns).tolist())
-        self.names, self.words = names, [in_words(name, vehicle.angles) for name in names]
-        scale = np.array([factor for *_, factor in self.words])
-        columns = [state.index(name) for name in names]
-        true, self.cov = history["truth"][:, columns], None
-        self.true = scale * true
-        self.error = scale * difference(history["estimate"][:, at], true, angles)
-        if config.estimation.filter.name not in WITHOUT_COVARIANCE:
-            self.cov = history["covariance"][:, at][:, :, at] * np.outer(scale, scale)
-        measured = np.full(true.shape, np.nan)
-        for channel, name in enumerate(config.sensors.gives):
-            if name in names:
-                i, came = names.index(name), history["available"][:, channel]
-                measured[came, i] = history["measurement"][came, channel]
-        self.measured = scale * difference(measured, true, angles)
-        self.axes = pose(np.eye(len(state)), state)[columns, :3]
-        self.members = None
-        if "ensemble" in history:
-            mean = history["estimate"][-len(history["ensemble"]) :, None, at]
-            self.members = scale * difference(history["ensemble"][..., at], mean, angles)
-
-
 class Scene:
     """Contents of an image of an episode.
 
     Args:
         core: Core of the environment.
-        surroundings: Surroundings of the vehicle.
+        workspace: Workspace of the episode.
         history: History of one environment: `RECORDED`, and optionally ``ensemble`` ``(t, m, n)``
             of the last t moments.
 
@@ -181,7 +136,7 @@ class Scene:
         estimated: Names of the estimated components, those on maps first.
         time: ``(T,)`` [s].
         true: True positions and attitudes of the vehicle ``(T, 6)``, see
-            `vessel_gym.rendering.surroundings.pose`.
+            `vessel_gym.rendering.components.pose`.
         believed: Estimated positions and attitudes ``(T, 6)``, with true values in components that
             are not estimated.
         position: Estimated components of the position; without any, the heading or the first
@@ -191,10 +146,8 @@ class Scene:
             components were measured.
     """
 
-    def __init__(
-        self, core: Core, surroundings: Surroundings, history: dict[str, np.ndarray]
-    ) -> None:
-        self.core, self.surroundings, self.history = core, surroundings, history
+    def __init__(self, core: Core, workspace: Workspace, history: dict[str, np.ndarray]) -> None:
+        self.core, self.workspace, self.history = core, workspace, history
         config = core.config
         names = config.estimation.space.vehicle_states
         self.estimated = sorted(
@@ -270,7 +223,7 @@ class Scene:
     @property
     def legend(self) -> dict[str, str]:
         """Names of the marks that maps show, by kind."""
-        around, position = self.surroundings, self.position
+        around, position = self.workspace, self.position
         labels = {"true": "true vehicle", "believed": "estimated vehicle"}
         if self.located and position.cov is not None:
             labels["ellipse"] = "estimate ±2σ"

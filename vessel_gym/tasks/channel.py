@@ -12,8 +12,9 @@ from vessel_gym.checks import one_of
 from vessel_gym.guidance.dubins import COLUMNS, pose_along
 from vessel_gym.guidance.path_following import NEAREST, locate, padded
 from vessel_gym.guidance.routes import route
-from vessel_gym.tasks.task import closeness
+from vessel_gym.tasks.task import closeness, first_reason
 from vessel_gym.tasks.track import HEADING, Track, in_frame
+from vessel_gym.tasks.workspace import Workspace, at_depth
 
 OFFSET, ERROR, LENGTH = 1, 2, 3
 """Columns of a scenario after the first direction.
@@ -64,7 +65,7 @@ class Channel(Track):
         integer("waypoints of Channel", self.waypoints, 2)
 
     uniforms = 4
-    end_reasons = ("", "arrived", "aground")
+    end_reasons = ("", "aground", "arrived")
     success = "arrived"
     perfect = 1.0
     """A perfect episode has the score 1."""
@@ -158,24 +159,16 @@ class Channel(Track):
         along = np.clip(step * (self.dt * self.ship.speed), 0.0, scenario[..., LENGTH])
         return np.stack(pose_along(along, scenario[..., self._first_segment :]), -1)
 
-    def path(self, scenario: np.ndarray) -> np.ndarray:
-        """Axis ``(k, 2)`` of the channel of a scenario ``(n,)``."""
-        return self._axis(scenario)[:, :2]
-
-    def edges(self, scenario: np.ndarray) -> np.ndarray:
-        """Outline ``(2 k, 2)`` of the channel of a scenario, half a beam outside the margins."""
-        x, y, direction = self._axis(scenario).T
-        starboard = (self.margin + 0.5 * self.ship.beam) * np.stack(
-            [-np.sin(direction), np.cos(direction)], -1
-        )
-        axis = np.stack([x, y], -1)
-        return np.concatenate([axis + starboard, (axis - starboard)[::-1]])
-
-    def _axis(self, scenario: np.ndarray) -> np.ndarray:
-        """Poses ``(k, 3)`` along the axis."""
+    def workspace(self, scenario: np.ndarray) -> Workspace:
+        """The ship, the axis, and the channel's outline half a beam outside the margins."""
         along = np.linspace(0.0, scenario[LENGTH], 200)
         segments = np.tile(scenario[self._first_segment :], (len(along), 1))
-        return np.stack(pose_along(along, segments), -1)
+        x, y, direction = pose_along(along, segments)
+        half = self.margin + 0.5 * self.ship.beam
+        starboard = half * np.stack([-np.sin(direction), np.cos(direction)], -1)
+        axis = np.stack([x, y], -1)
+        edges = np.concatenate([axis + starboard, (axis - starboard)[::-1]])
+        return Workspace("ship", self.ship.length, at_depth(axis), at_depth(edges))
 
     def on_track(self, scenario: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances along and to starboard of the axes [m], of states ``(T, B, n)``."""
@@ -224,5 +217,5 @@ class Channel(Track):
         value = value * closeness(off, self.DISTANCE_TOLERANCE * self.margin)
         smooth, steered = self.smooth(actuators, score_state[..., 1:])
         reward = np.where(aground, 0.0, value * smooth * (covered - farthest) / length)
-        end = np.where(aground, 2, np.where(along >= length, 1, 0))
+        end = first_reason(aground, along >= length)
         return reward, end, np.concatenate([np.stack([covered], -1), steered], -1)

@@ -7,8 +7,10 @@ import numpy as np
 from estimators.checks import as_number, short_repr
 from estimators.engine import compiled, sincos
 from vessel_gym.checks import one_of
-from vessel_gym.tasks.task import closeness, wrapped
+from vessel_gym.guidance.frames import ahead_and_aside
+from vessel_gym.tasks.task import closeness, first_reason, wrapped
 from vessel_gym.tasks.track import HEADING, Track
+from vessel_gym.tasks.workspace import Workspace, at_depth
 
 RATE, CURVATURE, SPEED = range(HEADING + 1, 4)
 """Columns of a scenario after the first direction."""
@@ -143,9 +145,8 @@ class CircleTrack(Track):
         """
         heading, curvature = scenario[..., HEADING], scenario[..., CURVATURE]
         lead, ramp = self._lengths(scenario)
-        sin, cos = sincos(heading)
         north, east = (np.clip(state[..., i], -_ABSURD, _ABSURD) for i in range(2))
-        ahead, aside = north * cos + east * sin, east * cos - north * sin
+        ahead, aside = ahead_and_aside(north, east, heading)
         # The circle: among the rounds, take the nearest point that is closest to the guess.
         forward, sideways, turned = _clothoid(ramp, ramp, curvature)
         sin, cos = sincos(turned)
@@ -160,9 +161,7 @@ class CircleTrack(Track):
         length = np.clip(ahead - lead, 0.0, ramp)
         for _ in range(4):
             forward, sideways, direction = _clothoid(length, ramp, curvature)
-            sin, cos = sincos(direction)
-            x, y = ahead - lead - forward, aside - sideways
-            missing, off = x * cos + y * sin, y * cos - x * sin
+            missing, off = ahead_and_aside(ahead - lead - forward, aside - sideways, direction)
             slope = np.maximum(1.0 - off * curvature * length / ramp, 0.2)
             length = np.clip(length + missing / slope, 0.0, ramp)
         return (
@@ -175,12 +174,11 @@ class CircleTrack(Track):
     @compiled(axes=(1, 0))
     def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Position [m] and heading [rad] ``(..., 3)`` of a ship that keeps to track and speed."""
-        place, direction = self.track(scenario, self._nominal_distance(scenario, step))
-        return np.concatenate([place, direction[..., None]], -1)
+        return self.track(scenario, self._nominal_distance(scenario, step))
 
     @compiled(axes=(1, 0))
-    def track(self, scenario: np.ndarray, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions ``(..., 2)`` [m] and directions at distances ``along (...)`` [m] of tracks."""
+    def track(self, scenario: np.ndarray, along: np.ndarray) -> np.ndarray:
+        """Positions [m] and directions [rad] ``(..., 3)`` at distances ``along (...)`` of tracks."""
         curvature = scenario[..., CURVATURE]
         lead, ramp = self._lengths(scenario)
         forward, sideways, turned = _clothoid(np.clip(along - lead, 0.0, ramp), ramp, curvature)
@@ -189,9 +187,9 @@ class CircleTrack(Track):
         sin_after, cos_after = sincos(direction)
         forward = forward + np.minimum(along, lead) + (sin_after - sin) / curvature
         sideways = sideways + (cos - cos_after) / curvature
-        sin, cos = sincos(scenario[..., HEADING])
-        place = np.stack([forward * cos - sideways * sin, forward * sin + sideways * cos], -1)
-        return place, scenario[..., HEADING] + direction
+        heading = scenario[..., HEADING]
+        x, y = ahead_and_aside(forward, sideways, -heading)
+        return np.stack([x, y, heading + direction], -1)
 
     def on_track(self, scenario: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances along and to starboard of the tracks [m], of states ``(T, B, n)``."""
@@ -202,11 +200,12 @@ class CircleTrack(Track):
         each, off_track = np.swapaxes(found, 0, 1)
         return each, off_track
 
-    def path(self, scenario: np.ndarray) -> np.ndarray:
-        """Track ``(k, 2)`` of a scenario ``(4,)``, one circle long."""
+    def workspace(self, scenario: np.ndarray) -> Workspace:
+        """The ship and its track, one circle long."""
         lead = self.ship.speed * (self.lead + self.ramp)
         along = np.linspace(0.0, lead + 2.0 * np.pi / abs(scenario[CURVATURE]), 200)
-        return self.track(np.tile(scenario, (len(along), 1)), along)[0]
+        poses = self.track(np.tile(scenario, (len(along), 1)), along)
+        return Workspace("ship", self.ship.length, at_depth(poses[:, :2]))
 
     # --- what the agent sees ----------------------------------------------------------------------
 
@@ -256,5 +255,5 @@ class CircleTrack(Track):
         smooth, steered = self.smooth(actuators, score_state[..., 2:])
         reward = value * closeness(off, self.DISTANCE_TOLERANCE) * smooth * progress
         place = np.stack([along, np.maximum(farthest, along)], -1)
-        lost = np.abs(off) > self.FAR * self.ship.length
-        return reward, np.where(lost, 1, 0), np.concatenate([place, steered], -1)
+        end = first_reason(np.abs(off) > self.FAR * self.ship.length)
+        return reward, end, np.concatenate([place, steered], -1)

@@ -1,5 +1,6 @@
 """Dive along a smooth path to a goal, and recognise the arrival from the estimate."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -10,25 +11,21 @@ from estimators.checks import finite_array, integer, short_repr
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, instance, one_of
 from vessel_gym.guidance.dive_path import arc_to, follow, path_point
+from vessel_gym.guidance.frames import ahead_and_aside
 from vessel_gym.system import Estimate
-from vessel_gym.tasks.task import Task, closeness, smoothness, three_numbers, wrapped
+from vessel_gym.tasks.task import Task, closeness, first_reason, smoothness, three_numbers, wrapped
+from vessel_gym.tasks.workspace import Workspace
 from vessel_gym.vehicles.auv import AUVParameters
 
-Vector = tuple[np.ndarray, np.ndarray, np.ndarray]
-_ARRIVED, _MISSED, _OFF, _SURFACED, _DEEP, _PITCHED = range(1, 7)
 
-
-def to_body_axes(vector: Vector, roll: np.ndarray, pitch: np.ndarray, yaw: np.ndarray) -> Vector:
-    """A vector (north, east, down) in body axes (ahead, to starboard, below)."""
+def to_body_axes(
+    vector: Sequence[np.ndarray], roll: np.ndarray, pitch: np.ndarray, yaw: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A vector (north, east, down) in body axes: ahead, to starboard and below."""
     north, east, down = vector
-    ahead = north * np.cos(yaw) + east * np.sin(yaw)
-    aside = east * np.cos(yaw) - north * np.sin(yaw)
-    below = ahead * np.sin(pitch) + down * np.cos(pitch)
-    return (
-        ahead * np.cos(pitch) - down * np.sin(pitch),
-        aside * np.cos(roll) + below * np.sin(roll),
-        below * np.cos(roll) - aside * np.sin(roll),
-    )
+    ahead, aside = ahead_and_aside(north, east, yaw)
+    ahead, above = ahead_and_aside(ahead, -down, pitch)
+    return ahead, *ahead_and_aside(aside, -above, roll)
 
 
 @compiled
@@ -68,7 +65,7 @@ class Dive(Task):
     uniforms = 3
     """Number of uniform random numbers that `scenario` needs."""
     end_reasons = (
-        "", "arrived", "missed the goal", "off the path", "surfaced", "too deep", "pitched over",
+        "", "arrived", "missed the goal", "pitched over", "too deep", "surfaced", "off the path",
     )  # fmt: skip
     success = "arrived"
     perfect = 1.0
@@ -134,24 +131,49 @@ class Dive(Task):
         """Position ``(..., 8)`` relative to the path, for states ``(..., n)``."""
         return follow(self.position(state), scenario, self.ahead)
 
+    def workspace(self, scenario: np.ndarray) -> Workspace:
+        """The vehicle, its path, the goal and the surface of the water."""
+        path = path_point(np.linspace(0.0, scenario[1], 121), scenario)[:, :3]
+        north, east, down = path[-1]
+        goal = north, east, down, self.GOAL_TOLERANCE
+        return Workspace("torpedo", self.auv.length, path, goal=goal, surface=-self.launch_depth)
+
     # --- what the agent sees ----------------------------------------------------------------------
 
     flow_scale = 0.25
 
     def errors(
-        self, state: np.ndarray, flow: np.ndarray, scenario: np.ndarray, reference: np.ndarray
-    ) -> list[np.ndarray]:
-        """Components of ``observed``, ``(...)`` each in SI, from an estimated state and current."""
-        raise NotImplementedError
+        self, estimate: Estimate, scenario: np.ndarray, reference: np.ndarray
+    ) -> dict[str, np.ndarray]:
+        """Estimated errors and motion in SI by name, ``(...)`` each; vectors are in body axes."""
+        progress, cross, depth, heading, slope, *ahead = (reference[..., i] for i in range(8))
+        u, v, w, p, q, r, _, _, _, roll, pitch, yaw = self.motion(estimate.state)
+        zero, flow = np.zeros_like(u), estimate.flow
+        vectors = {
+            "path": (cross * np.sin(heading), -cross * np.cos(heading), -depth),
+            "look": ahead,
+            "current": (flow[..., 0], flow[..., 1] if flow.shape[-1] > 1 else zero, zero),
+        }
+        seen = {
+            "heading error": wrapped(heading - yaw), "pitch error": -np.arctan(slope) - pitch,
+            "remaining": scenario[..., 1] - progress, "curvature": scenario[..., 0] / scenario[..., 1],
+            "surge error": u - self.auv.cruise_speed, "sway": v, "heave": w,
+            "roll rate": p, "pitch rate": q, "yaw rate": r, "roll": roll, "pitch": pitch,
+        }  # fmt: skip
+        for name, vector in vectors.items():
+            parts = to_body_axes(vector, roll, pitch, yaw)
+            ways = "ahead", "to starboard", "below"
+            seen |= {f"{name} {way}": part for way, part in zip(ways, parts, strict=True)}
+        return seen
 
     def observe(
         self, estimate: Estimate, scenario: np.ndarray, reference: np.ndarray,
         actuators: np.ndarray,
     ) -> np.ndarray:  # fmt: skip
-        """Observation ``(..., k)`` of mode ``"mean"``: errors, estimates, actuators."""
-        seen = np.stack(self.errors(estimate.state, estimate.flow, scenario, reference), -1)
-        seen = seen / np.array([*self.observed.values()])
-        return np.concatenate([seen, self.scaled(actuators)], -1)
+        """Observation ``(..., k)`` of mode ``"mean"``: what ``observed`` names, and the actuators."""
+        errors = self.errors(estimate, scenario, reference)
+        seen = [errors[name] / scale for name, scale in self.observed.items()]
+        return np.concatenate([np.stack(seen, -1), self.scaled(actuators)], -1)
 
     actuators: ClassVar[int]
     """Number of actuators: fins, then thrust."""
@@ -165,14 +187,17 @@ class Dive(Task):
         mission = scenario[..., 3 - len(self.mission_scale) : 3] / self.mission_scale
         return np.concatenate([mission, self.scaled(actuators)], -1)
 
-    where: ClassVar[np.ndarray]
-    """Indices of north, east, down [m] and pitch [rad] in a state; -1: the component is 0."""
+    components: ClassVar[tuple[int | None, ...]]
+    """Indices in a state of u, v, w, p, q, r, x, y, z, phi, theta, psi; None: it lacks the component."""
+
+    def motion(self, state: np.ndarray) -> list[np.ndarray]:
+        """The twelve ``components`` of states in SI, ``(...)`` each; 0 where a state lacks one."""
+        zero = np.zeros_like(state[..., 0])
+        return [zero if i is None else state[..., i] for i in self.components]
 
     def position(self, state: np.ndarray) -> np.ndarray:
         """North, east and down [m] ``(..., 3)`` of states."""
-        return np.stack(
-            [state[..., i] if i >= 0 else np.zeros_like(state[..., 0]) for i in self.where[:3]], -1
-        )
+        return np.stack(self.motion(state)[6:9], -1)
 
     def scaled(self, actuators: np.ndarray) -> np.ndarray:
         """Fins relative to their limits, and thrust from -1 (none) to 1 (full)."""
@@ -227,9 +252,8 @@ class Dive(Task):
         most = self.FASTEST * speed * self.dt
         fresh = np.clip(np.minimum(place[..., 0], length) - farthest, 0.0, most)
         energy = score_state[..., 1] + self.dt * self.power(actuators)
-        fins, before = actuators[..., :-1], score_state[..., 2:]
-        rates = (fins - before[..., : fins.shape[-1]]) / (self.auv.fin_rate * self.dt)
-        smooth = smoothness(rates, before[..., fins.shape[-1] :], self.FIN_PRICE)
+        full = self.auv.fin_rate * self.dt
+        smooth, fins = smoothness(actuators[..., :-1], score_state[..., 2:], full, self.FIN_PRICE)
         quality = smooth * closeness(off, self.TRACK_TOLERANCE)
         tracking = self.TRACKING * fresh / length * quality
 
@@ -239,14 +263,13 @@ class Dive(Task):
         arriving = (1.0 - self.TRACKING) * economy * closeness(miss, self.GOAL_TOLERANCE)
         reward = tracking + np.where(over, arriving, 0.0)
 
-        down, pitch = position[..., 2], state[..., self.where[3]]
-        end = np.where(off > self.LOST, _OFF, 0)
-        end = np.where(down < -self.launch_depth, _SURFACED, end)
-        end = np.where(down > depth + self.margin, _DEEP, end)
-        end = np.where(np.abs(pitch) > self.PITCH_LIMIT, _PITCHED, end)
-        end = np.where(over, np.where(miss <= self.GOAL_TOLERANCE, _ARRIVED, _MISSED), end)
+        down, pitch = position[..., 2], self.motion(state)[10]
+        end = first_reason(
+            over & (miss <= self.GOAL_TOLERANCE), over, np.abs(pitch) > self.PITCH_LIMIT,
+            down > depth + self.margin, down < -self.launch_depth, off > self.LOST,
+        )  # fmt: skip
         covered = np.stack([farthest + fresh, energy], -1)
-        return reward, end, np.concatenate([covered, fins, rates], -1)
+        return reward, end, np.concatenate([covered, fins], -1)
 
 
 # --- six degrees of freedom -----------------------------------------------------------------------
@@ -257,7 +280,7 @@ class Dive(Task):
 class SpatialDive(Dive):
     """Dive with six degrees of freedom; the state is `vessel_gym.vehicles.segorogeni.STATE`."""
 
-    where = np.array([6, 7, 8, 10])
+    components = tuple(range(12))
     prior_sd = (0.05,) * 3 + (0.02,) * 3 + (0.2,) * 3 + (0.05,) * 3
     state_scale = (0.5, 0.25, 0.25) + (0.5,) * 3 + (10.0, 10.0, 5.0) + (0.25, 0.5, 1.0)
     std_scale = (0.05,) * 6 + (0.5,) * 3 + (0.05,) * 3
@@ -272,25 +295,6 @@ class SpatialDive(Dive):
         "roll rate": 0.5, "pitch rate": 0.5, "yaw rate": 0.5, "roll": 0.25, "pitch": 0.5,
     }  # fmt: skip
 
-    def errors(
-        self, state: np.ndarray, flow: np.ndarray, scenario: np.ndarray, reference: np.ndarray
-    ) -> list[np.ndarray]:
-        """Components of ``observed``; vectors to path, ahead, and of the current come first."""
-        progress, cross, depth, heading, slope = (reference[..., i] for i in range(5))
-        north, east, down = (reference[..., i] for i in range(5, 8))
-        angle, length = scenario[..., 0], scenario[..., 1]
-        motion = [state[..., i] for i in range(6)]
-        roll, pitch, yaw = (state[..., i] for i in range(9, 12))
-        to_path = cross * np.sin(heading), -cross * np.cos(heading), -depth
-        current = flow[..., 0], flow[..., 1], np.zeros_like(depth)
-        return [
-            *to_body_axes(to_path, roll, pitch, yaw),
-            *to_body_axes((north, east, down), roll, pitch, yaw),
-            *to_body_axes(current, roll, pitch, yaw),
-            wrapped(heading - yaw), -np.arctan(slope) - pitch, length - progress, angle / length,
-            motion[0] - self.auv.cruise_speed, *motion[1:], roll, pitch,
-        ]  # fmt: skip
-
 
 # --- the vertical plane ---------------------------------------------------------------------------
 
@@ -300,7 +304,7 @@ class SpatialDive(Dive):
 class VerticalDive(Dive):
     """Dive in the vertical plane; the state is `vessel_gym.vehicles.itsunusa.STATE`."""
 
-    where = np.array([3, -1, 4, 5])
+    components = 0, None, 1, None, 2, None, 3, None, 4, None, 5, None
     prior_sd = (0.05, 0.05, 0.02, 0.2, 0.2, 0.05)
     state_scale = (0.5, 0.25, 0.5, 20.0, 10.0, 0.5)
     std_scale = (0.05,) * 3 + (0.5,) * 2 + (0.05,)
@@ -326,17 +330,3 @@ class VerticalDive(Dive):
         """Path angle [rad] ``(..., 1)``, upwards, at the place of a vehicle at cruise speed."""
         point = path_point(step * (self.dt * self.auv.cruise_speed), scenario)
         return -np.arctan(point[..., 4:])
-
-    def errors(
-        self, state: np.ndarray, flow: np.ndarray, scenario: np.ndarray, reference: np.ndarray
-    ) -> list[np.ndarray]:
-        """Components of ``observed``; vectors to path, ahead, and of the current come first."""
-        progress, _, depth, _, slope, ahead, _, down = (reference[..., i] for i in range(8))
-        surge, heave, rate, _, _, pitch = (state[..., i] for i in range(6))
-        sin, cos, current = np.sin(pitch), np.cos(pitch), flow[..., 0]
-        return [
-            depth * sin, -depth * cos, ahead * cos - down * sin, ahead * sin + down * cos,
-            current * cos, current * sin,
-            -np.arctan(slope) - pitch, scenario[..., 1] - progress,
-            surge - self.auv.cruise_speed, heave, rate, pitch,
-        ]  # fmt: skip

@@ -1,7 +1,6 @@
 """Fly a planned path round obstacles to a goal, at a commanded altitude and airspeed."""
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,15 +9,16 @@ from estimators import Gaussian
 from estimators.checks import integer, number, short_repr
 from estimators.engine import compiled
 from vessel_gym.checks import check_numbers, check_pair, instance, one_of
-from vessel_gym.guidance.dubins import COLUMNS, Path
+from vessel_gym.guidance.dubins import COLUMNS, Path, path_of
+from vessel_gym.guidance.frames import ahead_and_aside
 from vessel_gym.guidance.path_following import ANYWHERE, LEAD, end_pose, locate, padded
 from vessel_gym.guidance.planner import checked_obstacles, plan
 from vessel_gym.guidance.scenes import scene
 from vessel_gym.system import Estimate
-from vessel_gym.tasks.task import FARTHEST, Task, closeness, smoothness, three_numbers
+from vessel_gym.tasks.task import FARTHEST, Task, closeness, first_reason, smoothness, three_numbers
+from vessel_gym.tasks.workspace import Workspace, at_depth
 from vessel_gym.vehicles.puna import PunaParameters, airspeed
 
-_ARRIVED, _MISSED, _HIT, _STALLED, _CRASHED, _OFF, _HEIGHT = range(1, 8)
 SEGMENTS = 16
 """Largest number of arcs and straights in a path."""
 OBSTACLES = 5
@@ -26,9 +26,15 @@ OBSTACLES = 5
 LENGTH = COLUMNS * SEGMENTS
 ALTITUDE = LENGTH + 1
 """Columns of a scenario with the length of the path and the commanded altitude [m]."""
+_MISSION_GAINS = 1.0 / np.concatenate([
+    np.tile([100.0, 100.0, 3.0, 0.01, 100.0], SEGMENTS), [100.0],
+    np.tile([100.0, 100.0, 50.0], OBSTACLES),
+])  # fmt: skip
+"""Factors of path, altitude and obstacles in observations."""
 _SIMILAR = 0.5  # rad between headings of a path that are hard to tell apart
 _SPACING = 5.0  # m between the places of a path that are compared
 _ALTITUDES = np.nextafter(50.0, 0.0), np.nextafter(1000.0, 2000.0)  # m, both left out
+_SPAN = 2.1  # m, wing span of the Skywalker X8, Gryte (2018), because a point mass has none
 _OPTIONS = ("start", "goal", "obstacles", "altitude", "radius")
 
 
@@ -69,7 +75,7 @@ class Flight(Task):
     uniforms = 14
     """Number of uniform random numbers that `scenario` needs."""
     end_reasons = (
-        "", "arrived", "missed the goal", "hit an obstacle", "stalled", "crashed", "off the path",
+        "", "hit an obstacle", "crashed", "arrived", "missed the goal", "stalled", "off the path",
         "off the altitude",
     )  # fmt: skip
     success = "arrived"
@@ -226,11 +232,6 @@ class Flight(Task):
     flow_scale = 5.0
     std_scale = (1.0,) * 3 + (0.2,) * 3 + (0.02,)
 
-    @cached_property
-    def _mission_gains(self) -> np.ndarray:
-        path = np.tile([100.0, 100.0, 3.0, 0.01, 100.0], SEGMENTS)
-        return 1.0 / np.concatenate([path, [100.0], np.tile([100.0, 100.0, 50.0], OBSTACLES)])
-
     def observe(
         self, estimate: Estimate, scenario: np.ndarray, reference: np.ndarray,
         actuators: np.ndarray,
@@ -260,7 +261,7 @@ class Flight(Task):
     ) -> np.ndarray:
         """Path, altitude, obstacles and actuators ``(..., 99)``."""
         mission = np.concatenate([scenario[..., :LENGTH], scenario[..., ALTITUDE:]], -1)
-        return np.concatenate([mission * self._mission_gains, self.body.actions(actuators)], -1)
+        return np.concatenate([mission * _MISSION_GAINS, self.body.actions(actuators)], -1)
 
     # --- how it is scored -------------------------------------------------------------------------
 
@@ -295,15 +296,15 @@ class Flight(Task):
         waiting, circling and short cuts pay nothing. Arriving pays by the distance to the goal and
         the covered share of the path.
         """
-        farthest, last = score_state[..., 0], score_state[..., 1:4]
+        farthest = score_state[..., 0]
         x, y, altitude = (state[..., i] for i in range(3))
         length, above = scenario[..., LENGTH], altitude - scenario[..., ALTITUDE]
         place, clearance = self.track(state, scenario, farthest), self.clearance(state, scenario)
         off, most = place[..., 5], self.FASTEST * self.body.cruise_speed * self.dt
         fresh = np.clip(np.minimum(place[..., 0], length) - farthest, 0.0, most)
-        change = 0.5 * (action - last)  # shares of the commands' range
         berth = np.clip(clearance / self.BERTH, 0.0, 1.0)
-        quality = smoothness(change, score_state[..., 4:]) * berth
+        smooth, commands = smoothness(action, score_state[..., 1:], 2.0)  # of a range from -1 to 1
+        quality = smooth * berth
         near = closeness(off, self.TRACK_TOLERANCE) * closeness(above, self.ALTITUDE_TOLERANCE)
         tracking = self.TRACKING * fresh / length * quality * near
 
@@ -314,13 +315,12 @@ class Flight(Task):
         crashed, hit = altitude <= 0.0, clearance < 0.0
         reward = np.where(hit | crashed, 0.0, tracking + np.where(over, arriving, 0.0))
 
-        end = np.where(np.abs(above) > self.HEIGHT_LOST, _HEIGHT, 0)
-        end = np.where(off > self.LOST, _OFF, end)
-        stalled = airspeed(state, exogenous[..., 4:]) < self.STALL
-        end = np.where(stalled, _STALLED, end)
-        end = np.where(over, np.where(miss <= self.GOAL_TOLERANCE, _ARRIVED, _MISSED), end)
-        end = np.where(hit, _HIT, np.where(crashed, _CRASHED, end))
-        return reward, end, np.concatenate([np.stack([farthest + fresh], -1), action, change], -1)
+        end = first_reason(
+            hit, crashed, over & (miss <= self.GOAL_TOLERANCE), over,
+            airspeed(state, exogenous[..., 4:]) < self.STALL, off > self.LOST,
+            np.abs(above) > self.HEIGHT_LOST,
+        )  # fmt: skip
+        return reward, end, np.concatenate([np.stack([farthest + fresh], -1), commands], -1)
 
     @compiled(axes=(1, 1, 0))
     def track(self, state: np.ndarray, scenario: np.ndarray, farthest: np.ndarray) -> np.ndarray:
@@ -343,6 +343,17 @@ class Flight(Task):
     def goal(self, scenario: np.ndarray) -> np.ndarray:
         """End of the path ``(..., 3)``: x, y [m], heading [rad]."""
         return np.stack(end_pose(scenario[..., :LENGTH]), -1)
+
+    def workspace(self, scenario: np.ndarray) -> Workspace:
+        """The aircraft, its path, the obstacles and the goal, at the commanded altitude."""
+        down, path = -scenario[ALTITUDE], path_of(scenario[:LENGTH].reshape(-1, COLUMNS))
+        north, east, _ = self.goal(scenario)
+        obstacles = scenario[-3 * OBSTACLES :].reshape(-1, 3)
+        return Workspace(
+            "aircraft", _SPAN, at_depth(path.sample(3.0)[:, :2], down),
+            goal=(north, east, down, self.GOAL_TOLERANCE),
+            obstacles=obstacles[obstacles[:, 2] > 0.0],
+        )  # fmt: skip
 
 
 def _comes_back(path: Path, radius: float) -> bool:
@@ -377,8 +388,8 @@ def _obstacles_near(state: np.ndarray, scenario: np.ndarray) -> tuple[np.ndarray
     """
     radius, north, east = _obstacles_from(state, scenario)
     course = np.arctan2(state[..., 4:5], state[..., 3:4])
-    distance, sin, cos = np.hypot(north, east), np.sin(course), np.cos(course)
+    distance = np.hypot(north, east)
     near = np.clip(1.0 - (distance - radius) / 100.0, 0.0, 2.0) / np.maximum(distance, 1e-9)
     near = np.where(radius > 0.0, near, 0.0)
-    ahead, aside = north * cos + east * sin, east * cos - north * sin
+    ahead, aside = ahead_and_aside(north, east, course)
     return (near * ahead).sum(-1), (near * aside).sum(-1)

@@ -10,6 +10,7 @@ from estimators import Gaussian
 from estimators.checks import numbers, short_repr
 from estimators.factory import unknown
 from vessel_gym.sensors import Sensors
+from vessel_gym.tasks.workspace import Workspace
 from vessel_gym.vehicles.vehicle import Vehicle
 
 FARTHEST = 1e5
@@ -204,6 +205,14 @@ class Task:
         """Part ``"mission"`` ``(B, k)``; default: the scenario and the actuators."""
         return np.concatenate([scenario, actuators], -1)
 
+    def workspace(self, scenario: np.ndarray) -> Workspace:
+        """What images and pages show around the vehicle; default: nothing.
+
+        Args:
+            scenario: ``(k,)``, of one episode.
+        """
+        return Workspace()
+
     def over(self, scenario: np.ndarray, reference: np.ndarray) -> np.ndarray:
         """Mask ``(...)`` of the references ``(..., r)`` at which the mission is complete.
 
@@ -308,20 +317,36 @@ def closeness(error: np.ndarray, tolerance: float) -> np.ndarray:
     return 1.0 / (1.0 + (error / tolerance) ** 2)
 
 
-def smoothness(rate: np.ndarray, before: np.ndarray, price: float = 1.0) -> np.ndarray:
-    """Factor of a reward: 1 / (1 + price (TRAVEL |rate| + REVERSALS |rate - before| / 2)).
+def smoothness(
+    position: np.ndarray, kept: np.ndarray, full: float, price: float = 1.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Factor of a reward ``(...)`` for steady actuators, and the next ``kept`` ``(..., 2 k)``.
 
-    The terms are means over the actuators. They are linear, so that their sum over an episode
-    counts the travel, and the reversals times their size. The factor has no lower bound but 0: more
-    effort always costs more.
+    The factor is 1 / (1 + price (TRAVEL |rate| + REVERSALS |rate - last rate| / 2)), with means
+    over the actuators. The terms are linear, so that their sum over an episode counts the travel,
+    and the reversals times their size. The factor has no lower bound but 0: more effort always
+    costs more.
 
     Args:
-        rate: ``(..., k)`` rates of the actuators as shares of the full rate.
-        before: ``(..., k)`` rates in the step before.
+        position: ``(..., k)`` positions of actuators.
+        kept: ``(..., 2 k)`` positions after the last step, then rates as shares of the full rate.
+        full: Change of a position in a step at the full rate.
         price: Cost relative to a ship's rudder.
     """
-    effort = TRAVEL * np.abs(rate) + 0.5 * REVERSALS * np.abs(rate - before)
-    return 1.0 / (1.0 + price / rate.shape[-1] * effort.sum(-1))
+    last, last_rate = np.split(kept, 2, -1)
+    rate = (position - last) / full
+    effort = TRAVEL * np.abs(rate) + 0.5 * REVERSALS * np.abs(rate - last_rate)
+    factor = 1.0 / (1.0 + price / rate.shape[-1] * effort.sum(-1))
+    return factor, np.concatenate([position, rate], -1)
+
+
+def first_reason(*masks: np.ndarray) -> np.ndarray:
+    """Number ``(...)``, from 1, of the first mask that holds; 0 where none does."""
+    number: Any = 0
+    for i in range(len(masks), 0, -1):
+        number = np.where(masks[i - 1], i, number)
+    found: np.ndarray = number
+    return found
 
 
 def wrapped(angle: np.ndarray) -> np.ndarray:

@@ -6,7 +6,8 @@ from typing import ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.engine import compiled, sincos
+from estimators.engine import compiled
+from vessel_gym.guidance.frames import ahead_and_aside
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import wrapped
@@ -26,9 +27,7 @@ They are heading to steer in still water [rad], yaw rate now and `Steering.previ
 
 def in_frame(scenario: np.ndarray, place: np.ndarray) -> np.ndarray:
     """North and east ``(..., 2)`` turned to ahead and to starboard of the first direction."""
-    sin, cos = np.sin(scenario[..., HEADING]), np.cos(scenario[..., HEADING])
-    north, east = place[..., 0], place[..., 1]
-    return np.stack([north * cos + east * sin, east * cos - north * sin], -1)
+    return np.stack(ahead_and_aside(place[..., 0], place[..., 1], scenario[..., HEADING]), -1)
 
 
 class Track(Steering):
@@ -78,9 +77,9 @@ class Track(Steering):
     ) -> np.ndarray:
         """True course over ground relative to a direction [rad] ``(...)``."""
         psi, u, v = (state[..., i] for i in range(2, 5))
-        sin, cos = sincos(psi)
-        north, east = u * cos - v * sin + exogenous[..., 1], u * sin + v * cos + exogenous[..., 2]
-        return wrapped(np.arctan2(east, north) - direction)
+        north, east = ahead_and_aside(u, v, -psi)
+        course = np.arctan2(east + exogenous[..., 2], north + exogenous[..., 1])
+        return wrapped(course - direction)
 
     # --- what the agent sees ----------------------------------------------------------------------
 
@@ -103,12 +102,11 @@ class Track(Steering):
         minus that of the steady turn, and current along the track and to starboard.
         """
         psi, u, v, r = (estimate.state[..., i] for i in range(2, 6))
-        north, east = (estimate.flow[..., i] for i in range(2))
         columns = WANTED, RATE_NOW, RATE_AHEAD, OFF, SURGE
         heading, rate, rate_ahead, off, surge = (reference[..., i] for i in columns)
         d = first_component(estimate.input_mean, v)
-        sin, cos = sincos(reference[..., TRACK])
-        along, across = north * cos + east * sin, east * cos - north * sin
+        flow = estimate.flow[..., 0], estimate.flow[..., 1]
+        along, across = ahead_and_aside(*flow, reference[..., TRACK])
         crab = np.arcsin(np.clip(across / surge, -0.5, 0.5))
         errors = wrapped(heading - crab - psi), rate * (1.0 + 2.0 * along / surge) - r
         seen = [*errors, v, d, actuators[..., 0], rate, rate_ahead, off, u - surge, along, across]

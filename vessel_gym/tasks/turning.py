@@ -15,7 +15,8 @@ from estimators.checks import integer
 from estimators.engine import compiled, lookup
 from vessel_gym.checks import check_numbers, instance, one_of
 from vessel_gym.sensors import Sensors
-from vessel_gym.tasks.task import Estimate, Task, closeness, smoothness, wrapped
+from vessel_gym.tasks.task import Estimate, Task, closeness, first_reason, smoothness, wrapped
+from vessel_gym.tasks.workspace import Workspace, at_depth
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.corvette_thesis import SIMULATIONS, ThesisCorvette
 
@@ -56,17 +57,9 @@ class Steering(Task):
         """Time [s] by which the observed command is ahead."""
         return 10.0 * self.pace
 
-    def smooth(self, actuators: np.ndarray, before: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Factor of the reward for the steering ``(...)``, and next score state ``(..., 2)``.
-
-        Args:
-            actuators: Rudder [rad] ``(..., 1)``.
-            before: Rudder [rad] after the step before, and its rate as a share of the full rate
-                ``(..., 2)``.
-        """
-        rate = (actuators - before[..., :1]) / (self.ship.rudder_rate * self.dt)
-        factor = smoothness(rate, before[..., 1:], self.RUDDER_PRICE)
-        return factor, np.concatenate([actuators, rate], -1)
+    def smooth(self, actuators: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Factor of the reward for the steering ``(...)``, and next ``kept``, see `smoothness`."""
+        return smoothness(actuators, kept, self.ship.rudder_rate * self.dt, self.RUDDER_PRICE)
 
     RUDDER_PRICE = 1.0  # of effort, in `smooth`
     SWAY_SCALE = 2.0  # m/s
@@ -164,11 +157,12 @@ class TurningTrial(Steering):
     @compiled(axes=(1, 0))
     def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Final yaw rate and simulation ``(..., 2)``."""
-        return self.command(scenario, step)[..., self.commanding]
+        return scenario[..., 1:]
 
-    def path(self, scenario: np.ndarray) -> np.ndarray:
-        """Positions of the ship in the trial ``(195, 2)``."""
-        return self.record[: self.horizon + 1, :2]
+    def workspace(self, scenario: np.ndarray) -> Workspace:
+        """The ship and its positions in the trial."""
+        path = at_depth(self.record[: self.horizon + 1, :2])
+        return Workspace("ship", self.ship.length, path)
 
     @compiled(axes=(1, 0))
     def exogenous(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
@@ -263,4 +257,4 @@ class TurningTrial(Steering):
         value = 0.8 + 0.2 * closeness(rate, self.RATE_TOLERANCE)
         value = value * closeness(heading, self.HEADING_TOLERANCE)
         smooth, steered = self.smooth(actuators, score_state)
-        return value * smooth, np.where(np.abs(heading) > self.LOST, 1, 0), steered
+        return value * smooth, first_reason(np.abs(heading) > self.LOST), steered

@@ -11,7 +11,16 @@ from typing import Any, cast
 
 import numpy as np
 from gymnasium.error import ResetNeeded
-from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space
+from gymnasium.spaces import (
+    Box,
+    Dict,
+    Discrete,
+    MultiBinary,
+    MultiDiscrete,
+    Space,
+    Tuple,
+    flatten_space,
+)
 
 from estimators import (
     Filter,
@@ -210,7 +219,7 @@ class Watch:
         own, raw = cast(Any, self._own), self._mode == "measurement"
         if self._mode == "mean":
             return self._own
-        name, least, size = ("std", 0.0, self.model.n)
+        name, least, size = "std", 0.0, self.model.n
         if raw:
             name, least, size = "measurement", -np.inf, 2 * self.sensors.size
         beside = Box(least, np.inf, (size,), np.float32)
@@ -220,9 +229,9 @@ class Watch:
                 raise ValueError(f"observations have a key {name} of their own: observe='mean'")
             return Dict(OrderedDict(kept | {name: beside}))  # Gymnasium sorts a plain dict
         columns = self._passes if raw else slice(None)
-        bounds = [(own.low.ravel()[columns], own.high.ravel()[columns]), (beside.low, beside.high)]
-        low, high = map(np.concatenate, zip(*(bounds[::-1] if raw else bounds), strict=True))
-        return Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+        low, high = (each.ravel()[columns].astype(np.float32) for each in (own.low, own.high))
+        parts = Box(low, high, dtype=np.float32), beside
+        return flatten_space(Tuple(parts[::-1] if raw else parts))
 
 
 def _as_rows(name: str, value: Any, rows: int, size: int) -> np.ndarray:
@@ -341,10 +350,8 @@ def _filter(model: Model, estimator: EstimatorChoice, options: dict[str, Any]) -
     """A filter of the package or the user's own, the oracle or dead reckoning."""
     if is_own(estimator):
         return own_filter(estimator, options, model)
-    references: dict[str, Any] = {
+    makers: dict[str, Callable[..., Filter]] = {
+        **{name: partial(factory.make, name, model) for name in factory.names()},
         "truth": partial(Oracle, model.n, 0), "dead-reckoning": partial(DeadReckoning, model),
     }  # fmt: skip
-    name = checks.one_of("estimator", estimator, (*factory.names(), *references))
-    return (
-        references[name](**options) if name in references else factory.make(name, model, **options)
-    )
+    return makers[checks.one_of("estimator", estimator, makers)](**options)
