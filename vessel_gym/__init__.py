@@ -7,9 +7,9 @@ is kept for scoring.
 
 from gymnasium.envs.registration import register
 
-from vessel_gym.shadowing import shadowing
+from vessel_gym.name_clashes import clashing_file
 
-if _file := shadowing("estimators"):
+if _file := clashing_file("estimators"):
     raise ImportError(
         f"vessel_gym needs its own package estimators, but {_file} is found first: rename that file"
         " or folder, or start your script by python -P or from a subfolder",

@@ -3,7 +3,7 @@
 import sys
 from importlib import import_module, metadata
 
-from vessel_gym.shadowing import FOLDER, shadowing
+from vessel_gym.name_clashes import FOLDER, clashing_file
 
 
 def main() -> int | None:
@@ -12,7 +12,7 @@ def main() -> int | None:
     The commands are in ``agents``, a package above this one, and are imported by name. The
     package's ``agents`` takes precedence over a user's folder of that name.
     """
-    if shadowing("agents"):
+    if clashing_file("agents"):
         sys.path.insert(0, FOLDER)
     try:
         return import_module("agents.commands").main()

@@ -45,17 +45,21 @@ def check_system(system: System) -> None:
             `estimators.Gaussian`.
     """
     instance("system", system, System)
-    state, actuators, exogenous = _check_vehicle(system.vehicle, system.task)
+    vehicle, task = system.vehicle, system.task
+    what, uniforms = f"scenario of {type(task).__name__}", _uniforms(task.uniforms)
+    (scenario,) = _checked(what, lambda u: task.scenario(u, {}), [uniforms], _ANY)
+    commanded = task.commanded(scenario, np.zeros(_ROWS, int))
+    state, actuators, exogenous = _check_vehicle(vehicle, commanded)
     for disturbance in system.disturbances.values():
-        _check_disturbance(disturbance, system.vehicle, state)
+        _check_disturbance(disturbance, vehicle, state)
     for sensor in system.nominal_sensors:
-        channels, title = (len(sensor.channels),), sensor.name
-        y = _checked_twice(f"reads of {title}", sensor.reads, [state, exogenous], channels)
+        check, channels = partial(_checked, any_axes=True), (len(sensor.channels),)
+        (y,) = check(f"reads of {sensor.name}", sensor.reads, [state, exogenous], channels)
         if callable(sensor.sd):
-            sd = _checked_twice(f"sd of {title}", sensor.sd, [y], channels)
+            (sd,) = check(f"sd of {sensor.name}", sensor.sd, [y], channels)
             if (sd < 0.0).any():
-                raise ValueError(f"sd of {title} must give numbers of at least 0")
-    _check_task(system.task, system.vehicle, state, actuators, exogenous)
+                raise ValueError(f"sd of {sensor.name} must give numbers of at least 0")
+    _check_task(task, scenario, vehicle, state, actuators, exogenous)
 
 
 # --- the parts ------------------------------------------------------------------------------------
@@ -78,23 +82,23 @@ def _check_angles(vehicle: Vehicle) -> None:
             )
 
 
-def _check_vehicle(vehicle: Vehicle, task: Task) -> tuple[np.ndarray, ...]:
+def _check_vehicle(vehicle: Vehicle, commanded: np.ndarray | None) -> tuple[np.ndarray, ...]:
     """Check a vehicle; states, actuators and exogenous inputs of three vehicles."""
     _check_angles(vehicle)
+    tried = partial(_tried, vehicle)
     cruise, u = (np.asarray(each, float) for each in vehicle.cruise)
     size, width = len(vehicle.state_names), len(vehicle.parameter_names)
     x = cruise + 0.01 * _uniforms(len(cruise))
-    state, before = _tried(vehicle, "start", [x], (size,), _ANY)
+    state, before = tried("start", [x], (size,), _ANY)
     action = _uniforms(len(vehicle.action_names))
-    (after,) = _tried(vehicle, "actuate", [before, action], before.shape[1:])
-    commanded = task.commanded(_scenario(task), np.zeros(_ROWS, int))
-    (known,) = _tried(vehicle, "known_input", [before, after, commanded], u.shape)
+    (after,) = tried("actuate", [before, action], before.shape[1:])
+    (known,) = tried("known_input", [before, after, commanded], u.shape)
     what, normals = f"parameters of {type(vehicle).__name__}", _uniforms(vehicle.normals)
     (parameters,) = _checked(what, lambda u: vehicle.parameters(0.1, u), [normals], (width,))
     first = len(vehicle.increments)
     exogenous = 0.01 * _uniforms(first + len(vehicle.ambient_flows))
-    (state,) = _tried(vehicle, "step", [state, before, after, exogenous, parameters], (size,))
-    _tried_twice(vehicle, "drift", [x, known, exogenous[:, first:]], cruise.shape)
+    (state,) = tried("step", [state, before, after, exogenous, parameters], (size,))
+    tried("drift", [x, known, exogenous[:, first:]], cruise.shape, any_axes=True)
     return state, after, exogenous
 
 
@@ -102,15 +106,14 @@ def _check_disturbance(disturbance: Disturbance, vehicle: Vehicle, state: np.nda
     """Check attributes and methods of a disturbance."""
     for sentence in _contradictions(disturbance, vehicle):
         raise ValueError(sentence)
-    shape, k = (len(disturbance.forces),), disturbance.process.size
+    tried, shape = partial(_tried, disturbance), (len(disturbance.forces),)
     root = disturbance.process.start_root
     z = _uniforms(root.shape[1]) @ root.T
-    _tried_twice(disturbance, "effect", [z, state], shape)
-    _tried_twice(disturbance, "met", [z, state, state + 0.01], (k,))
+    tried("effect", [z, state], shape, any_axes=True)
+    tried("met", [z, state, state + 0.01], z.shape[1:], any_axes=True)
     if disturbance.uniforms:
-        (constants,) = _tried(disturbance, "draw", [_uniforms(disturbance.uniforms)], _ANY)
-        time = np.arange(_ROWS) * vehicle.dt
-        _tried(disturbance, "effect_at", [constants, time, z, state], shape)
+        (constants,) = tried("draw", [_uniforms(disturbance.uniforms)], _ANY)
+        tried("effect_at", [constants, np.arange(_ROWS) * vehicle.dt, z, state], shape)
 
 
 def _contradictions(disturbance: Disturbance, vehicle: Vehicle) -> Iterator[str]:
@@ -143,17 +146,12 @@ def _contradictions(disturbance: Disturbance, vehicle: Vehicle) -> Iterator[str]
         yield f"process of {who} grows by a factor of {modulus:.3g} a step: 1 is the most"
 
 
-def _scenario(task: Task) -> np.ndarray:
-    """Scenarios of three vehicles."""
-    what, uniforms = f"scenario of {type(task).__name__}", _uniforms(task.uniforms)
-    return _checked(what, lambda u: task.scenario(u, {}), [uniforms], _ANY)[0]
-
-
 def _check_task(
-    task: Task, vehicle: Vehicle, state: np.ndarray, actuators: np.ndarray, exogenous: np.ndarray
-) -> None:
+    task: Task, scenario: np.ndarray, vehicle: Vehicle, state: np.ndarray, actuators: np.ndarray,
+    exogenous: np.ndarray,
+) -> None:  # fmt: skip
     """Check the methods of a task."""
-    scenario, tried, who = _scenario(task), partial(_tried, task), type(task).__name__
+    tried, who = partial(_tried, task), type(task).__name__
     step = np.arange(1, 1 + _ROWS)
     prior = task.prior(frozen(scenario))
     if not isinstance(prior, Gaussian):
@@ -164,10 +162,9 @@ def _check_task(
         raise ValueError(f"prior of {who} must have a covariance of {n} rows, got {size}")
     x = x + 0.01 * _uniforms(n)  # so that rows differ without a drawn scenario, too
     (reference,) = tried("reference", [scenario, step, x], _ANY)
-    if task.commanded(scenario, step) is not None:
-        tried("commanded", [scenario, step], _ANY)
-    if task.exogenous(scenario, step) is not None:
-        tried("exogenous", [scenario, step], exogenous.shape[1:])
+    for name, shape in ("commanded", _ANY), ("exogenous", exogenous.shape[1:]):
+        if getattr(task, name)(scenario, step) is not None:
+            tried(name, [scenario, step], shape)
     (score_state,) = tried("initial_score_state", [state, scenario], _ANY)
     (over,) = tried("over", [scenario, reference], _NUMBER)
     scored = [
@@ -176,57 +173,35 @@ def _check_task(
     ]  # fmt: skip
     _, end, _ = tried("score", scored, _NUMBER, _NUMBER, score_state.shape[1:])
     refuse_other_ends(task, end)
-    flow = exogenous[:, len(vehicle.increments) :]
-    _check_observations(task, x, flow, [scenario, reference, actuators], step)
+    tried("observe_mission", [scenario, step, actuators], _ANY)
+    estimated = [x, exogenous[:, len(vehicle.increments) :], scenario]
+    for name, more in ("observe_state", []), ("observe", [reference, actuators]):
+        method = partial(_of_estimate, getattr(task, name))
+        compiles = name == "observe" and is_compiled(task)
+        _checked(f"{name} of {who}", method, [*estimated, *more], _ANY, compiles=compiles)
 
 
-def _check_observations(
-    task: Task, x: np.ndarray, flow: np.ndarray, seen: list[np.ndarray], step: np.ndarray
-) -> None:
-    """Check the parts of an observation."""
-    scenario, _, actuators = seen
-    who, compiles = type(task).__name__, is_compiled(task)
-
-    def observe(x: np.ndarray, flow: np.ndarray, *seen: np.ndarray) -> np.ndarray:
-        return task.observe(Estimate(x, flow), *seen)
-
-    def observe_state(x: np.ndarray, flow: np.ndarray, scenario: np.ndarray) -> np.ndarray:
-        return task.observe_state(Estimate(x, flow), scenario)
-
-    given = x, flow, *seen
-    _checked(f"observe_state of {who}", observe_state, given[:3], _ANY)
-    _checked(f"observe of {who}", observe, given, _ANY, compiles=compiles)
-    _tried(task, "observe_mission", [scenario, step, actuators], _ANY)
+def _of_estimate(
+    method: Callable[..., np.ndarray], x: np.ndarray, flow: np.ndarray, *seen: np.ndarray
+) -> np.ndarray:
+    """Result of a task's method of an estimate."""
+    return method(Estimate(x, flow), *seen)
 
 
 # --- a method -------------------------------------------------------------------------------------
 
 
 def _tried(
-    part: object, name: str, arguments: Sequence[Any], *shapes: _Shape
+    part: object, name: str, arguments: Sequence[Any], *shapes: _Shape, any_axes: bool = False
 ) -> tuple[np.ndarray, ...]:
     """Results of a part's method, checked."""
-    return _checked(f"{name} of {type(part).__name__}", getattr(part, name), arguments, *shapes)
-
-
-def _tried_twice(part: object, name: str, arguments: Sequence[Any], shape: _Shape) -> None:
-    """Check a part's method, with one leading axis and with two."""
-    _checked_twice(f"{name} of {type(part).__name__}", getattr(part, name), arguments, shape)
-
-
-def _checked_twice(
-    what: str, method: Callable[..., Any], arguments: Sequence[Any], shape: _Shape
-) -> np.ndarray:
-    """Result of a method, checked with one leading axis and with two."""
-    (found,) = _checked(what, method, arguments, shape)
-    plain = method.function if isinstance(method, Compiled) else method
-    _check_axes(what, plain, arguments, found)
-    return found
+    what = f"{name} of {type(part).__name__}"
+    return _checked(what, getattr(part, name), arguments, *shapes, any_axes=any_axes)
 
 
 def _checked(
     what: str, method: Callable[..., Any], arguments: Sequence[Any], *shapes: _Shape,
-    compiles: bool | None = None,
+    any_axes: bool = False, compiles: bool | None = None,
 ) -> tuple[np.ndarray, ...]:  # fmt: skip
     """Results of a method for three vehicles, checked as `check_system` says.
 
@@ -234,7 +209,8 @@ def _checked(
         what: Name of the method, for error messages.
         method: Function of arrays.
         arguments: Arrays with a row for each vehicle, or None.
-        shapes: _Shape of a row of each result.
+        shapes: Shape of a row of each result.
+        any_axes: Must the method take any leading axes, as filters try vehicles at several points?
         compiles: Is the method compiled? None: if it, or its class, is decorated so.
     """
     plain = method.function if isinstance(method, Compiled) else method
@@ -256,6 +232,11 @@ def _checked(
         found, kept, 0.0,
         f"{what} writes into an array that it has given before: it must give a new one each time",
     )  # fmt: skip
+    if any_axes:
+        title = f"{what} must take any leading axes, so index from behind, by x[..., i]: it"
+        pairs = [each if each is None else np.stack([each, each]) for each in arguments]
+        for pair in _results(title, plain, pairs, shapes):
+            _compare(tuple(pair), found * 2, _SAME, f"{title} gives other numbers for two axes")
     if is_compiled(method) if compiles is None else compiles:
         axes = [0 if each is None else each.ndim - 1 for each in arguments]
         traced = method if isinstance(method, Compiled) else compiled(method, axes=axes)
@@ -267,27 +248,8 @@ def _checked(
     return found
 
 
-def _check_axes(
-    what: str, method: Callable[..., Any], arguments: Sequence[Any], found: np.ndarray
-) -> None:
-    """Refuse a method of a filter's model that takes one leading axis alone."""
-    advice = f"{what} must take any leading axes, as filters try vehicles at several points"
-    twice = [each if each is None else frozen(np.stack([each, each])) for each in arguments]
-    try:
-        with np.errstate(all="ignore"):
-            results = np.asarray(method(*twice))
-    except Exception as error:
-        reason = f"{type(error).__name__}: {short_repr(str(error))}"
-        raise ValueError(f"{advice}: index from behind, by x[..., i] ({reason})") from error
-    if results.shape != (2, *found.shape):
-        raise ValueError(
-            f"{advice}: for {(2, *found.shape[:1])} vehicles it gave shape {results.shape}"
-        )
-    _compare((results[0], results[1]), (found, found), _SAME, f"{advice}: index from behind")
-
-
 def _results(
-    what: str, method: Callable[..., Any], arguments: Sequence[Any], shapes: tuple[_Shape, ...]
+    what: str, method: Callable[..., Any], arguments: Sequence[Any], shapes: Sequence[_Shape]
 ) -> tuple[np.ndarray, ...]:
     """Results of a method of read-only arguments, an array of finite numbers of each shape.
 
@@ -295,7 +257,8 @@ def _results(
         ValueError: if the method fails, or a result is another one.
     """
     given: list[Any] = [None if each is None else frozen(np.array(each)) for each in arguments]
-    rows = len(given[0])
+    leading = given[0].shape[:-1]
+    many = " x ".join(map(str, leading))
     try:
         with np.errstate(all="ignore"):
             returned = method(*given)
@@ -306,19 +269,19 @@ def _results(
         if what.endswith("compiled,"):
             advice = "use what docs/engine.md lists, or leave out @compiled"
         reason = f"{type(error).__name__}: {short_repr(str(error))}"
-        raise ValueError(f"{what} fails for {rows} vehicles ({reason}): {advice}") from error
+        raise ValueError(f"{what} fails for {many} vehicles ({reason}): {advice}") from error
     results = returned if isinstance(returned, tuple) else (returned,)
     if len(results) != len(shapes):
         raise ValueError(f"{what} must give {len(shapes)} arrays, got {short_repr(returned)}")
     for array, shape in zip(results, shapes, strict=True):
         if not (isinstance(array, np.ndarray) and array.dtype.kind in "fiub"):
             raise ValueError(f"{what} must give arrays of real numbers, got {short_repr(array)}")
-        wanted = (rows, *(array.shape[-1:] if shape == _ANY else shape))
-        if array.shape != wanted or (shape == _ANY and array.ndim != 2):
+        row = array.shape[len(leading) :] if shape == _ANY else shape
+        if array.shape != (*leading, *row) or len(row) != len(shape):
             numbers = "one number" if shape == _NUMBER else "a row"
             numbers += f" of {shape[0]} numbers" if shape not in (_ANY, _NUMBER) else ""
             raise ValueError(
-                f"{what} must give {numbers} for each vehicle: for {rows} it gave shape"
+                f"{what} must give {numbers} for each vehicle: for {many} it gave shape"
                 f" {array.shape}"
             )
         if not np.isfinite(array).all():
@@ -330,7 +293,7 @@ def _results(
 
 
 def _compare(
-    one: tuple[np.ndarray, ...], other: tuple[np.ndarray, ...], tolerance: float, sentence: str
+    one: Sequence[np.ndarray], other: Sequence[np.ndarray], tolerance: float, sentence: str
 ) -> None:
     """Refuse results that differ by more than ``tolerance`` of the largest entry.
 

@@ -4,12 +4,12 @@ import math
 from pathlib import Path
 from typing import Any
 
+from vessel_gym.caching import cached
 from vessel_gym.disturbances.disturbance import Disturbance
 from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem
 from vessel_gym.disturbances.water import SurfaceWater, Water
 from vessel_gym.envs.shared import tuning
 from vessel_gym.models.state_space import StateSpace
-from vessel_gym.sharing import shared
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import SpatialDive, VerticalDive
 from vessel_gym.vehicles.auv import AUVParameters
@@ -67,7 +67,7 @@ def _printed_tuning(name: str, space: StateSpace) -> dict[str, Any]:
     return tuning(name, space) | ({"as_printed": True} if name == "enkf-sr" else {})
 
 
-@shared
+@cached
 def _of_body(body: Any, name: str, as_printed: bool) -> System:
     """`auv_system` of parameters."""
     if isinstance(body, ItsunusaParameters):

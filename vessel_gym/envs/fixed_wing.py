@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
+from vessel_gym.caching import cached
 from vessel_gym.disturbances import Air
 from vessel_gym.envs.shared import tuning
-from vessel_gym.sharing import shared
 from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.files import load
@@ -40,7 +40,7 @@ def fixed_wing_system(
     return _of_body(load(vessel, PunaParameters), name, as_printed)
 
 
-@shared
+@cached
 def _of_body(body: PunaParameters, name: str, as_printed: bool) -> System:
     """`fixed_wing_system` of parameters."""
     share = (body.cruise_speed / 20.0) ** 2  # a turn at the same bank is so much wider

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from vessel_gym.caching import cached
 from vessel_gym.checks import instance
 from vessel_gym.disturbances.seaway import Seaway
 from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem
 from vessel_gym.envs.shared import tuning
-from vessel_gym.sharing import shared
 from vessel_gym.system import System
 from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
@@ -59,7 +59,7 @@ def ship_system(
     return _of_ship(ship, name)
 
 
-@shared
+@cached
 def _of_ship(ship: CorvetteParameters, name: str) -> System:
     """`ship_system` of parameters."""
     task = CircleTrack(ship, pace(ship))
@@ -98,7 +98,7 @@ def channel_system(
     return _in_channel(ship_system(vessel, name), waypoints)
 
 
-@shared
+@cached
 def _in_channel(turning: Any, waypoints: int) -> System:
     """`channel_system` from the system of the turning circle."""
     from vessel_gym.tasks.channel import Channel  # late, as no other ship needs its path

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 
 from estimators.engine import compiled
+from vessel_gym.caching import cached
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.envs.shared import BESIDE_BIASES
 from vessel_gym.models.state_space import StateSpace
-from vessel_gym.sharing import shared
 from vessel_gym.system import System
 from vessel_gym.tasks.turning import TurningTrial
 from vessel_gym.vehicles.corvette_thesis import ThesisCorvette
@@ -31,7 +31,7 @@ def _tuning(name: str, space: StateSpace) -> dict[str, Any]:
     return {"radius": BESIDE_BIASES} if name == "robust-kf" else {}
 
 
-@shared
+@cached
 def thesis_system(name: str, as_printed: bool = False) -> System:
     """Environment of a turning circle trial in which a step enters the measurements.
 

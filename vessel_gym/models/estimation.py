@@ -11,6 +11,7 @@ import numpy as np
 from estimators import Filter, Model, factory
 from estimators.checks import short_repr
 from vessel_gym import checks
+from vessel_gym.caching import cached
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.models.assumed import assumed_space
 from vessel_gym.models.assumptions import Assumptions
@@ -20,7 +21,6 @@ from vessel_gym.models.reference_filters import DeadReckoning, Oracle, ZeroOrder
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.models.steady import steady_options
 from vessel_gym.sensors import Sensors
-from vessel_gym.sharing import shared
 from vessel_gym.system import System
 
 LATE = ("fused", "as new", "discarded")
@@ -185,7 +185,7 @@ def _built(
     return Estimation(made, space, assumptions.prior, inputs, late, sensors.horizon)
 
 
-_shared = shared(_built)
+_shared = cached(_built)
 
 
 def _unknown(estimator: object, known: tuple[str, ...]) -> str:

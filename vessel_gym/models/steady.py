@@ -11,12 +11,12 @@ from estimators import LinearModel, Model
 from estimators.engine import sincos
 from estimators.linalg import congruence, identity
 from estimators.varying import resolve
+from vessel_gym.caching import cached
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.models.assumed import assumed_space
 from vessel_gym.models.linear import filter_model
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.sensors import Sensors
-from vessel_gym.sharing import shared
 from vessel_gym.vehicles.vehicle import Vehicle
 
 _EAST = {"x": "y", "north": "east"}
@@ -52,7 +52,7 @@ def steady_options(space: StateSpace, model: Model) -> dict[str, Any]:
     }
 
 
-@shared
+@cached
 def _about_cruise(
     vehicle: Vehicle, kind: str, disturbance: Disturbance, sensors: Sensors, assumed_as: str
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from estimators.engine import Argument, trace
+from vessel_gym.caching import cached
 from vessel_gym.models.state_space import StateSpace, cruising
 from vessel_gym.sensors import Sensor
-from vessel_gym.sharing import shared
 from vessel_gym.vehicles.vehicle import Vehicle
 
 
@@ -39,7 +39,7 @@ def used_entries(function: Callable[..., Any], *points: np.ndarray) -> list[np.n
     return np.split(mask, ends[1:-1])
 
 
-@shared
+@cached
 def _used_by(reads: Callable[..., Any], vehicle: Vehicle) -> list[np.ndarray]:
     """Masks of the states, and of the increments and flows, that a sensor's function depends on."""
     exogenous = np.zeros(len(vehicle.increments + vehicle.ambient_flows))
@@ -56,7 +56,7 @@ def reader(space: StateSpace, name: str) -> Sensor | None:
     return None
 
 
-@shared
+@cached
 def _moving_flows(vehicle: Vehicle, n: int) -> np.ndarray:
     """Mask of the flows that move the first ``n`` estimated components."""
 

@@ -8,6 +8,7 @@ from typing import Any, Self
 import numpy as np
 
 from estimators.checks import as_number, short_repr
+from vessel_gym.caching import cached
 from vessel_gym.checks import is_compiled, one_of
 from vessel_gym.checks import options as checked_options
 from vessel_gym.disturbances import Disturbance
@@ -17,7 +18,6 @@ from vessel_gym.models.input_conditions import check_causal
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor, Sensors
-from vessel_gym.sharing import shared
 from vessel_gym.simulation.delivery import Delivery
 from vessel_gym.simulation.draws import StartNumbers
 from vessel_gym.simulation.loop import Estimator
@@ -35,7 +35,7 @@ TERMINATIONS = ("belief", "task")
 """Sources of the decision that a mission is complete: the estimate, or the task from the truth."""
 
 
-@shared
+@cached
 def _world(
     system: System,
     sensors: str | Sequence[Sensor],
@@ -150,8 +150,8 @@ def _as_tuple(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-_mission = shared(Mission)
-_whole_step = shared(WholeStep)
+_mission = cached(Mission)
+_whole_step = cached(WholeStep)
 
 
 class Configuration:

@@ -1,12 +1,10 @@
 """Arrays of ``info`` as functions of the record: true states, true unknown input, and others."""
 
-from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from vessel_gym.models.state_space import StateSpace
-from vessel_gym.sensors import columns
 from vessel_gym.simulation.state import Changes, State
 from vessel_gym.simulation.world import World
 
@@ -24,22 +22,17 @@ class TrueState(NamedTuple):
 
     names: tuple[str, ...]
     slow: slice  # components of the record's ``slow`` among them
-    alone: bool  # are they the vehicle's state alone?
     estimated: list[int]  # places of the filter's states; -1: only the filter's model has the state
     increments: list[int]  # indices of those of the step that has ended that are components
 
     def values(self, now: State) -> np.ndarray:
         """True states ``(B, n)``."""
-        if self.alone:
-            return now.state
         increments = now.exogenous_before[..., self.increments]
         return np.concatenate([now.state, now.slow[..., self.slow], increments], -1)
 
     def in_filter_order(self, truth: np.ndarray) -> np.ndarray:
         """True states ``(..., n)`` in the order of the filter's; NaN where the truth has none."""
-        state = truth[..., self.estimated]
-        state[..., [index < 0 for index in self.estimated]] = np.nan
-        return state
+        return _with_unknown(truth)[..., self.estimated]
 
     @classmethod
     def of(cls, world: World, space: StateSpace) -> "TrueState":
@@ -50,7 +43,7 @@ class TrueState(NamedTuple):
         names = *names, *space.last_names
         estimated = [names.index(name) if name in names else -1 for name in space.names]
         slow = slice(0 if waves else world.size, None)
-        return cls(names, slow, len(names) == len(vehicle), estimated, [*space.last])
+        return cls(names, slow, estimated, [*space.last])
 
 
 class UnknownInput(NamedTuple):
@@ -59,34 +52,25 @@ class UnknownInput(NamedTuple):
     Increments and changes are those of the step that has ended, flows and faults the present ones.
     """
 
-    columns: Any  # of one array, or of all three side by side and a last column of NaN
-    array: (
-        str  # "noise_before", "exogenous_before" or "exogenous"; "" for columns of several arrays
-    )
+    columns: list[int]  # of exogenous inputs before and now and noise, side by side; -1: in none
 
     def values(self, now: State) -> np.ndarray:
         """True unknown input ``(B, q)``; NaN in components that only the filter's model has."""
-        if self.array:
-            chosen: np.ndarray = getattr(now, self.array)[..., self.columns]
-            return chosen
-        unheard = np.full((*now.steps.shape, 1), np.nan)
-        arrays = now.noise_before, now.exogenous_before, now.exogenous, unheard
-        return np.concatenate(arrays, -1)[..., self.columns]
+        arrays = now.exogenous_before, now.exogenous, now.noise_before
+        return _with_unknown(np.concatenate(arrays, -1))[..., self.columns]
 
     @classmethod
     def of(cls, world: World, names: tuple[str, ...]) -> "UnknownInput":
         """Places of the components of the unknown input, by their names."""
         channels, increments = world.space.channels, world.vehicle.increments
-        arrays = {
-            "noise_before": world.space.noise_names,
-            "exogenous_before": [name if name in increments else None for name in channels],
-            "exogenous": [None if name in increments else name for name in channels],
-        }  # fmt: skip
-        for array, held in arrays.items():
-            if all(name in held for name in names):
-                return cls(columns([held.index(name) for name in names]), array)
-        held = [*chain(*arrays.values())]
-        return cls(columns([held.index(name) if name in held else len(held) for name in names]), "")
+        before = [name if name in increments else "" for name in channels]
+        known = *before, *channels, *world.space.noise_names
+        return cls([known.index(name) if name in known else -1 for name in names])
+
+
+def _with_unknown(values: np.ndarray) -> np.ndarray:
+    """Values ``(..., k + 1)`` with NaN in a last column, which the index -1 finds."""
+    return np.concatenate([values, np.full((*values.shape[:-1], 1), np.nan)], -1)
 
 
 class Scale(NamedTuple):

@@ -1,32 +1,27 @@
-"""Sharing of objects that are built from equal arguments."""
+"""Cache of objects that are built from equal arguments."""
 
 from collections.abc import Callable
 from functools import lru_cache, wraps
 from typing import Any, TypeVar
 
 _Builder = TypeVar("_Builder", bound=Callable[..., Any])
-_KEPT = 64  # objects kept for a builder
 
 
-def shared(build: _Builder) -> _Builder:
+def cached(build: _Builder) -> _Builder:
     """Return one object for all calls of a function or class with equal arguments.
 
     Systems, sensors and parts are constants: those without an equality of their own are equal if
     they are identical. With arguments that cannot be hashed, such as arrays, the function is called
     each time.
     """
-    kept = lru_cache(maxsize=_KEPT)(build)
+    kept = lru_cache(maxsize=64)(build)
 
     @wraps(build, updated=())
     def builder(*arguments: Any) -> Any:
-        return (kept if _hashable(arguments) else build)(*arguments)
+        try:
+            hash(arguments)
+        except TypeError:
+            return build(*arguments)
+        return kept(*arguments)
 
     return builder  # type: ignore[return-value]
-
-
-def _hashable(value: object) -> bool:
-    try:
-        hash(value)
-    except TypeError:
-        return False
-    return True

@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vessel_gym.caching import cached
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.envs import ItsunusaAUVEnv, SigmaCorvetteEnv, ThesisCorvetteEnv
 from vessel_gym.sensor_faults import SensorFault
-from vessel_gym.sharing import shared
 from vessel_gym.simulation.core import Core
 
 SYSTEM = SigmaCorvetteEnv.system
@@ -83,7 +83,7 @@ def test_what_is_built_otherwise_is_another_one() -> None:
 
 
 def test_only_arguments_that_can_be_hashed_share_one_object() -> None:
-    build = shared(lambda each: [each])
+    build = cached(lambda each: [each])
     for value in (0, (1, "b"), np.sin, Disturbance, SYSTEM):
         assert build(value) is build(value)
     for value in (np.zeros(1), [1], {"a": 1}):
