@@ -128,7 +128,7 @@ def cell(
         environments: That have its row or column, for `comparison`.
         arm: See `arm_metrics`.
     """
-    if below == arm["arm"] or (arm["arm"] == "truth" and "estimator_options" in arm):
+    if below == arm["arm"]:
         return NONE
     try:
         value = arm_metrics(**arm)[metric]

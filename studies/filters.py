@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Sequence
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -21,12 +20,6 @@ RUNS, STEPS, SKIPPED = 1000, 200, 20
 
 
 # --- robust filters -------------------------------------------------------------------------------
-
-OUTLIERS = {
-    "Gaussian": {},
-    "σ tenfold in 10 %": {"rate": 0.1, "size": 10.0},
-    "σ hundredfold in 10 %": {"rate": 0.1, "size": 100.0},
-}
 
 
 def constant_velocity(intensity: float, measurement: float = 1.0) -> LinearModel:
@@ -55,24 +48,12 @@ def over_kf(
     return np.sqrt(plain.mean()), found
 
 
-def huber_iterations() -> str:
-    """RMSE of `huber-kf` over that of `kf`, by the number of iterations of its weights."""
-    counts, rows = (1, 2, 5, 100), []
-    arms = [{"kind": "huber-kf", "iterations": count} for count in counts]
-    for intensity, (label, condition) in product((0.01, 1.0), OUTLIERS.items()):
-        model = constant_velocity(intensity)
-        _, found = over_kf(model, model, condition, 0, *arms)
-        cells = (*(f"{mean:.2f}" for mean, _ in found), f"{max(half for _, half in found):.3f}")
-        rows.append((f"{intensity:g}", label, *cells))
-    return table(("q", "measurements", *map(str, counts), "largest half-width"), rows)
-
-
 def robust_losses() -> str:
     """RMSE of robust filters over that of `kf` with a right model and with wrong ones."""
     model = constant_velocity(0.01)
     cases: dict[str, tuple[LinearModel, dict[str, float]]] = {
         "as the model says": (model, {}),
-        "σ tenfold in 10 % of measurements": (model, OUTLIERS["σ tenfold in 10 %"]),
+        "σ tenfold in 10 % of measurements": (model, {"rate": 0.1, "size": 10.0}),
         "least-favourable model, 0.01": (model, {"tolerance": 0.01}),
         "least-favourable model, 0.1": (model, {"tolerance": 0.1}),
         "true Q ten times as large": (constant_velocity(10.0 * 0.01), {}),

@@ -13,15 +13,10 @@ import gymnasium as gym
 import numpy as np
 import pandas as pd
 
-from agents.commands.ablate import STUDIES
 from agents.page import interval, mean_and_half
 from agents.refusal import Refusal
 from agents.statistics import Interval, crossed_interval, paired_difference
-from agents.studies.plan import plan
-from agents.studies.ranking import Ranking
 from agents.studies.records import FLOOR, ORACLE
-from agents.studies.results import Results
-from agents.studies.study import read_study as study_file
 from agents.studies.worlds import system_of
 from estimators import compiled
 from studies.comparisons import SETTINGS, VARIANTS, arm_metrics, assuming
@@ -101,8 +96,8 @@ def columns(study: str) -> Iterator[Column]:
         yield from (Column(environment, at, scores, pairs) for at, scores in each.items())
 
 
-def by_suite(study: str, environment: str, sea: str = "", agent: str = "autopilot") -> str:
-    """Score and steering travel of estimators in each suite, by the score in the first.
+def by_suite(study: str, environment: str, sea: str, agent: str = "autopilot") -> str:
+    """Score and steering travel of estimators in a sea with each suite, by the score in the first.
 
     95 % hold for all scores at once. Estimators whose scores are alike in every suite share a row,
     with the numbers of the first.
@@ -110,7 +105,7 @@ def by_suite(study: str, environment: str, sea: str = "", agent: str = "autopilo
     score, travel = (
         episodes(study, environment, agent, key) for key in ("score", "steering_travel")
     )
-    places = [f"{sea}, {suite}" if sea else suite for suite in SUITE]
+    places = [f"{sea}, {suite}" for suite in SUITE]
     names = dict.fromkeys(name for place, name in score if place in places)
 
     def cell(*at: Any) -> str:
@@ -158,19 +153,18 @@ def wild_and_wrong(study: str) -> str:
 
 
 def latency(study: str) -> str:
-    """Score, position error and its NEES with late fixes, by what is done with them."""
+    """Score, position error and its NEES with fixes 2 s late, by what is done with them."""
     ways = {"fused": "", "as new": ", as new", "discarded": ", discarded"}
+    places = [("in time", "ekf"), *(("2 s late", "ekf" + way) for way in ways.values())]
     rows = []
     for world in read_study(study).environment.unique():
         score, error, nees = (
             episodes(study, world, key=key) for key in ("score", "position_rmse", "position_nees")
         )
-        for condition in ("1 s late", "2 s late"):
-            places = [("in time", "ekf"), *((condition, "ekf" + way) for way in ways.values())]
-            cells = (f"{mean_and_half(score[at])}; {number(error[at], 2)}; {number(nees[at], 2)}"
-                     for at in places)  # fmt: skip
-            rows.append((world.removesuffix("-v0"), condition.removesuffix(" late"), *cells))
-    return table(("environment", "latency", "without latency", *ways), rows)
+        cells = (f"{mean_and_half(score[at])}; {number(error[at], 2)}; {number(nees[at], 2)}"
+                 for at in places)  # fmt: skip
+        rows.append((world.removesuffix("-v0"), *cells))
+    return table(("environment", "without latency", *ways), rows)
 
 
 def normalised(study: str) -> str:
@@ -178,26 +172,6 @@ def normalised(study: str) -> str:
     page = (ROOT / "results" / study / "ranking.md").read_text(encoding="utf-8")
     ranked = page.partition("## All conditions\n\n")[2].strip().splitlines()
     return "\n".join(line for line in ranked if f" {NONE} " not in line)
-
-
-def five(study: str) -> str:
-    """Estimators for a ship, under water, in the air and with outliers, and the one to avoid."""
-    planned = plan(study_file(STUDIES[study]))
-    rows, of = [], read_study(study)
-    for what, environment, condition, last in (
-        ("a ship", "SigmaCorvette-v0", "", False),
-        ("an underwater vehicle", "SegorogeniAUV-v0", "", False),
-        ("an aircraft", "PunaUAV-v0", "", False),
-        ("measurements with outliers", "SegorogeniAUV-v0", "bad sensors", False),
-        ("an underwater vehicle: avoid", "SegorogeniAUV-v0", "", True),
-    ):
-        found = Results(planned, of[of.condition == condition] if condition else of)
-        ranking = Ranking(found, [environment])
-        name = [*ranking.scores][-last]
-        more = ', sensors="degraded"' if condition else ""
-        line = "" if last else f'`gym.make("{environment}", estimator="{name}"{more})`'
-        rows.append((what, f"`{name}`", interval(ranking.score(name)), line))
-    return table(("for", "estimator", "normalised score", "code"), rows)
 
 
 # --- what would overturn them ---------------------------------------------------------------------

@@ -44,13 +44,12 @@ def papers_page(summary: Mapping[str, Any]) -> str:
 
 
 def _figures(name: str, captions: Mapping[str, str]) -> str:
-    """The figures of a paper, which show their captions, in a grid."""
-    items = (
-        f":::{{grid-item}}\n![{caption}](images/papers/{file_name(name, title)})\n:::"
+    """The figures of a paper, which show their captions, in one paragraph."""
+    figures = (
+        f"![{caption}](images/papers/{file_name(name, title)})"
         for title, caption in captions.items()
     )
-    grid = "\n".join(["::::{grid} 1 2 2 2", ":gutter: 3", "", *items, "::::"])
-    return f"### {name.title()}: figures\n\n{grid}"
+    return "\n".join((f"### {name.title()}: figures\n", *figures))
 
 
 def _made(module: str, function: str, *arguments: str) -> str:
