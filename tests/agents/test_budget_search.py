@@ -102,17 +102,6 @@ def test_the_whole_procedure_rarely_errs(world: str):
     assert rare(wrong, trials, 0.025)
 
 
-@pytest.mark.slow
-def test_all_intervals_of_a_search_hold_at_once():
-    """The share is 0.965 with two steps and 0.945 with three, half a standard deviation less."""
-    trials, misses, shares = 100, 0, 1.005 - 0.02 * RANKS.sum(1)
-    for seed in range(trials):
-        found, search = procedure(flights(shares, seed))
-        assert COSTS[found] == 4
-        misses += any(not s.low <= shares[i] <= s.high for i, s in search.shares.items())
-    assert rare(misses, trials, 0.05)
-
-
 def test_a_share_is_that_of_the_means():
     truth = np.array([0.5, 0.7, 0.9])
     share = relative_score(0.8 * truth, truth)
@@ -181,23 +170,6 @@ def test_suites_are_confirmed_from_safest_to_cheapest():
 
 
 # --- what is said of the search -------------------------------------------------------------------
-
-
-def test_undecided_suites_are_decided_by_so_many_more_episodes():
-    """At three times the number, the interval of a mean that is half a percent off decides."""
-    for seed in range(5):
-        shares = np.full(len(RANKS), KEEP - 0.005)
-        search = Search(COSTS, NO_BETTER, KEEP, flights(shares, seed), 32)
-        search.run(lambda done, total: None)
-        suite = max(
-            (i for i, word in search.verdicts.items() if word == OPEN),
-            key=lambda i: abs(search.shares[i].mean - KEEP),
-        )
-        enough = len(search.scores[suite]) + int(search.episodes_to_decide(suite))
-        mean, spread = search.shares[suite].mean, search.scores[suite]
-        again = np.resize(spread, 3 * enough), np.resize(search.scores[TRUTH], 3 * enough)
-        share = relative_score(*again, search.comparisons)
-        assert share.high < KEEP if mean < KEEP else share.low > KEEP
 
 
 def test_worse_sensors_that_score_more_are_found_and_seldom_else():

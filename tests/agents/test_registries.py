@@ -267,11 +267,6 @@ def test_studies_fly_registered_controllers_of_each_task(tmp_path: Path):
     ]
 
 
-def test_a_study_says_which_controllers_there_are(tmp_path: Path):
-    with pytest.raises(StudyError, match=r"unknown kind of agent 'lqr'.*\(did you mean 'lqg'\?\)"):
-        read(tmp_path, STUDY + 'x = { kind = "lqr" }\n')
-
-
 def test_user_defined_controller_replaces_missing_autopilot(tmp_path: Path):
     alone = STUDY.replace("SigmaCorvette-v0 = {}\n", "").replace(
         'lqg = { environments = ["SigmaCorvette-v0"] }\n', ""

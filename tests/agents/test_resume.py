@@ -2,9 +2,6 @@
 
 import csv
 import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -108,25 +105,6 @@ def test_interrupted_training_goes_on_from_last_checkpoint(
     learned(path, algorithm, memory, force=True)
     assert not (folder / "progress_704.csv").exists()
     assert path.read_bytes() != before
-
-
-@pytest.mark.nightly
-def test_killed_training_loses_steps_after_last_checkpoint(tmp_path: Path):
-    out = tmp_path / "agent"
-    settings = [f"{name}={value}" for name, value in TINY["ppo"].items() if name != "policy_kwargs"]
-    line = [sys.executable, "-m", "scripts", "train", ENV, "--out", str(out), "--steps", "20000"]
-    process = subprocess.Popen([*line, "--set", *settings], stderr=subprocess.DEVNULL)
-    while not checkpoints(out):
-        assert process.poll() is None
-        time.sleep(0.05)
-    process.kill()
-    process.wait()
-    before = max(checkpoints(out))
-    done = subprocess.run(
-        [*line, "--set", *settings, "--resume"], capture_output=True, text=True, check=True
-    )
-    assert int(done.stderr.split(f"{ENV}: ")[1].split("/")[0]) in (before, before - 1000)
-    assert description(out.with_suffix(".npz"))["trained_steps"] >= 20_000
 
 
 def test_without_a_training_nothing_is_resumed(tmp_path: Path):

@@ -225,28 +225,17 @@ def test_turning_points_are_those_of_each_series_alone():
     np.testing.assert_array_equal(turning_points(np.array([0.0, 1.0, 0.5, 1.5, -1.0]), 0.7), 1.0)
 
 
-class Steady:
-    """An agent whose action is always the same, or changes its sign in every step."""
-
-    def __init__(self, actions: int, value: float, alternating: bool = False) -> None:
-        self.action, self.alternating = np.full(actions, value, np.float32), alternating
-
-    def reset(self, num_envs: int) -> None:
-        self.sign = 1.0
-
-    def act(self, observations: np.ndarray) -> np.ndarray:
-        self.sign *= -1.0 if self.alternating else 1.0
-        return np.tile(self.sign * self.action, (len(observations), 1)).astype(np.float32)
-
-
 @pytest.mark.parametrize("env_id", [THESIS, AUV, PUNA])
 def test_saturation_of_bang_bang_and_gentle_commands(env_id: str):
-    size = len(system_of(flown(env_id)).vehicle.action_names)
-    options = {"estimator": "truth", "disturbance": "calm", "max_episode_steps": 60}
-    brisk = scores(rollout(Steady(size, 1.0, alternating=True), env_id, [1, 2], options))
-    gentle = scores(rollout(Steady(size, 0.01), env_id, [1, 2], options))
-    np.testing.assert_array_equal(brisk["saturation"], 100.0)
-    np.testing.assert_array_equal(gentle["saturation"], 0.0)
+    kept, vehicle = flown(env_id), system_of(flown(env_id)).vehicle
+    start = kept.history["actuators"][0]
+    for size, expected in ((1.0, 100.0), (0.01, 0.0)):
+        actuators = [start]
+        for k in range(len(kept.alive) - 1):
+            action = np.full_like(start, size * (-1.0) ** k)
+            actuators.append(vehicle.actuate(actuators[-1], action))
+        figures = scores(changed(kept, actuators=np.array(actuators)))
+        np.testing.assert_array_equal(figures["saturation"], expected)
 
 
 def test_vehicle_without_steering_has_no_steering_costs():

@@ -32,14 +32,12 @@ def _numbers(*rows: int) -> RandomKeys:
     return RandomKeys.seeded(rows).of(7)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", SEEDS)
 @every_case()
-def test_a_batch_equals_a_loop_over_its_rows(case: Case, seed: int):
+def test_a_row_of_a_batch_has_the_bits_of_a_row_alone(case: Case):
     """A batch of two axes, whose rows have priors, gaps and noises of their own."""
-    system, batch, steps = case.system(seed), (2, 3), 12
-    model, filter, rng = system.model, case.make(system.model), np.random.default_rng(seed)
-    record = simulate(system, seed, 6, steps)
+    system, batch, steps = case.system(0), (2, 35), 5
+    model, filter, rng = system.model, case.make(system.model), np.random.default_rng(0)
+    record = simulate(system, 0, 70, steps)
     y, u = (values.reshape(steps, *batch, -1) for values in (record.y, record.u))
     prior = Gaussian(
         system.mean + 0.1 * rng.normal(size=(*batch, model.n)),
@@ -48,16 +46,16 @@ def test_a_batch_equals_a_loop_over_its_rows(case: Case, seed: int):
     available = rng.random(y.shape) < 0.7
     available[:, 0, 0] = True  # a row that never misses a measurement, in a batch that does
     R = model.R * rng.uniform(0.5, 2.0, (steps, *batch, 1, 1))
-    keys = RandomKeys(_numbers(*range(6)).keys.reshape(*batch, 2))
+    keys = RandomKeys(_numbers(*range(70)).keys.reshape(*batch, 2))
     together = track(filter, prior, record._replace(y=y, u=u), keys, available, R)
-    for row in np.ndindex(batch):
+    for row in (0, 0), (1, 28), (1, 34):  # numbers 0, 63 and 69
         of = slice(None), *row
         alone = track(
             filter, Gaussian(prior.mean[row], prior.cov[row]),
             record._replace(y=y[of], u=u[of]), keys[row], available[of], R[of],
         )  # fmt: skip
         for one, other in zip(together, alone, strict=True):
-            assert_same(one[row], other, 1e-12)
+            assert_same(one[row], other)
 
 
 @pytest.mark.slow

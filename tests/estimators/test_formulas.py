@@ -12,7 +12,6 @@ from tests.estimators.cases import (
     one_of_each,
     simulate,
     some_measurements,
-    track,
 )
 
 
@@ -61,19 +60,6 @@ def test_compiled_filters_compute_what_numpy_computes(case: Case, of_a_user: boo
         # how much rounding a measurement's covariance magnifies
         condition = max(10.0, float(np.linalg.cond(belief.innovation_cov).max()))
         assert_same(belief, other, 1e-12 * condition)
-
-
-@one_of_each()
-def test_a_row_alone_has_the_bits_of_a_row_of_a_batch(case: Case):
-    system, filter = case.system(4), case.make(case.system(4).model)
-    record, keys = simulate(system, 4, runs=67, steps=5), RandomKeys.seeded(range(67)).of(7)
-    available = some_measurements(np.random.default_rng(4), system.model.p, 5, 67)
-    batch = track(filter, system.rows(67), record, keys, available)
-    for row in (slice(0, 1), slice(63, 67)):
-        part = record._replace(y=record.y[:, row], u=record.u[:, row])
-        alone = track(filter, system.rows(len(keys.keys[row])), part, keys[row], available[:, row])
-        for one, other in zip(batch, alone, strict=True):
-            assert_same(one[row], other)
 
 
 def test_a_schedule_is_looked_up_as_it_is_called():

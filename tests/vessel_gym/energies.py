@@ -1,8 +1,7 @@
-"""What the equations of underwater vehicles are held against: inertia and energy from their coefficients."""
+"""What the equations of an underwater vehicle are held against: inertia and energy from its coefficients."""
 
 import numpy as np
 
-from vessel_gym.vehicles.itsunusa import I as Plane
 from vessel_gym.vehicles.segorogeni import I
 
 DRAG = ("X_uu", "Y_vv", "Y_rr", "Z_ww", "Z_qq", "K_pp", "M_ww", "M_qq", "N_vv", "N_rr")
@@ -31,23 +30,11 @@ def energy(state: np.ndarray, c: np.ndarray) -> np.ndarray:
     return kinetic - c[..., I.net_weight] * depth - c[..., I.righting_moment] * upright
 
 
-def inertia_in_the_plane(c: np.ndarray) -> np.ndarray:
-    """Inertia ``(..., 3, 3)`` of body and added mass for coefficients ``(..., k)``."""
-    M = np.zeros(c.shape[:-1] + (3, 3))
-    M[..., [0, 1, 2], [0, 1, 2]] = c[..., :3]
-    M[..., [0, 1, 2, 2], [2, 2, 0, 1]] = c[
-        ..., [Plane.mass_z_g, Plane.heave_pitch, Plane.mass_z_g, Plane.heave_pitch]
-    ]
-    return M
-
-
-def energy_in_the_plane(state: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Kinetic energy of body and water and potential energy [J] of states ``(..., 6)``, ``(...)``.
-
-    In water at rest, or seen from water that moves steadily.
-    """
-    nu, depth, theta = state[..., :3], state[..., 4], state[..., 5]
-    kinetic = 0.5 * np.vecdot(nu, np.matvec(inertia_in_the_plane(c), nu))
-    return (
-        kinetic - c[..., Plane.net_weight] * depth - c[..., Plane.righting_moment] * np.cos(theta)
+def power(state: np.ndarray, rates: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Rate of change ``(...)`` [W] of `energy`, by the chain rule."""
+    phi, theta = state[..., 9], state[..., 10]
+    kinetic = np.vecdot(state[..., :6], np.matvec(inertia(c), rates[..., :6]))
+    tilt = (
+        np.sin(phi) * np.cos(theta) * rates[..., 9] + np.cos(phi) * np.sin(theta) * rates[..., 10]
     )
+    return kinetic - c[..., I.net_weight] * rates[..., 8] + c[..., I.righting_moment] * tilt

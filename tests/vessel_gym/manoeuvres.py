@@ -103,12 +103,3 @@ def overshoots(rates: Rates, speed: float, degrees: float) -> tuple[float, float
         peaks.append((-side * solution.y[2]).max() / DEG - degrees)
         state, side = solution.y[:, -1], -side
     return peaks[1], peaks[2]
-
-
-def initial_turning(rates: Rates, speed: float) -> float:
-    """Distance [m] until ten degrees of rudder have changed the heading by ten degrees."""
-    x, y, psi = helmed(rates, ahead(speed), 0.0, 10.0 * DEG, 100.0)[0].sol(
-        np.arange(0.0, 100.0, 0.1)
-    )[:3]
-    turned = np.argmax(psi >= 10.0 * DEG) + 1
-    return float(np.hypot(np.diff(x[:turned]), np.diff(y[:turned])).sum())

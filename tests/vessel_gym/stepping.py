@@ -7,7 +7,6 @@ import numpy as np
 
 from vessel_gym.vehicles.corvette_equations import corvette_rates
 from vessel_gym.vehicles.integration import Rates, runge_kutta
-from vessel_gym.vehicles.itsunusa import itsunusa_rates
 from vessel_gym.vehicles.puna import puna_rates
 from vessel_gym.vehicles.segorogeni import segorogeni_rates
 
@@ -29,5 +28,4 @@ def step(
 
 corvette_step: Step = partial(step, corvette_rates)
 segorogeni_step: Step = partial(step, segorogeni_rates)
-itsunusa_step: Step = partial(step, itsunusa_rates)
 puna_step: Step = partial(step, puna_rates)

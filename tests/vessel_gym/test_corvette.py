@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from manoeuvres import initial_turning, overshoots, rates_of, turning_circle
+from manoeuvres import rates_of, turning_circle
 from scipy.integrate import quad
 from scipy.linalg import expm
 from sensing import assumed, sensors_of, without_a_filter
@@ -25,12 +25,11 @@ from vessel_gym.vehicles.corvette_equations import (
 )
 from vessel_gym.vehicles.corvette_thesis import ThesisCorvette
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.ship import Ship
 
 SHIP = load("corvette-thesis")
 SHIPS = {"thesis": SHIP, "corvette": load("corvette")}
 each_ship = pytest.mark.parametrize("ship", SHIPS.values(), ids=SHIPS)
-VEHICLE, AT_SEA = ThesisCorvette(SHIP, 0.5), Ship(SHIP)
+VEHICLE = ThesisCorvette(SHIP, 0.5)
 L, U = SHIP.length, SHIP.speed
 
 
@@ -323,16 +322,6 @@ def test_turning_circle_meets_the_standard():
     )
     assert found.advance < 4.5 * L
     assert found.tactical_diameter < 5.0 * L
-
-
-@each_ship
-def test_zigzags_and_initial_turning_meet_the_standard(ship: CorvetteParameters):
-    assert L / U < 10.0  # s, the class of ships to which these limits belong
-    (first, second), (hard, _) = (overshoots(rates_of(ship), U, degrees) for degrees in (10, 20))
-    assert 0.0 < first <= 10.0
-    assert 0.0 < second <= 25.0
-    assert 0.0 < hard <= 25.0
-    assert L < initial_turning(rates_of(ship), U) < 2.5 * L
 
 
 # --- the vehicle as an environment uses it --------------------------------------------------------

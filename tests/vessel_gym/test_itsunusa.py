@@ -1,17 +1,11 @@
-"""The ITSUNUSA: its equations are the Segorogeni's in the vertical plane; trim, energy, the vehicle's contract."""
+"""The ITSUNUSA: its equations are the Segorogeni's in the vertical plane; sensors and linear models."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from energies import energy as energy_in_space
-from energies import energy_in_the_plane as energy
-from energies import inertia as inertia_in_space
-from energies import inertia_in_the_plane as inertia
-from scipy.optimize import root
 from sensing import UnevenWater, assumed, exogenous, sensors_of
-from stepping import itsunusa_step
-from vehicle_cases import AUVS
+from vehicle_cases import CASES
 
 from vessel_gym.disturbances import Fault
 from vessel_gym.vehicles.files import load
@@ -22,7 +16,7 @@ BODY = load("itsunusa")
 C = BODY.vector()
 VEHICLE = Itsunusa()
 SENSORS = sensors_of(VEHICLE)
-AUV = AUVS["itsunusa"]
+draw = CASES["itsunusa"].draw
 STILL = np.zeros(1)  # no current
 DEG = np.pi / 180.0
 PLANE = np.array([0, 2, 4, 6, 8, 10])
@@ -63,7 +57,7 @@ def test_the_vehicle_floats_up_by_its_excess_of_buoyancy():
 
 @pytest.mark.parametrize("changes", [{}, {"z_g": 0.05, "fin_area": 0.02, "buoyancy_excess": -3.0}])
 def test_planar_equations_are_six_dof_in_the_plane(changes):
-    states, controls, currents = AUV.case.draw(np.random.default_rng(1), 200)
+    states, controls, currents = draw(np.random.default_rng(1), 200)
     c, full = replace(BODY, **changes).vector(), replace(SIX, **changes).vector()
     rates = segorogeni_rates(in_space(states), rudder_centred(controls), northward(currents), full)
     states[:, 5] = np.clip(states[:, 5], -1.5, 1.5)
@@ -71,12 +65,6 @@ def test_planar_equations_are_six_dof_in_the_plane(changes):
     own = itsunusa_rates(states, controls, currents, c)
     np.testing.assert_allclose(own, level[:, PLANE], rtol=1e-12, atol=1e-13)
     np.testing.assert_array_equal(np.delete(rates, PLANE, axis=1), 0.0)  # it stays in the plane
-    np.testing.assert_allclose(
-        inertia(c), inertia_in_space(full)[np.ix_([0, 2, 4], [0, 2, 4])], rtol=1e-14
-    )
-    np.testing.assert_allclose(
-        energy(states, c), energy_in_space(in_space(states), full), rtol=1e-12
-    )
 
 
 def printed_equations(state: np.ndarray, control: np.ndarray) -> np.ndarray:
@@ -101,59 +89,21 @@ def printed_equations(state: np.ndarray, control: np.ndarray) -> np.ndarray:
 
 
 def test_going_ahead_the_equations_are_the_printed_ones():
-    states, controls, currents = AUV.case.draw(np.random.default_rng(3), 200)
+    states, controls, currents = draw(np.random.default_rng(3), 200)
     states[:, 0] = np.abs(states[:, 0])
     printed = np.array([printed_equations(x, u) for x, u in zip(states, controls, strict=True)])
     rates = itsunusa_rates(states, controls, currents, C)
     np.testing.assert_allclose(rates[:, :3], printed, rtol=1e-10, atol=1e-11)
 
 
-# --- what the vehicle does ------------------------------------------------------------------------
-
-
-def level_flight(speed: float) -> tuple[np.ndarray, np.ndarray]:
-    """State ``(6,)`` and control ``(2,)`` of level flight at a speed [m/s]."""
-
-    def unpacked(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return np.array([speed, z[0], 0.0, 0.0, 0.0, z[1]]), z[2:]
-
-    def residual(z: np.ndarray) -> np.ndarray:
-        return itsunusa_rates(*unpacked(z), STILL, C)[[0, 1, 2, 4]]
-
-    found = root(residual, np.array([0.0, 0.0, 0.0, 7.0 * speed**2]), tol=1e-12)
-    assert np.abs(found.fun).max() < 1e-10
-    return unpacked(found.x)
-
-
-@pytest.mark.parametrize("speed", [0.75, 1.0, 1.5, 2.0])
-def test_level_trim_is_stable_with_actuators_to_spare(speed):
-    state, control = level_flight(speed)
-    assert abs(control[0]) < 0.25 * BODY.fin_limit
-    assert abs(state[5]) < 6 * DEG
-    assert 0.0 < control[1] < 0.8 * BODY.thrust_limit
-    moving, h = [0, 1, 2, 5], 1e-6
-    offsets = h * np.eye(6)[moving]
-    rates = [
-        itsunusa_rates(state + sign * offsets, control, STILL, C)[:, moving] for sign in (1, -1)
-    ]
-    assert np.linalg.eigvals((rates[0] - rates[1]).T / (2.0 * h)).real.max() < -0.05
-
-
-def test_all_thrust_makes_two_metres_a_second():
-    state, _ = level_flight(1.5)
-    control = np.tile([0.0, BODY.thrust_limit], 2)
-    fast = itsunusa_step(state, control, STILL, C, 60.0, 1200)
-    assert fast[0] > 2.0
-
-
 # --- the vehicle in an environment ----------------------------------------------------------------
 
 
-WATER = UnevenWater(VEHICLE, AUV.increments, AUV.currents)
+WATER = UnevenWater(VEHICLE, (0.02, 0.015, 0.025), (0.12,))
 
 
 def test_sensors_read_what_those_in_six_degrees_of_freedom_do():
-    states, _, currents = AUV.case.draw(np.random.default_rng(8), 50)
+    states, _, currents = draw(np.random.default_rng(8), 50)
     six = Segorogeni(SIX)
     full = sensors_of(six).exact(in_space(states), exogenous(six, northward(currents)))
     found = SENSORS.exact(states, exogenous(VEHICLE, currents))

@@ -133,40 +133,6 @@ def test_trimmed_flight_stays_as_it_is(speed: float):
     np.testing.assert_allclose(after, state + 60.0 * speed * np.eye(7)[0], rtol=0, atol=1e-7)
 
 
-def test_level_flight_is_stable():
-    state, control = level_flight(20.0)
-    moving, h = [2, 3, 5, 6], 1e-6  # position and course do not act back, altitude hardly
-    offsets = h * np.eye(7)[moving]
-    rates = [
-        puna_rates(state + sign * offsets, control, np.zeros(3), C)[:, moving] for sign in (1, -1)
-    ]
-    eigenvalues = np.linalg.eigvals(((rates[0] - rates[1]) / (2.0 * h)).T)
-    assert eigenvalues.real.max() < 1e-3
-    phugoid = np.abs(eigenvalues.imag).max()
-    assert phugoid == pytest.approx(np.sqrt(2.0) * 9.81 / 20.0, rel=0.02)  # Lanchester
-
-
-@pytest.mark.parametrize(("speed", "bank"), [(15.0, 30.0), (20.0, -22.2), (20.0, 35.0)])
-def test_a_level_coordinated_turn_has_the_radius_of_its_bank(speed: float, bank: float):
-    state, control = level_flight(speed, bank * DEG)
-    radius, track = speed**2 / (9.81 * np.tan(bank * DEG)), [state]
-    for _ in range(200):
-        step = 2.0 * np.pi * abs(radius) / speed / 200
-        track.append(puna_step(track[-1], np.tile(control, 2), np.zeros(3), C, step, 1))
-    x, y = np.array(track)[:, :2].T
-    np.testing.assert_allclose(np.hypot(x, y - radius), abs(radius), rtol=1e-6)
-    np.testing.assert_allclose(track[-1], state, rtol=0, atol=1e-3)
-
-
-def test_bank_limit_holds_the_published_circle_in_tail_wind():
-    banks = np.arctan(np.array([20.0, 23.8]) ** 2 / (9.81 * 100.0)) / DEG
-    np.testing.assert_allclose(banks, [22.2, 30.0], atol=0.05)
-    assert BODY.bank_limit > 30 * DEG
-    steady = trim(20.0, BODY, bank=BODY.bank_limit)
-    assert steady.alpha < 0.5 * BODY.alpha_high
-    assert steady.thrust < 0.5 * BODY.thrust_limit
-
-
 # --- the paper's own form -------------------------------------------------------------------------
 
 

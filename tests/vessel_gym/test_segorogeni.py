@@ -4,13 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from energies import inertia
+from energies import DRAG, LIFT, energy, inertia, power
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
-from sensing import sensors_of
+from sensing import UnevenWater, assumed, exogenous, sensors_of, without_a_filter
 from stepping import segorogeni_step
-from vehicle_cases import AUVS, WITH_REMUS
+from vehicle_cases import CASES, WITH_REMUS
 
+from estimators import wrap
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.segorogeni import (
     COEFFICIENTS,
@@ -24,10 +27,9 @@ BODY = load("segorogeni")
 C = BODY.vector()
 VEHICLE = Segorogeni()
 SENSORS = sensors_of(VEHICLE)
-AUV = AUVS["segorogeni"]
 STILL = np.zeros(2)  # no current
 DEG = np.pi / 180.0
-draw = AUV.case.draw
+draw = CASES["segorogeni"].draw
 
 
 # --- parameters -----------------------------------------------------------------------------------
@@ -113,6 +115,50 @@ def test_going_ahead_the_compiled_equations_are_the_printed_ones(body):
     np.testing.assert_allclose(compiled[:, :6], printed, rtol=1e-10, atol=1e-11)
 
 
+@pytest.mark.parametrize("c", [C, WITH_REMUS.vector()], ids=["own", "REMUS"])
+def test_inertia_is_symmetric_positive_definite_and_inverted(c):
+    M, values = inertia(c), dict(zip(COEFFICIENTS, c, strict=True))
+    np.testing.assert_array_equal(M, M.T)
+    assert np.linalg.eigvalsh(M).min() > 0.0
+    pairs = [[(f"inverse_{a}{b}", f"inverse_{b}{a}") for b in "uvwpqr"] for a in "uvwpqr"]
+    inverse = [[values.get(one, values.get(other, 0.0)) for one, other in row] for row in pairs]
+    np.testing.assert_allclose(M @ inverse, np.eye(6), rtol=0, atol=1e-12)
+
+
+# --- energy and currents --------------------------------------------------------------------------
+
+
+@given(seed=st.integers(0, 2**32 - 1), size=st.floats(0.0, 1.5))
+def test_in_still_water_without_thrust_energy_never_grows(seed, size):
+    states = size * draw(np.random.default_rng(seed), 20)[0]
+    gained = power(states, segorogeni_rates(states, np.zeros(3), STILL, C), C)
+    assert (gained <= 1e-12 * (1.0 + np.abs(states[:, :6]).max(-1)) ** 3).all()
+
+
+def test_without_drag_and_lift_energy_is_conserved():
+    c = np.where(np.isin(COEFFICIENTS, DRAG + LIFT), 0.0, C)
+    states, _, currents = draw(np.random.default_rng(3), 20)
+    states[:, 9:11] *= 0.3  # clear of the pole
+    states[:, :6] *= 0.2
+    gained = power(states, segorogeni_rates(states, np.zeros(3), currents, c), c)
+    np.testing.assert_allclose(gained, 0.0, atol=1e-12)
+    after = segorogeni_step(states, np.zeros(6), currents, c, 10.0, 10_000)
+    np.testing.assert_allclose(energy(after, c), energy(states, c), rtol=0, atol=1e-8)
+    assert np.abs(after - states).max() > 1.0
+
+
+def test_a_current_shifts_the_track_and_nothing_else():
+    states, controls, currents = draw(np.random.default_rng(11), 20)
+    drifted, straight = (
+        segorogeni_step(states, np.tile(controls, 2), flow, C, 2.0, 40)
+        for flow in (currents, 0.0 * currents)
+    )
+    shift = drifted[:, 6:8] - straight[:, 6:8]
+    np.testing.assert_allclose(shift, 2.0 * currents, rtol=0, atol=1e-12)
+    drifted[:, 6:8] = straight[:, 6:8]
+    np.testing.assert_array_equal(drifted, straight)
+
+
 # --- kinematics -----------------------------------------------------------------------------------
 
 
@@ -194,20 +240,6 @@ def test_level_trim_is_stable_with_actuators_to_spare(speed):
     assert np.linalg.eigvals((rates[0] - rates[1]).T / (2.0 * h)).real.max() < -0.05
 
 
-def steady_turn(rudder: float) -> np.ndarray:
-    """The state after a minute of rudder from level flight at 1 m/s."""
-    state, control = level_flight(1.0)
-    control[0] = rudder
-    return segorogeni_step(state, np.tile(control, 2), STILL, C, 60.0, 1200)
-
-
-@pytest.mark.parametrize(("rudder", "radius"), [(5.0, 4.7), (20.0, 1.5)])
-def test_the_vehicle_turns_as_tightly_as_the_course_asks(rudder, radius):
-    turn = steady_turn(rudder * DEG)
-    assert np.hypot(turn[0], turn[1]) / turn[5] == pytest.approx(radius, rel=0.06)
-    assert turn[1] < 0.0  # drifting outwards
-
-
 # --- the vehicle in an environment ----------------------------------------------------------------
 
 
@@ -226,6 +258,20 @@ def test_sensors_read_velocity_over_ground_and_the_rest_as_it_is():
     np.testing.assert_allclose(SENSORS.exact(states, incremented), plain, rtol=0, atol=1e-12)
 
 
+def test_in_still_water_exact_measurements_give_back_the_state():
+    states, *_ = draw(np.random.default_rng(15), 20)
+    measurements = SENSORS.exact(states, exogenous(VEHICLE, np.zeros((20, 2))))
+    known = SENSORS.states_from(measurements)
+    found = np.stack([known[name] for name in VEHICLE.state_names], -1)
+    np.testing.assert_array_equal(found, states)
+    water = UnevenWater(VEHICLE, (0.02, 0.01, 0.015, 0.03, 0.025, 0.035), (0.10, 0.15))
+    told = assumed(VEHICLE, "nonlinear", water, SENSORS)
+    x, d = without_a_filter(told, VEHICLE.increments, measurements)
+    off = x - np.pad(states, ((0, 0), (0, 2)))
+    np.testing.assert_allclose(np.where(np.arange(14) < 9, off, wrap(off)), 0.0, atol=1e-14)
+    np.testing.assert_array_equal(d, np.zeros((20, 6)))
+
+
 # --- mismatch -------------------------------------------------------------------------------------
 
 
@@ -239,7 +285,7 @@ def test_mismatched_vehicle_is_axisymmetric_and_dissipative():
     np.testing.assert_allclose(c[:, 7], -c[:, 8])
     states, _, currents = draw(rng, 200)
     rates = segorogeni_rates(states, np.zeros(3), currents, c)
-    assert AUV.power(states, rates, c).max() < 0.0
+    assert power(states, rates, c).max() < 0.0
     columns = [
         COEFFICIENTS.index(f"inverse_{pair}") for pair in ("uu", "vv", "ww", "pp", "qq", "rr")
     ]

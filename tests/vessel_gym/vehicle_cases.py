@@ -3,14 +3,10 @@
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-import energies
 import numpy as np
 from scipy.integrate import solve_ivp
-from sensing import UnevenWater, assumed, sensors_of
 from stepping import step
 
-from estimators import Model
-from vessel_gym.models.state_space import StateSpace
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.hydrodynamics import Coefficients
 from vessel_gym.vehicles.itsunusa import Itsunusa
@@ -104,84 +100,6 @@ CASES = {
     "thesis' corvette": ship("corvette-thesis"),
 }  # fmt: skip
 
-
-@dataclass(frozen=True)
-class AUV:
-    """An underwater vehicle, its energy, and water that shakes every velocity by another amount.
-
-    Attributes:
-        case: The vehicle and what it can meet.
-        axes: Its velocities, ahead of the other states.
-        inertia: Of body and added mass, from coefficients.
-        energy: From states and coefficients.
-        increments: Standard deviations of what the water adds to the velocities in a step.
-        currents: Of the components of the current [m/s].
-    """
-
-    case: Case
-    axes: str
-    inertia: Any
-    energy: Any
-    increments: tuple[float, ...]
-    currents: tuple[float, ...]
-
-    @property
-    def vehicle(self) -> Any:
-        return self.case.vehicle
-
-    def rates(self, states: np.ndarray, flow: Any, c: np.ndarray) -> np.ndarray:
-        """Rates with fins amidships and no thrust."""
-        return self.vehicle.equations(states, np.zeros(len(self.case.high[1])), flow, c)
-
-    def drift(
-        self, states: np.ndarray, flow: Any, c: np.ndarray, dt: float, parts: int
-    ) -> np.ndarray:
-        """States after a step with fins amidships and no thrust."""
-        return self.case.step(states, np.zeros(2 * len(self.case.high[1])), flow, c, dt, parts)
-
-    def changed(self, **values: float) -> np.ndarray:
-        """Coefficients with some of them set."""
-        names = self.vehicle.parameter_names
-        return np.array(
-            [values.get(name, x) for name, x in zip(names, self.case.nominal, strict=True)]
-        )
-
-    def power(self, states: np.ndarray, rates: np.ndarray, c: np.ndarray) -> np.ndarray:
-        """Rate of change of `energy`, by the chain rule."""
-        n, names = len(self.axes), self.vehicle.state_names
-        weights = dict(zip(self.vehicle.parameter_names, np.moveaxis(c, -1, 0), strict=True))
-        angles = [
-            (states[..., names.index(a)], rates[..., names.index(a)])
-            for a in ("phi", "theta")
-            if a in names
-        ]
-        tilt = sum(
-            np.sin(x) * rate * np.prod([np.cos(y) for y, _ in angles if y is not x], axis=0)
-            for x, rate in angles
-        )
-        kinetic = np.vecdot(states[..., :n], np.matvec(self.inertia(c), rates[..., :n]))
-        return (
-            kinetic
-            - weights["net_weight"] * rates[..., names.index("z")]
-            + weights["righting_moment"] * tilt
-        )
-
-    def composed(self) -> tuple[StateSpace, Model]:
-        """State space and model of filters in that water."""
-        water = UnevenWater(self.vehicle, self.increments, self.currents)
-        return assumed(self.vehicle, "nonlinear", water, sensors_of(self.vehicle))
-
-
-AUVS = {
-    "segorogeni": AUV(
-        CASES["segorogeni"], "uvwpqr", energies.inertia, energies.energy,
-        (0.02, 0.01, 0.015, 0.03, 0.025, 0.035), (0.10, 0.15),
-    ),
-    "itsunusa": AUV(
-        CASES["itsunusa"], "uwq", energies.inertia_in_the_plane, energies.energy_in_the_plane,
-        (0.02, 0.015, 0.025), (0.12,),
-    ),
-}  # fmt: skip
 
 REMUS = Coefficients(
     X_udot=-0.93, Y_vdot=-35.5, Y_rdot=1.93, Z_wdot=-35.5, Z_qdot=-1.93, K_pdot=-0.0704, M_wdot=-1.93, M_qdot=-4.88,

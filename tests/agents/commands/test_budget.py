@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import agents.jobs
-from agents.budget.report import conclusion, suites_table
+from agents.budget.report import conclusion
 from agents.budget.result import Budget, budget_study
 from agents.budget.suites import choices_of, price_list, suites_of
 from agents.commands import budget
@@ -142,18 +142,6 @@ def test_what_cannot_be_meant_is_one_sentence(tmp_path, arguments, sentence):
         budget.main(ENVIRONMENT, out=tmp_path / "out", **arguments)
     assert sentence in str(refused.value)
     assert not (tmp_path / "out").exists()
-
-
-def test_suites_round_the_answer_are_those_of_the_nearest_places(made: Budget):
-    made.answer, count = 2, len(made.suites)
-    for i in range(count):
-        made.verdicts[i], made.shares[i] = "suffices", Interval(0.9, 0.8, 1.0)
-    made.confirmed[2] = Interval(0.85, 0.8, 0.9)
-    assert len(suites_table(made)) == count
-    near = suites_table(made, 3)
-    assert near.index.tolist() == [str(made.suites[i]) for i in (1, 2, 3)]
-    own = [f"{made.suites[2].cost[0]:g}", "0.900 ± 0.100", "0.850 ± 0.050", "suffices"]
-    assert near.iloc[1].tolist() == own
 
 
 def test_conclusion_names_share_and_verdicts_of_cheaper_suites(made: Budget):

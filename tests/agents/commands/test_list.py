@@ -6,7 +6,7 @@ import gymnasium as gym
 import pytest
 
 from agents.commands import list as command
-from agents.commands.console import print_answer, print_table
+from agents.commands.console import print_table
 from agents.refusal import Refusal
 from vessel_gym.models.estimation import accepted, chosen_disturbance
 
@@ -97,17 +97,3 @@ def test_piped_table_has_whole_values_and_no_lines(capsys, monkeypatch):
     assert [re.sub(" {2,}", "  ", line.strip()) for line in printed] == [
         "title", "name  value", f"one  {long}".strip(), "two  1.5",
     ]  # fmt: skip
-
-
-@pytest.mark.parametrize("terminal", [True, False])
-def test_the_first_line_of_an_answer_is_bold_in_a_terminal_alone(capsys, monkeypatch, terminal):
-    for name in ("NO_COLOR", "FORCE_COLOR", "TTY_COMPATIBLE"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("TERM", "xterm")
-    monkeypatch.delenv("COLUMNS", raising=False)
-    monkeypatch.setattr("sys.stdout.isatty", lambda: terminal)
-    print_answer([f"The [answer] {'is long ' * 30}", "More."])
-    *first, rest = capsys.readouterr().out.splitlines()
-    assert first[0].startswith("\x1b[1mThe [answer]" if terminal else "The [answer]")
-    assert (len(first) == 1) is not terminal
-    assert rest == "More."

@@ -63,15 +63,3 @@ def test_run_says_what_it_resumes_and_what_interruption_left(clock, capsys):
     assert lines[0] == "resuming: 120 of 300 results found"
     kept = "121 of 300 results are kept, and the same command goes on from there"
     assert lines[-1] == f"interrupted: {kept}"
-
-
-def test_time_left_of_resumed_work_counts_from_its_start(clock, capsys):
-    with console.progress("training") as trained:
-        for steps in (4000, 4500, 5000, 6000, 10_000):
-            trained(steps, 10_000)
-            clock[0] += 30.0
-    left = ["", "", ", 0:05:00 left", ", 0:03:00 left", ""]
-    assert printed(capsys) == [
-        f"training: {steps}/10000{text}"
-        for steps, text in zip((4000, 4500, 5000, 6000, 10_000), left, strict=True)
-    ]

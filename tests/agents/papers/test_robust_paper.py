@@ -5,7 +5,6 @@ import pytest
 
 from agents.papers import settings
 from agents.papers.robust import experiment as robust
-from agents.papers.robust.experiment import Condition
 
 S = settings("robust")
 MODEL = robust.discretised([robust.draw(seed) for seed in range(1, 61)])
@@ -41,24 +40,6 @@ def test_worst_case_error_of_the_robust_filter_is_what_it_claims(
     off /= np.linalg.norm(worst.claimed, axis=(-2, -1))
     assert np.median(off) < 1e-12
     assert off.max() < 1e-6
-
-
-@pytest.mark.slow
-def test_each_filter_wins_on_its_own_ground_and_loses_elsewhere():
-    """The direction of the main results, by three standard errors over systems."""
-
-    def margin(name: str, condition: Condition, systems: int = 60, *length: int) -> float:
-        sizes = 1, systems, 2, S["noise_seed"], *(length or (80, 20))
-        rmse = robust.errors(*sizes, condition, S["filters"])
-        ratio = np.log(np.sqrt((rmse[name] ** 2).mean(1) / (rmse["kf"] ** 2).mean(1)))
-        return float(-ratio.mean() / (ratio.std(ddof=1) / np.sqrt(len(ratio))))
-
-    outliers, default = Condition(**S["outliers"]), "robust-kf, c = 0.01"
-    assert margin("huber-kf", outliers) > 3.0
-    assert margin("huber-kf", Condition(parameters=0.4)) < -3.0
-    assert margin(default, outliers) < -3.0
-    # Of 1 %, so that it takes more systems and the whole length.
-    assert margin(default, Condition(tolerance=0.01), 200, S["steps"], S["skipped"]) > 3.0
 
 
 def test_the_printed_algorithm_is_the_kalman_filter():

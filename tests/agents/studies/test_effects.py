@@ -7,9 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from invented import (
-    CLASSICAL,
     CORVETTE,
-    ENDS,
     LEARNED,
     QUALITY,
     SEGOROGENI,
@@ -23,7 +21,7 @@ from agents.statistics import crossed_interval, mean_interval
 from agents.studies.answer import answer
 from agents.studies.effects import Interaction, contrasts, effects, interactions, levels
 from agents.studies.plan import plan
-from agents.studies.records import Agent, Condition, Estimator
+from agents.studies.records import Condition, Estimator
 from agents.studies.results import Results
 
 NAMES = ("kf-umv-ui", "kf", "ekf", "enkf")
@@ -86,16 +84,6 @@ def test_where_nothing_matters_nothing_is_named():
         r"^No level of any factor scores significantly more than its reference\. No significant"
         r" effect: \w+ \(\S+ ± \S+\) and \w+ \(\S+ ± \S+\)\. ", text,
     )  # fmt: skip
-
-
-def test_two_equal_filters_have_no_effect():
-    twins = (*ENDS, Estimator("one", "ekf"), Estimator("other", "ekf"))
-    asked = replace(crossed(SUITES[:1]), estimators=twins)
-    found = results(asked, FLAT | {"one": 0.7, "other": 0.7})
-    effect = of(found, "estimator")
-    assert effect.reference == "one"
-    assert not effect.gain or not effect.gain.excludes_zero
-    assert "No significant effect: estimator (" in said(found)
 
 
 def test_a_trend_over_rates_is_a_loss_of_the_sensor_rate():
@@ -254,9 +242,3 @@ def test_levels_are_in_words(condition, factor, level):
     assert {k: v for k, v in levels(condition).items() if k not in ("sensor rate", factor)} == {
         k: v for k, v in levels(Condition("y")).items() if k not in ("sensor rate", factor)
     }
-
-
-def test_own_controller_is_the_agent_of_the_sentence():
-    mine = Agent("mine", "agents.controllers.dive:DiveAutopilot")
-    asked = replace(study((SEGOROGENI,), (mine, CLASSICAL)), compare_to="kf")
-    assert "with enkf mine scores " in said(results(asked, noise=1e-3))

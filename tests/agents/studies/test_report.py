@@ -122,17 +122,6 @@ def test_no_text_of_a_figure_is_cut_or_covers_another():
         assert not one.overlaps(other)
 
 
-@pytest.mark.parametrize(("names", "style"), [(("1 Hz", "2 Hz"), "-"), (("calm", "rough"), "None")])
-def test_only_ordered_conditions_are_joined_by_lines(names, style):
-    conditions = [Condition(name, mismatch=0.01 * i) for i, name in enumerate(names)]
-    panel = conditions_figure(results(study((CORVETTE,), conditions=conditions))).axes[0]
-    drawn = [
-        each for each in panel.lines if len(each.get_xdata()) == 2 and each.get_marker() in "os^v"
-    ]
-    assert len(drawn) == 4
-    assert {each.get_linestyle() for each in drawn} == {style}
-
-
 def test_learning_curves_are_mean_and_range_over_runs():
     runs = [[[100.0, 1.0], [200.0, 2.0]], [[100.0, 3.0], [200.0, 6.0], [300.0, 7.0]]]
     panel = learning_figure({"PPO": runs}).axes[0]
