@@ -17,6 +17,7 @@ from agents.page import mean_and_half
 from agents.policies.checkpoint import description, packaged
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import system_of
+from agents.tuning.tuned import SHIPPED, load_tuned
 from studies.markdown import NONE, ROOT, number, table
 from vessel_gym.disturbances import Fault
 from vessel_gym.envs import SigmaCorvetteEnv
@@ -216,19 +217,24 @@ def compass() -> str:
 
 
 def packaged_agents() -> str:
-    """The trained agents of the package beside the autopilots, on default estimates."""
+    """The trained agents of the package beside the autopilots, as delivered and tuned."""
     rows = []
     for env_id in (CORVETTE, "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"):
-        one, other = (arm_metrics("default", env_id, agent=name) for name in ("autopilot", "ppo"))
-        training = description(packaged(env_id))
-        values = one["score"], other["score"], other["score"] - one["score"]
-        there = f"{one['arrived']}; {other['arrived']}"
+        tuned = load_tuned(env_id)
+        plain, ppo = (arm_metrics("default", env_id, agent=name) for name in ("autopilot", "ppo"))
+        best = arm_metrics("default", env_id, agent=str(SHIPPED[env_id]), tuned=env_id)
+        pairs = [ppo["score"] - other["score"] for other in (plain, best)]
+        told, made = description(packaged(env_id)) or {}, tuned.made_by
+        flown = made["evaluations"] * made["episodes"] * len(tuned.arm.conditions)
+        horizon = system_of(env_id).task.horizon
         rows.append((
-            f"`{env_id}`", f"`{system_of(env_id).estimator}`", *map(mean_and_half, values), there,
-            f"{training['seed']}; {training['trained_steps']:,}",
+            f"`{env_id}`", f"`{system_of(env_id).estimator}`",
+            *(mean_and_half(values) for values in (plain["score"], best["score"], ppo["score"])),
+            *map(mean_and_half, pairs), f"{plain['arrived']}; {best['arrived']}; {ppo['arrived']}",
+            f"{1e-6 * flown * horizon:.1f}; {1e-6 * told['trained_steps']:.1f}",
         ))  # fmt: skip
     header = (
-        "", "estimates", "`autopilot`", "`ppo`", "`ppo` − `autopilot`",
-        f"reached the end, of {EPISODES} (`autopilot`; `ppo`)", "training: seed; steps",
+        "", "estimates", "`autopilot`", "tuned", "`ppo`", "`ppo` − `autopilot`", "`ppo` − tuned",
+        f"reached the end, of {EPISODES}", "10⁶ steps at most: tuning; training",
     )  # fmt: skip
     return table(header, rows)
