@@ -11,7 +11,6 @@ import numpy as np
 
 from agents.files import replacing
 from agents.statistics import Interval, crossed_interval
-from vessel_gym.extras import require
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,22 +28,19 @@ def number(value: float, decimals: int, signed: bool = False) -> str:
 
 
 def text(value: Interval | float | None, decimals: int, signed: bool = False) -> str:
-    """A number, or an interval: "mean ± half", an uneven one by its ends; a dash for None."""
+    """A number, or an interval: "mean ± half", an uneven one by its ends; a dash for None.
+
+    There are more decimals where these would show none of the interval's width.
+    """
     if not isinstance(value, Interval):
         return "–" if value is None else number(value, decimals, signed)
+    while decimals < 6 and 1e-6 < value.high - value.low < 10.0**-decimals:
+        decimals += 1
     mean = number(value.mean, decimals, signed)
     if value.even:
         return f"{mean} ± {number(value.half, decimals)}"
     low, high = (number(end, decimals, signed) for end in (value.low, value.high))
     return f"{mean} [{low}, {high}]"
-
-
-def words(value: Interval | float | None, decimals: int, signed: bool = False) -> str:
-    """As `text`, with more decimals where these would show none of the interval's width."""
-    if isinstance(value, Interval):
-        while decimals < 6 and 1e-6 < value.high - value.low < 10.0**-decimals:
-            decimals += 1
-    return text(value, decimals, signed)
 
 
 def interval(of: Interval | None, decimals: int = 3) -> str:
@@ -125,7 +121,6 @@ def write_page(
         OSError: if it cannot be written.
         ModuleNotFoundError: without Jinja.
     """
-    require("jinja2")
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     templates = Environment(

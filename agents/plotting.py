@@ -2,9 +2,10 @@
 
 import base64
 import io
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from agents.files import replacing
 from vessel_gym.extras import require
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
 
 KINDS = (".pdf", ".svg")
 """Suffixes of files of figures."""
+WIDTH = 7.2
+"""Width of a figure on a page in inches."""
 INK = "#444444"
 PALETTE = (
     "#1f4e79",
@@ -70,3 +73,34 @@ def save_figure(figure: "Figure", path: Path) -> None:
         else:
             with styled():
                 figure.savefig(temporary, format="pdf", metadata={"CreationDate": None})
+
+
+Run = Sequence[Any]
+"""Steps ``(n,)`` and returns ``(n,)`` of a training run."""
+
+
+def aligned(runs: Sequence[Run]) -> tuple[Any, Any]:
+    """Steps ``(n,)`` of the shortest run, and the returns of all runs at these ``(runs, n)``."""
+    import numpy as np
+
+    steps = min((steps for steps, _ in runs), key=len)
+    return steps, np.stack([np.interp(steps, *run) for run in runs])
+
+
+def learning_figure(trainings: Mapping[str, Sequence[Run]], ylabel: str) -> "Figure":
+    """Mean and range over the runs of each training of the returns over the steps."""
+    from matplotlib.figure import Figure
+
+    with styled():
+        figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
+        axes = figure.subplots()
+        colours = PALETTE * len(trainings)
+        for (name, runs), colour in zip(trainings.items(), colours, strict=False):
+            steps, returns = aligned(runs)
+            axes.plot(steps, returns.mean(0), color=colour, label=f"{name}, runs: {len(runs)}")
+            band = steps, returns.min(0), returns.max(0)
+            axes.fill_between(*band, color=colour, alpha=0.2, linewidth=0)
+        axes.set(xlabel="environment steps", ylabel=ylabel)
+        axes.legend(loc="lower right", fontsize=8.5)
+        axes.grid(axis="y")
+    return figure

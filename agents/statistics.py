@@ -80,7 +80,7 @@ def verdict(differences: np.ndarray, margin: float, span: float, comparisons: in
         comparisons: Number of intervals that hold at once, see `crossed_interval`.
     """
     values = np.atleast_2d(differences)
-    found = crossed_interval(values, comparisons) if len(values) else None
+    found = crossed_interval(values, comparisons)
     if found is None:
         return UNDECIDED
     if values.shape[1] * margin >= 3.0 * span:
@@ -112,7 +112,7 @@ def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | Non
         comparisons: Number of intervals that hold at once with 95 % probability (Bonferroni).
 
     Returns:
-        The interval; None for fewer than two seeds, because one value has no spread.
+        The interval; None without runs, or for fewer than two seeds: one value has no spread.
 
     Raises:
         ValueError: if values are not a matrix of finite numbers.
@@ -125,7 +125,7 @@ def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | Non
             "values must be a finite matrix with runs for its rows: leave out what is missing"
         )
     runs, seeds = values.shape
-    if seeds < 2:
+    if seeds < 2 or not runs:
         return None
     mean, of_runs, of_seeds = values.mean(), values.mean(axis=1), values.mean(axis=0)
     between_seeds = runs * of_seeds.var(ddof=1)

@@ -10,7 +10,7 @@ import vessel_gym
 from agents.budget.result import Budget
 from agents.budget.search import OPEN
 from agents.files import replacing
-from agents.page import bullets, listed, picture, table, text, words, write_page
+from agents.page import bullets, listed, picture, table, text, write_page
 from agents.plotting import INK, PALETTE, data_uri, styled, svg
 
 if TYPE_CHECKING:
@@ -34,14 +34,14 @@ def conclusion(budget: Budget) -> list[str]:
     share = f"{100 * budget.keep:g} % of the reference score (truth: perfect state knowledge)"
     suite, number, noun = budget.suites[budget.nearest], len(budget.suites), "All suites"
     if budget.answer is None:
-        reached = words(budget.shares.get(budget.nearest), 3)
+        reached = text(budget.shares.get(budget.nearest), 3)
         found = [
             f"No suite is confirmed to reach {share}.",
             f"The nearest, {suite}, reaches {reached} of it in the search.",
         ]
     else:
         number, noun = sum(o.cost < suite.cost for o in budget.suites), "Cheaper suites"
-        reached = words(budget.confirmed[budget.answer], 3)
+        reached = text(budget.confirmed[budget.answer], 3)
         found = [
             f"The cheapest suite confirmed to reach {share}: {suite}.",
             f"Its price is {suite.cost[0]:g}, and on {budget.episodes} fresh seeds it reaches"
@@ -61,7 +61,7 @@ def assumption(budget: Budget) -> str:
     (worse, better), gap = max(found.items(), key=lambda item: item[1].low)
     return (
         f"{start} This fails in {len(found)} of {number} pairs, most of all here:"
-        f" {budget.suites[worse]} scores {words(gap, 3)} more than {budget.suites[better]}. So a"
+        f" {budget.suites[worse]} scores {text(gap, 3)} more than {budget.suites[better]}. So a"
         " cheaper suite that was not simulated may suffice."
     )
 

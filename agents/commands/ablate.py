@@ -93,12 +93,12 @@ def _print(results: Any, report: Path) -> None:
     from agents.studies.tables import BEST, code, effects_table, summary
 
     print_answer(answer(results))
-    title, table = "How much each factor moves the score", effects_table(results, BEST)
+    title, table = "How much each factor moves the score", effects_table(results)[:BEST]
     if len(table) < 2 and (found := rankings(results)):
         head, ranking = next(iter(found.items()))
-        title, table = f"The best estimators, {head}", summary(ranking).reset_index()
+        title, table = f"The best estimators, {head}", summary(ranking)
     if len(table):
-        print_table(title, table.columns, [table.itertuples(index=False)])
+        print_table(title, [table.index.name, *table.columns], table.itertuples())
     print(*code(results), f"Report: {report}", sep="\n")
 
 
@@ -117,11 +117,9 @@ def _file(study: Path) -> Path:
 
 def _introduce(question: Any, study: Path, out: Path) -> None:
     """Print the title, and write the study into its folder."""
-    import shutil
-
     from agents.files import replacing
 
     print(question.title)
-    if study.resolve() != (out / "study.toml").resolve():
-        with replacing(out / "study.toml") as path:
-            shutil.copyfile(study, path)
+    text = study.read_bytes()
+    with replacing(out / "study.toml") as path:  # which may be the file itself
+        path.write_bytes(text)

@@ -90,13 +90,12 @@ def _check_numbers(keep: float, episodes: int, first_seed: int) -> None:
     """Refuse numbers out of range."""
     from agents.budget.result import FRESH
     from agents.budget.search import FIRST_LOOK
+    from estimators.checks import UP_TO_1, number
 
-    if not 0.0 < keep <= 1.0:
-        raise ValueError(f"--keep must be above 0 and at most 1, got {keep:g}")
-    if not FIRST_LOOK <= episodes <= FRESH:
-        raise ValueError(f"--episodes must be from {FIRST_LOOK} to {FRESH}, got {episodes}")
-    if first_seed > FRESH - episodes:
-        raise ValueError(f"--first-seed must be at most {FRESH - episodes}, got {first_seed}")
+    last = FRESH - episodes
+    number("--keep", keep, 0.0, UP_TO_1, "above 0 and at most 1")
+    number("--episodes", episodes, FIRST_LOOK - 1, FRESH + 1, f"from {FIRST_LOOK} to {FRESH}")
+    number("--first-seed", first_seed, high=last + 1, what=f"at most {last}")
 
 
 def _search(budget: Any, notes: list[str]) -> int:
@@ -111,7 +110,7 @@ def _search(budget: Any, notes: list[str]) -> int:
         raise KeyboardInterrupt(kept) from None
     report = write_report(budget, notes)
     print_answer([*conclusion(budget), assumption(budget), *notes])
-    table = suites_table(budget, ROWS).reset_index()
-    print_table("Suites near the answer", table.columns, [table.itertuples(index=False)])
+    table = suites_table(budget, ROWS)
+    print_table("Suites near the answer", [table.index.name, *table.columns], table.itertuples())
     print(f"Report: {report}")
     return int(budget.answer is None)

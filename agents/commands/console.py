@@ -98,16 +98,15 @@ def _console() -> Any:
     return Console(width=_WHOLE, **plain)
 
 
-def print_table(
-    title: str, header: Sequence[str], sections: Iterable[Iterable[Sequence[str]]]
-) -> None:
+def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Print a table of text: columns of words to the left, of numbers to the right.
 
     Columns that do not fit beside the others stand below, after the first column again. In a file
     or pipe the table has no lines, and its values stand whole.
     """
-    console, filled = _console(), [[list(row) for row in rows] for rows in sections]
-    texts = [[head, *(row[i] for rows in filled for row in rows)] for i, head in enumerate(header)]
+    from rich.table import Table
+
+    console, texts = _console(), [list(column) for column in zip(header, *rows, strict=True)]
     whole = [re.split(r"(?<!±) (?!±)", " ".join(each)) for each in texts]  # an interval is a word
     least, most = ([max(map(len, each)) for each in of] for of in (whole, texts))
     blocks = [[0]]
@@ -115,30 +114,21 @@ def print_table(
         if len(blocks[-1]) > 1 and sum(least[j] + 3 for j in (*blocks[-1], i)) >= console.width:
             blocks.append([0])
         blocks[-1].append(i)
+    lines: Any = {} if sys.stdout.isatty() else {"box": None, "padding": (0, 2, 0, 0)}
     for columns in blocks:
         widths = {i: least[i] for i in columns}
         room = console.width - 1 - sum(width + 3 for width in widths.values())
         for _ in range(min(room, sum(most))):  # where it is needed most
             i = max(columns, key=lambda i: most[i] - widths[i])
             widths[i] += widths[i] < most[i]
-        console.print(title, _table(header, filled, widths), sep="\n")
-
-
-def _table(header: Sequence[str], sections: list[list[list[str]]], widths: dict[int, int]) -> Any:
-    """Columns of a table, by number, with their widths."""
-    from rich.table import Table
-
-    lines: Any = {} if sys.stdout.isatty() else {"box": None, "padding": (0, 2, 0, 0)}
-    table = Table(**lines)
-    for i, width in widths.items():
-        words = all(row[i][:1].isalpha() for rows in sections for row in rows if row[i])
-        side: Any = "left" if words else "right"
-        table.add_column(header[i], justify=side, overflow="fold", width=width)
-    for rows in sections:
-        for row in rows:
-            table.add_row(*(row[i] for i in widths))
-        table.add_section()
-    return table
+        table = Table(**lines)
+        for i, width in widths.items():
+            words = all(cell[:1].isalpha() for cell in texts[i][1:] if cell)
+            side: Any = "left" if words else "right"
+            table.add_column(texts[i][0], justify=side, overflow="fold", width=width)
+        for row in list(zip(*(texts[i] for i in columns), strict=True))[1:]:
+            table.add_row(*row)
+        console.print(title, table, sep="\n")
 
 
 def print_answer(sentences: Sequence[str]) -> None:
@@ -176,10 +166,10 @@ def progress(title: str, counted: bool = False, slow: int = 0) -> Iterator[Calla
     of different lengths. It is that of the pieces after the first ``slow`` ones of this run.
     """
     live = sys.stderr.isatty()
-    said, tenth, began, first, last = 0.0, -1, None, (0, 0.0), ""
+    said, tenth, began, first = 0.0, -1, None, (0, 0.0)
 
     def show(done: int, total: int, text: str = "") -> None:
-        nonlocal said, tenth, began, first, last
+        nonlocal said, tenth, began, first
         now, reached = time.monotonic(), 10 * done // max(total, 1)
         began = done if began is None else began
         before, start = first = (done, now) if done <= began + slow else first
@@ -191,9 +181,8 @@ def progress(title: str, counted: bool = False, slow: int = 0) -> Iterator[Calla
         if not counted and soon and before < done < total:
             left = (now - start) * (total - done) / (done - before)
             words.append(f"{timedelta(seconds=round(left))} left")
-        if (line := ", ".join(filter(None, words))) != last:
-            last = line
-            print(f"\r{line:79}" if live else line, end="\n"[live:], file=sys.stderr, flush=True)
+        line = ", ".join(filter(None, words))
+        print(f"\r{line:79}" if live else line, end="\n"[live:], file=sys.stderr, flush=True)
 
     try:
         yield show

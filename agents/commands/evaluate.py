@@ -44,18 +44,15 @@ def main(
     from agents.files import check_file
     from agents.rollouts import batch
     from agents.seeds import evaluation_seeds
-    from agents.studies.worlds import environment_options, registered_id, system_of
+    from agents.studies.worlds import registered_id, system_of
     from vessel_gym.checks import one_of
 
     agent = acting(agent, options)
     with asked():
         system = system_of(env_id := registered_id(env_id))
-        seeds, worlds = evaluation_seeds(episodes, first_seed), {}
-        for name in estimator:
-            own = name == DEFAULT
-            world = environment_options(env_id, options | ({} if own else {"estimator": name}))
-            default = world.get("estimator", system.estimator or "no estimator")
-            worlds[getattr(default, "__name__", default) if own else name] = world
+        seeds = evaluation_seeds(episodes, first_seed)
+        worlds = dict(_world(env_id, name, options) for name in estimator)
+        for world in worlds.values():
             with closing(batch(env_id, 1, world)) as env:
                 load_agent(agent, env)
         compare_to = compare_to or ("truth" if "truth" in worlds else next(iter(worlds)))
@@ -70,6 +67,17 @@ def main(
         _compare(agent, {name: column["score"] for name, column in columns.items()}, compare_to)
     if out:
         _write(out, (env_id, agent, episodes), system, columns, compare_to)
+
+
+def _world(env_id: str, estimator: str, options: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+    """Name of an estimator, and the options of the environment with it."""
+    from agents.studies.worlds import environment_options, system_of
+
+    if estimator != DEFAULT:
+        return estimator, environment_options(env_id, options | {"estimator": estimator})
+    world = environment_options(env_id, options)
+    default = world.get("estimator", system_of(env_id).estimator or "no estimator")
+    return getattr(default, "__name__", default), world
 
 
 def _run(
@@ -87,25 +95,23 @@ def _run(
             run = rollout(agent, env_id, seeds, options)
             columns[name] = scores(run)
             show(len(columns), len(worlds))
-    sections: tuple[list[list[str]], list[list[str]]] = ([], [])
-    for metric in metrics(run.config.system):
-        values = [column[metric.key] for column in columns.values()]
-        if np.isfinite(values).any():
-            sections[not (metric.cost or metric.key == SCORE.key)].append(_row(metric, values))
-    print_table(title, ["metric", *columns], sections)
+    first = sorted(metrics(run.config.system), key=lambda m: not (m.cost or m.key == SCORE.key))
+    values = [(m, [column[m.key] for column in columns.values()]) for m in first]
+    rows = [_row(metric, each) for metric, each in values if np.isfinite(each).any()]
+    print_table(title, ["metric", *columns], rows)
     return columns
 
 
 def _compare(agent: str, scores: dict[str, Any], reference: str) -> None:
     """Print the differences of scores from the reference; warn of those beyond the truth's."""
-    from agents.page import words
+    from agents.page import text
     from agents.statistics import paired_difference
     from agents.studies.records import ORACLE, beyond_the_truth
 
     others, said, beyond = [name for name in scores if name != reference], [], []
     for name in others:
         more = paired_difference(scores[name], scores[reference], comparisons=len(others))
-        said.append(f"{name} {words(more, 3, True)}")
+        said.append(f"{name} {text(more, 3, True)}")
         if reference == ORACLE and more and more.low > 0.0:
             beyond.append(name)
     print(f"Score minus that with {reference}, paired by seed: {', '.join(said)}")
@@ -140,8 +146,8 @@ def _write(
 def _row(metric: Any, columns: list[Any]) -> list[str]:
     """Name of a metric, and its mean with each estimator; of one episode, its value."""
     from agents.metrics import mean
-    from agents.page import words
+    from agents.page import text
 
     of = f"{metric.label} error, RMS" if metric.key.endswith("_rmse") else metric.label
     means = [mean(metric, values[None]) or values.mean() for values in columns]
-    return [metric.title.replace(metric.label, of), *(words(m, metric.decimals) for m in means)]
+    return [metric.title.replace(metric.label, of), *(text(m, metric.decimals) for m in means)]

@@ -27,7 +27,7 @@ def main(what: str = "environments", env_id: str = "", /) -> None:
         whole = what in ("environments", "studies")
         if whole and env_id:
             raise ValueError(f"list {what} lists all: it takes no {env_id!r}")
-        print_table(what if whole else of, header, [rows()])
+        print_table(what if whole else of, header, rows())
 
 
 def _environments() -> list[list[str]]:

@@ -8,7 +8,6 @@ import sys
 import tomllib
 from collections.abc import Callable, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any, NoReturn, get_args, get_origin, get_type_hints
 
 from agents.refusal import Refusal
@@ -65,18 +64,6 @@ SHARED = {
     "processes": "processes on this machine",
 }
 """Help on parameters of several commands; each command has its own in ``OPTIONS``."""
-_METAVARS: dict[Any, str] = {
-    "env_id": "ENV",
-    "study": "STUDY",
-    "papers": "PAPER",
-    "mismatch": "SHARE",
-    "vessel": "FILE",
-    str: "NAME",
-    int: "N",
-    float: "NUMBER",
-    Path: "FILE",
-}
-"""Placeholders of some parameters, and of types."""
 _LEAST = dict.fromkeys(("episodes", "every", "processes", "rounds", "runs", "evaluations"), 1)
 """Least values of whole numbers that may not be 0."""
 MOST = 2**31 - 1
@@ -141,15 +128,13 @@ def _parser(main: Callable[..., Any], name: str | None) -> tuple[_Parser, list[s
             group = parser.add_argument_group("options of the environment")
             for each, (kind, text) in ENVIRONMENT.items():
                 if each not in parameters:
-                    group.add_argument(
-                        _flag(each), **_keywords(each, kind, argparse.SUPPRESS, text)
-                    )
+                    group.add_argument(_flag(each), **_keywords(kind, argparse.SUPPRESS, text))
             continue
-        keywords = _keywords(key, hints[key], parameter.default, helps.get(key, ""))
+        keywords = _keywords(hints[key], parameter.default, helps.get(key, ""))
         if parameter.kind is parameter.POSITIONAL_ONLY:
             if "default" in keywords:
                 keywords["nargs"] = "*" if "nargs" in keywords else "?"
-            parser.add_argument(key, **keywords)
+            parser.add_argument(key, metavar=key.upper(), **keywords)
             positional.append(key)
         else:
             parser.add_argument(_flag(key), dest=key, **keywords)
@@ -160,7 +145,7 @@ def _flag(name: str) -> str:
     return f"--{name.rstrip('_').replace('_', '-')}"
 
 
-def _keywords(name: str, kind: Any, default: Any, help: str) -> dict[str, Any]:
+def _keywords(kind: Any, default: Any, help: str) -> dict[str, Any]:
     """Keywords of `argparse` for a parameter of a type, such as ``Path | None`` or a tuple."""
     keywords: dict[str, Any] = {"help": help}
     typed_only, several = default is argparse.SUPPRESS, get_origin(kind)
@@ -177,6 +162,4 @@ def _keywords(name: str, kind: Any, default: Any, help: str) -> dict[str, Any]:
         return {"metavar": "NAME=VALUE", "nargs": "+", **keywords}
     if several is tuple:
         keywords["nargs"] = "+"
-    inner = (get_args(kind) or (kind,))[0]
-    metavar = "FOLDER" if help.startswith("folder") else _METAVARS.get(name, _METAVARS[inner])
-    return {"type": inner, "metavar": metavar, **keywords}
+    return {"type": (get_args(kind) or (kind,))[0], **keywords}

@@ -12,8 +12,7 @@ CHOOSING = 100
 
 OPTIONS = {
     "out": "policy to write; results/ and the algorithm's name if not given",
-    "algorithm": "ppo, recurrentppo (ppo with --memory lstm), a2c, trpo, sac, td3, tqc, crossq or"
-    " ddpg",
+    "algorithm": "ppo, a2c, trpo, sac, td3, tqc, crossq or ddpg",
     "memory": "none, frames (the last observations) or lstm (a recurrent network)",
     "seed": "number of the training run",
     "steps": "environment steps; n_timesteps of the settings if not given",
@@ -55,8 +54,6 @@ def main(
 
     algorithm = algorithm.lower()
     out = npz_path(out or Path("results") / algorithm)
-    if algorithm == "recurrentppo":
-        algorithm, memory = "ppo", "lstm"
     with asked():
         if out.exists() and not (resume or force):
             raise ValueError(

@@ -86,27 +86,21 @@ def _journal(out: Path, used: bool) -> Path:
 
 def _print(tuned: Any, out: Path) -> None:
     """Print what was tuned, what it gained on fresh seeds, and a line to copy."""
-    found, arm = tuned.found, tuned.arm
-    rows = []
+    from agents.page import text
+    from agents.statistics import Interval
+
+    found, arm, rows = tuned.found, tuned.arm, []
     for name, parameter in arm.parameters.items():
-        gain, low, high = found["gain_of"][name]
-        note = "at its bound" if name in found["at_bound"] else ""
-        note = note or ("no effect" if max(-low, high) < 0.002 else "")
-        rows.append(
-            [
-                name,
-                f"{parameter.value:.3g}",
-                f"{tuned.values[name]:.3g}",
-                f"{gain:+.3f} ± {0.5 * (high - low):.3f}",
-                note,
-            ]
-        )
-    gain, low, high = found["gain"]
+        gain = Interval(*found["gain_of"][name])
+        note = "no effect" if max(-gain.low, gain.high) < 0.002 else ""
+        note = "at its bound" if name in found["at_bound"] else note
+        values = [f"{value:.3g}" for value in (parameter.value, tuned.values[name])]
+        rows.append([name, *values, text(gain, 3, True), note])
     title = f"{arm.env_id}, {arm.estimator}, {arm.agent}: gain of each parameter on fresh seeds"
-    print_table(title, ["parameter", "delivered", "tuned", "gain", ""], [rows])
+    print_table(title, ["parameter", "delivered", "tuned", "gain", ""], rows)
     print(
         f"Score on fresh seeds: {found['fresh_delivered']:.3f} as delivered,"
-        f" {found['fresh_tuned']:.3f} tuned, difference {gain:+.3f} ({low:+.3f} to {high:+.3f});"
+        f" {found['fresh_tuned']:.3f} tuned, difference {text(Interval(*found['gain']), 3, True)};"
         f" NEES of the position {found['position_nees']:.2f};"
         f" {len(found['best_so_far'])} candidates in {found['cpu_seconds']:.0f} CPU s.\n"
         f"Use it: vessel-gym evaluate {arm.env_id} --tuned {out}"

@@ -46,9 +46,7 @@ def main(
     **options: Any,
 ) -> None:
     """Write an episode to a file, to watch it; several estimators meet equal waves and noise."""
-    import gymnasium as gym
-
-    from agents import episode, load_agent
+    from agents import episode
     from agents.files import check_file
     from agents.studies.worlds import environment_options, registered_id
     from vessel_gym.checks import one_of
@@ -65,15 +63,27 @@ def main(
             )
         options = environment_options(env_id := registered_id(env_id), options)
         check_file(out)
-    if kind not in WRITERS:
-        with asked():
-            chosen = [environment_options(env_id, {"estimator": each}) for each in estimator]
-            names = [each["estimator"] for each in chosen] if len(chosen) > 1 else None
-            page = episode(env_id, names, agent, seed, options)
-        page.save(out)
-        scores = ", ".join(f"{score:.3f} with {name}" for name, score in page.scores.items())
-        print(f"wrote {out}, {page.page['conditions'][-1]}, score {scores}")
+    if kind in WRITERS:
+        _film(env_id, agent, seed or 0, out, every, options)
         return
+    with asked():
+        chosen = [environment_options(env_id, {"estimator": each}) for each in estimator]
+        names = [each["estimator"] for each in chosen] if len(chosen) > 1 else None
+        page = episode(env_id, names, agent, seed, options)
+    page.save(out)
+    scores = ", ".join(f"{score:.3f} with {name}" for name, score in page.scores.items())
+    print(f"wrote {out}, {page.page['conditions'][-1]}, score {scores}")
+
+
+def _film(
+    env_id: str, agent: str, seed: int, out: Path, every: int, options: dict[str, Any]
+) -> None:
+    """Write pictures of an episode."""
+    import gymnasium as gym
+
+    from agents import load_agent
+    from agents.studies.worlds import environment_options
+
     with asked():
         drawn = environment_options(env_id, {"render_mode": "rgb_array"})
         env: Any = gym.make(env_id, **options, **drawn)
@@ -81,7 +91,7 @@ def main(
     with closing(env):
         flyer.reset(1)
         with asked():  # the first picture needs pygame
-            observation, _ = env.reset(seed=seed or 0)
+            observation, _ = env.reset(seed=seed)
             check_picture(env, env_id)
         score = record(env, flyer, observation, out, every)
     print(f"wrote {out}, score {score:.3f}")

@@ -3,8 +3,9 @@
 A factor is something in which conditions differ (sensors, their rate, the disturbance, the model
 error, latency, faults), the estimator, the tuning or the agent. Effects are differences of the
 score from that at the factor's reference level, all other factors being equal. They are means with
-equal weights over complete cells: combinations of the other factors in which every level has a
-result. Raw measurements and the ends of the scale are no levels of the estimator.
+equal weights over complete cells: combinations of the other factors in which both levels have a
+result. Raw measurements and the ends of the scale are no levels of the estimator. Where arms are
+tuned several times, intervals are for other tunings, too.
 """
 
 from collections.abc import Sequence
@@ -14,14 +15,14 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from agents.statistics import Interval, mean_interval
+from agents.statistics import Interval
 from agents.studies.ranking import interval
 from agents.studies.records import Condition
 from agents.studies.results import Results
 from agents.studies.worlds import AT_RATE
 from vessel_gym.sensors.grades import NOMINAL
 
-ESTIMATOR, AGENT, TUNED = "estimator", "agent", "tuned"
+ESTIMATOR, AGENT, TUNED, RUN = "estimator", "agent", "tuned", "run"
 
 
 class Effect(NamedTuple):
@@ -98,36 +99,33 @@ def _varying(conditions: list[Condition]) -> pd.DataFrame:
 
 
 def cells(results: Results, environment: str) -> pd.DataFrame:
-    """Scores of the classical agent on filters, a row for each cell, a column for each seed."""
-    study, table = results.plan.study, results.table
+    """Scores of the classical agent on filters, a row for each cell and run, a column for a seed."""
+    study, score = results.plan.study, results.score.loc[[environment]]
     factors = _varying([c for c in study.conditions if c.is_in(environment)])
-    own = table[(table.environment == environment) & (table.policy == results.compared)]
-    own = own[own.estimator.isin(results.filters(environment))].join(factors, on="condition")
-    keys = ["environment", *factors, ESTIMATOR, "seed"]
-    return own.groupby(keys, sort=False).score.mean().unstack("seed", sort=False)
+    of = score.index.get_level_values
+    own = score[
+        (of("policy") == results.compared) & of(ESTIMATOR).isin(results.filters(environment))
+    ]
+    keys = [*factors, ESTIMATOR, RUN]
+    return own.join(factors, on="condition").groupby(keys, sort=False).mean()
 
 
 def contrasts(table: pd.DataFrame, factor: str, reference: str) -> dict[str, pd.DataFrame]:
-    """Differences of `cells` from those at the reference, by level, over the complete cells.
-
-    Levels that leave no complete cell are left out, those with the fewest cells first.
-    """
+    """Differences of `cells` from those at the reference, by level, where both have a result."""
     each = {str(k): rows.droplevel(factor) for k, rows in table.groupby(level=factor, sort=False)}
-    if reference not in each:
-        return {}
-    base = each.pop(reference)
-    while each:
-        complete = reduce(pd.Index.intersection, (rows.index for rows in each.values()), base.index)
-        if len(complete):
-            return {k: rows.loc[complete] - base.loc[complete] for k, rows in each.items()}
-        del each[min(each, key=lambda k: len(each[k].index.intersection(base.index)))]
-    return {}
+    base = each.pop(reference, table.iloc[:0].droplevel(factor))
+    gaps = {k: (rows - base.reindex(rows.index)).dropna() for k, rows in each.items()}
+    return {k: rows for k, rows in gaps.items() if len(rows)}
 
 
-def _by_cell(results: Results, environment: str) -> dict[str, tuple[str, dict[str, pd.DataFrame]]]:
-    """Reference and `contrasts` of each factor of the classical agent."""
+Contrasts = dict[str, tuple[str, dict[str, pd.DataFrame]]]
+"""Reference of each factor, and the differences of its other levels, a row for each cell and run."""
+
+
+def _by_cell(results: Results, environment: str) -> Contrasts:
+    """Contrasts of the conditions and of the estimators of the classical agent."""
     table, found = cells(results, environment), {}
-    for factor in table.index.names[1:] if len(table) else ():
+    for factor in table.index.names[:-1] if len(table) else ():
         names = [str(name) for name in table.index.unique(factor)]
         first = results.reference(environment, names) if factor == ESTIMATOR else names[0]
         if each := contrasts(table, factor, first):
@@ -135,26 +133,30 @@ def _by_cell(results: Results, environment: str) -> dict[str, tuple[str, dict[st
     return found
 
 
-def _policies(results: Results, environment: str) -> dict[str, tuple[str, dict[str, pd.DataFrame]]]:
-    """References of tuning and agent, and differences ``(runs, seeds)`` of other policies.
+def _policies(results: Results, environment: str) -> Contrasts:
+    """Contrasts of the tuning and of other agents.
 
     A tuned agent is compared on every filter, any other one on its home estimator.
     """
-    score = results.wide("score").loc[[environment]]
-    found: dict[str, tuple[str, dict[str, pd.DataFrame]]] = {}
-    for policy in score.index.unique("policy").drop(results.classical, errors="ignore"):
-        tuned = policy == f"{results.classical}, {TUNED}"
-        each = []
-        for name in results.filters(environment) if tuned else [results.home(environment, policy)]:
-            ours, theirs = (results.rows(score, name, p) for p in (policy, results.classical))
-            base = theirs.droplevel("run").reindex(ours.index.droplevel("run"))
-            each.append((ours - base.to_numpy()).dropna())
-        runs = pd.concat(each).groupby("run", sort=False)
-        gaps = runs.mean()[runs.size() == runs.size().max()]  # those without a missing cell
-        if len(gaps):
-            of = ("tuning", "delivered", TUNED) if tuned else (AGENT, results.classical, policy)
+    score, classical = results.score.loc[[environment]], results.classical
+    found: Contrasts = {}
+    for policy in score.index.unique("policy").drop(classical, errors="ignore"):
+        tuned = policy == f"{classical}, {TUNED}"
+        names = results.filters(environment) if tuned else [results.home(environment, policy)]
+        own = score[score.index.get_level_values(ESTIMATOR).isin(names)].droplevel("environment")
+        ours, theirs = (own[own.index.get_level_values("policy") == p] for p in (policy, classical))
+        ours, theirs = ours.droplevel("policy"), theirs.droplevel(["policy", RUN])
+        base = theirs.reindex(ours.index.droplevel(RUN)).to_numpy()
+        if len(gaps := (ours - base).dropna()):
+            of = ("tuning", "delivered", TUNED) if tuned else (AGENT, classical, policy)
             found.setdefault(of[0], (of[1], {}))[1][of[2]] = gaps
     return found
+
+
+def _by_run(rows: pd.DataFrame) -> pd.DataFrame:
+    """Means over the cells of each run that lacks none."""
+    runs = rows.groupby(RUN, sort=False)
+    return runs.mean()[runs.size() == runs.size().max()]
 
 
 def effects(results: Results) -> list[Effect]:
@@ -163,17 +165,11 @@ def effects(results: Results) -> list[Effect]:
     The greatest significant gain comes first, and after the gains the greatest change. Each
     environment has its own best and worst levels.
     """
-    found, each = [], [
-        {
-            factor: (first, {k: rows.mean().to_frame().T for k, rows in of.items()})
-            for factor, (first, of) in _by_cell(results, environment).items()
-        }
-        | _policies(results, environment)
-        for environment in results.environments
-    ]  # fmt: skip
+    each = [_by_cell(results, e) | _policies(results, e) for e in results.environments]
+    found = []
     for factor in dict.fromkeys(name for own in each for name in own):
         places = [own[factor] for own in each if factor in own]
-        among = prod(len(of) for _, of in places)
+        among = prod(len(levels) for _, levels in places)
         ends: list[Any] = [_one([first for first, _ in places], "first")]
         for sign, word in ((1.0, "best"), (-1.0, "worst")):
             names, gaps = zip(*(_extreme(*place, sign) for place in places), strict=True)
@@ -193,9 +189,10 @@ def _one(names: Sequence[str], word: str) -> str:
 
 
 def _extreme(
-    reference: str, gaps: dict[str, pd.DataFrame], sign: float
+    reference: str, levels: dict[str, pd.DataFrame], sign: float
 ) -> tuple[str, pd.DataFrame]:
     """The level with the highest score, or with a negative sign the lowest, and its difference."""
+    gaps = {name: _by_run(rows) for name, rows in levels.items()}
     level = max(gaps, key=lambda name: sign * gaps[name].to_numpy().mean())
     beyond = sign * gaps[level].to_numpy().mean() > 0.0
     return (level, gaps[level]) if beyond else (reference, 0.0 * gaps[level])
@@ -207,17 +204,19 @@ def interactions(results: Results) -> list[Interaction]:
     Of the two views of an interaction, the one with the smaller main effect comes first.
     """
     tried = [
-        ((environment, factor, level, other, str(at)), by.loc[at] - by.iloc[0], rows)
+        ((environment, factor, level, other, str(at)), by.loc[at] - by.loc[first], rows)
         for environment in results.environments
         for factor, (_, each) in _by_cell(results, environment).items()
         for level, rows in each.items()
-        for other in rows.index.names[1:]
-        for by in [rows.groupby(level=other, sort=False).mean()]
-        for at in by.index[1:]
+        for other in rows.index.names[:-1]
+        for by in [rows.groupby(level=[other, RUN], sort=False).mean()]
+        for first, *others in [by.index.unique(other)]
+        for at in others
     ]
     found = []
     for names, change, rows in tried:
-        value, main = mean_interval(change.to_numpy(), len(tried)), abs(rows.to_numpy().mean())
-        if value and value.excludes_zero and abs(value.mean) > main:
+        values, main = change.dropna().to_numpy(), abs(rows.to_numpy().mean())
+        value = interval(results, results.compared, values, len(tried))
+        if isinstance(value, Interval) and value.excludes_zero and abs(value.mean) > main:
             found.append((-round(abs(value.mean), 9), main, Interaction(*names, value)))
     return [each for *_, each in sorted(found, key=lambda item: item[:2])]

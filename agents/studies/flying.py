@@ -46,10 +46,9 @@ def fly(
         chi-square band, NaN without a covariance.
     """
     import_own(own)
-    acting: Any = str(needs[0]) if agent == NEEDED else agent
-    if agent == NEEDED and needs[0].suffix == ".toml":
-        tuned = load_tuned(needs[0])
-        acting = tuned.agent()
+    acting = str(needs[0]) if agent == NEEDED else agent
+    if needs and needs[0].suffix == ".toml":
+        tuned = load_tuned(acting)
         options = options | {"estimator_options": tuned.arm.estimator_options(tuned.values)}
     flown = rollout(
         acting,

@@ -14,6 +14,7 @@ from agents.studies.records import (
     EACH,
     FLOOR,
     RAW,
+    TUNED,
     Agent,
     Condition,
     Estimator,
@@ -85,10 +86,15 @@ def options(
     study: Study, condition: Condition, estimator: Estimator, environment: str
 ) -> dict[str, Any]:
     """The options of an environment, as plain data."""
+    return _shared_options(study, estimator, environment) | condition.options
+
+
+def _shared_options(study: Study, estimator: Estimator, environment: str) -> dict[str, Any]:
+    """The options of an environment that all conditions share."""
     default = estimator.estimator == DEFAULT
     name = system_of(environment).estimator if default else estimator.estimator
     chosen = {"estimator_options": estimator.options} if estimator.options else {}
-    return {"estimator": name} | chosen | condition.options | {"termination": study.termination}
+    return {"estimator": name} | chosen | {"termination": study.termination}
 
 
 class _EnvironmentPlan:
@@ -97,6 +103,7 @@ class _EnvironmentPlan:
     def __init__(self, study: Study, environment: str, metrics: bool) -> None:
         self.metrics = metrics
         self.study, self.environment, self.system = study, environment, system_of(environment)
+        self.conditions = [c for c in study.conditions if c.is_in(environment)]
         self.skipped: list[Skipped] = []
         self.estimators: dict[str, Estimator] = {}
         trained = any(a.learned and DEFAULT in a.trained_on for a in study.agents)
@@ -105,9 +112,8 @@ class _EnvironmentPlan:
             name = self._real(each.name)
             if not each.is_in(environment) or name in self.estimators:
                 continue
-            if error := refusal(
-                environment, options(study, study.conditions[0], each, environment)
-            ):
+            chosen = options(study, study.conditions[0], each, environment)
+            if error := refusal(environment, chosen):
                 self._skip(each.name, str(error))
             else:
                 self.estimators[name] = replace(each, name=name)
@@ -121,9 +127,7 @@ class _EnvironmentPlan:
 
     def flights(self) -> Iterator[Flight]:
         """Every flight of the agents that the environment has."""
-        env = self.environment
-        conditions = [c for c in self.study.conditions if c.is_in(env)]
-        for agent in (agent for agent in self.study.agents if agent.is_in(env)):
+        for agent in (agent for agent in self.study.agents if agent.is_in(self.environment)):
             acts = is_controller(agent.kind, self.system) or os.path.isfile(agent.kind)
             if not agent.learned and not acts:
                 self._skip(agent.name, unknown_controller(agent.kind, self.system))
@@ -131,65 +135,45 @@ class _EnvironmentPlan:
             policies = list(self._policies(agent))
             if not policies:
                 self._skip(agent.name, "no estimator that it is trained on can be used here")
-            seen = [_RAW_MEASUREMENTS] if agent.raw else list(self.estimators.values())
-            for condition, (policy, home, run, training) in product(conditions, policies):
+            seen = [_RAW_MEASUREMENTS] if agent.raw else self.estimators.values()
+            for condition, (policy, home, run, needed) in product(self.conditions, policies):
                 for each in seen:
                     if not agent.flown_on or each.name in (home, *agent.flown_on):
-                        job = self._fly(agent, condition, each, training)
-                        at = env, condition.name, policy, each.name, run, each.name == home
-                        yield Flight(*at, job)
+                        yield self._flight(agent, policy, home, run, condition, each, needed)
             if self.study.tune and is_controller(agent.kind, self.system):
-                yield from self._tuned_flights(agent, self.study.tune, conditions)
+                yield from self._tuned_flights(agent, self.study.tune)
 
-    def _tuned_flights(
-        self, agent: Agent, tuning: Tuning, conditions: list[Condition]
-    ) -> Iterator[Flight]:
+    def _tuned_flights(self, agent: Agent, tuning: Tuning) -> Iterator[Flight]:
         """Flights of a classical agent that is tuned with each estimator."""
-        once = [c for c in conditions if c.name in tuning.conditions] or conditions[:1]
-        for estimator in self.estimators.values():
-            if estimator.name == FLOOR:
+        once = [c for c in self.conditions if c.name in tuning.conditions] or self.conditions[:1]
+        name, home = f"{agent.name}, {TUNED}", self.system.estimator
+        for estimator in (each for each in self.estimators.values() if each.name != FLOOR):
+            try:
+                Arm(self.environment, **self._arm(agent, tuning, estimator, once)).parameters  # noqa: B018
+            except ValueError as error:
+                self._skip(f"{name} on {estimator.name}", str(error))
                 continue
-            if reason := self._untunable(agent, tuning, estimator, once):
-                self._skip(f"{agent.tuned} on {estimator.name}", reason)
-                continue
-            home = estimator.name == self.system.estimator
-            for condition, run in product(conditions, range(tuning.tunings)):
+            for condition, run in product(self.conditions, range(tuning.tunings)):
                 chosen = [condition] if EACH in tuning.conditions else once
                 needed = self._tune(agent, tuning, chosen, estimator, run)
-                job = self._fly(agent, condition, estimator, needed)
-                at = self.environment, condition.name, agent.tuned, estimator.name, run
-                yield Flight(*at, home, job)
+                yield self._flight(agent, name, home, run, condition, estimator, needed)
 
     def _arm(
         self, agent: Agent, tuning: Tuning, estimator: Estimator, conditions: list[Condition]
     ) -> dict[str, Any]:
         """Arguments of an `agents.tuning.arm.Arm`."""
-        given = options(self.study, conditions[0], estimator, self.environment)
-        shared = {k: v for k, v in given.items() if k not in conditions[0].options}
+        shared = _shared_options(self.study, estimator, self.environment)
         each = [condition.options for condition in conditions]
         return {"agent": agent.kind, "options": shared, "conditions": each, "by": tuning.by}
-
-    def _untunable(
-        self, agent: Agent, tuning: Tuning, estimator: Estimator, conditions: list[Condition]
-    ) -> str:
-        """Reason why an agent cannot be tuned with an estimator; empty if it can be."""
-        try:
-            arm = Arm(self.environment, **self._arm(agent, tuning, estimator, conditions))
-            arm.parameters  # noqa: B018
-        except ValueError as error:
-            return str(error)
-        return ""
 
     def _tune(
         self, agent: Agent, tuning: Tuning, conditions: list[Condition], estimator: Estimator,
         seed: int,
     ) -> Job:  # fmt: skip
         """The tuning of a classical agent with an estimator."""
-        own = dict[str, str]()
-        for condition in conditions:
-            own |= self._world(agent, condition, estimator, agent.kind)["own"]
         arguments = self._arm(agent, tuning, estimator, conditions) | {
-            "environment": self.environment, "own": own, "seed": seed,
+            "environment": self.environment, "seed": seed,
+            "own": self._own(agent.kind, estimator, *conditions),
             "evaluations": tuning.evaluations, "episodes": tuning.episodes,
         }  # fmt: skip
         label = f"tune {agent.name} on {estimator.name} in {self.environment}"
@@ -206,6 +190,12 @@ class _EnvironmentPlan:
             if home := known.get(self._real(school)):
                 yield agent.policy(school), home.name, run, self._train(agent, home, run)
 
+    def _own(self, controller: str, estimator: Estimator, *conditions: Condition) -> dict[str, str]:
+        """Source of the user's own; see `digests`."""
+        worlds = [name for c in conditions for name in (c.sensors, c.disturbance)]
+        texts = [name for name in (estimator.estimator, *worlds) if isinstance(name, str)]
+        return digests(self.environment, controller, *texts)
+
     def _world(
         self, agent: Agent, condition: Condition, estimator: Estimator, controller: str
     ) -> dict[str, Any]:
@@ -216,9 +206,7 @@ class _EnvironmentPlan:
         chosen = options(self.study, condition, estimator, self.environment)
         if agent.learned:
             chosen |= {"observe": agent.observe}
-        names = estimator.estimator, condition.sensors, condition.disturbance
-        texts = [name for name in names if isinstance(name, str)]
-        own = digests(self.environment, controller, *texts)
+        own = self._own(controller, estimator, condition)
         return {"environment": self.environment, "options": chosen, "own": own}
 
     def _train(self, agent: Agent, school: Estimator, seed: int) -> Job:
@@ -229,16 +217,19 @@ class _EnvironmentPlan:
         label = f"train {agent.name} on {school.name} in {env}"
         return Job("agents.studies.training:train_agent", arguments, label, artifact=".npz")
 
-    def _fly(
-        self, agent: Agent, condition: Condition, estimator: Estimator, training: Job | None
-    ) -> Job:
-        controller = NEEDED if training else agent.kind
+    def _flight(
+        self, agent: Agent, policy: str, home: str, run: int, condition: Condition,
+        estimator: Estimator, needed: Job | None,
+    ) -> Flight:  # fmt: skip
+        controller = NEEDED if needed else agent.kind
         arguments = self._world(agent, condition, estimator, controller) | {
             "agent": controller,
             "first_seed": self.study.first_seed,
             "episodes": self.study.episodes,
             "metrics": self.metrics,
         }
-        name = agent.name if training else controller
+        name = agent.name if needed else controller
         label = f"{name} on {estimator.name} in {self.environment}, {condition.name}"
-        return Job("agents.studies.flying:fly", arguments, label, (training,) if training else ())
+        job = Job("agents.studies.flying:fly", arguments, label, (needed,) if needed else ())
+        place = self.environment, condition.name, policy, estimator.name
+        return Flight(*place, run, estimator.name == home, job)

@@ -17,11 +17,9 @@ from agents.statistics import (
     crossed_interval,
     episodes_for,
     mean_interval,
-    share_interval,
-    skewed_interval,
     verdict,
 )
-from agents.studies.records import ENDS, ORACLE
+from agents.studies.records import ENDS
 from agents.studies.results import Results
 
 ALL = "All"
@@ -49,15 +47,15 @@ def interval(
     """The mean of ``(runs, seeds)`` with its interval; one training run has none: a number."""
     if policy in results.learned and len(values) == 1:
         return float(values.mean())
-    return crossed_interval(values, comparisons) if len(values) else None
+    return crossed_interval(values, comparisons)
 
 
 def policy_score(
-    results: Results, environment: str, policy: str, estimator: str | None = None
+    results: Results, environment: str, policy: str, estimator: str
 ) -> Interval | float | None:
-    """Normalised score of a policy on an estimator, or (None) on that of its training."""
-    there = estimator or results.home(environment, policy)
-    return interval(results, policy, normalised(results, [environment], policy, there).to_numpy())
+    """Normalised score of a policy on an estimator."""
+    values = normalised(results, [environment], policy, estimator)
+    return interval(results, policy, values.to_numpy())
 
 
 # --- estimators of the classical agent ------------------------------------------------------------
@@ -70,23 +68,18 @@ class Ranking:
     once, because the best is selected in the same episodes.
 
     Attributes:
-        scores: Normalised score at each evaluation seed ``(seeds,)`` by estimator, a mean over
-            tunings.
+        scores: Normalised score by estimator, a row for each tuning and a column for each seed.
     """
 
     def __init__(self, results: Results, environments: Sequence[str]) -> None:
         self.results, self.environments = results, list(environments)
-        each = {name: self._scores(name) for name in results.estimators() if name not in ENDS}
-        found = [(name, runs.to_numpy().mean(0)) for name, runs in each.items() if len(runs)]
-        self.scores = dict(sorted(found, key=lambda item: -float(item[1].mean())))
-
-    def _scores(self, name: str) -> pd.DataFrame:
-        """Normalised score with an estimator, a row for each tuning and a column for each seed."""
-        return normalised(self.results, self.environments, self.results.compared, name)
-
-    def _differences(self, one: str, other: str) -> np.ndarray:
-        """Differences ``(runs, seeds)`` of two estimators, in the tunings that both have."""
-        return (self._scores(one) - self._scores(other)).dropna().to_numpy()
+        each = {
+            name: normalised(results, environments, results.compared, name)
+            for name in results.estimators()
+            if name not in ENDS
+        }
+        found = [(name, runs) for name, runs in each.items() if len(runs)]
+        self.scores = dict(sorted(found, key=lambda item: -item[1].to_numpy().mean()))
 
     @property
     def best(self) -> str:
@@ -105,39 +98,12 @@ class Ranking:
         return self.results.scales.loc[self.environments]
 
     def score(self, name: str) -> Interval | None:
-        """Normalised score of one of its estimators, or of an end of the scale."""
-        return crossed_interval(self._scores(name).to_numpy(), max(len(self.scores), 1))
+        """Normalised score of one of its estimators."""
+        return crossed_interval(self.scores[name].to_numpy(), len(self.scores))
 
-    def loss(self, name: str) -> Interval | None:
-        """Reference score minus score at the same seed, a mean over all places with a scale.
-
-        The interval follows the skewness: most episodes cost little, and some much.
-        """
-        score, compared = self.results.wide("score"), self.results.compared
-        truth, ours = (self.results.rows(score, each, compared) for each in (ORACLE, name))
-        lost = (
-            (truth - ours)
-            .groupby(["environment", "condition"], sort=False)
-            .mean()
-            .loc[self.scales.index]
-        )
-        return skewed_interval(lost.mean().to_numpy(), len(self.scores))
-
-    def episodes(self, name: str) -> pd.DataFrame:
-        """Episodes of the classical agent on an estimator."""
-        table = self.results.table
-        own = (table.policy == self.results.compared) & (table.estimator == name)
-        return table[own & table.environment.isin(self.environments)]
-
-    def completed(self, name: str) -> Interval:
-        """Share [%] of episodes that end as the task asks."""
-        hits = self.episodes(name).groupby("seed").completed.mean()
-        return share_interval(float(hits.sum()), len(hits)).times(100.0)
-
-    def worst_decile(self, name: str) -> float:
-        """Mean score of the worst tenth of the episodes."""
-        scores = self.episodes(name).score
-        return float(scores.nsmallest(-(-len(scores) // 10)).mean())
+    def differences(self, one: str, other: str) -> np.ndarray:
+        """Differences ``(runs, seeds)`` of two estimators, in the tunings that both have."""
+        return (self.scores[one] - self.scores[other]).dropna().to_numpy()
 
     @property
     def pairs(self) -> int:
@@ -149,8 +115,7 @@ class Ranking:
 
     def gap(self, one: str, other: str) -> Interval | None:
         """Difference of the normalised scores of two estimators."""
-        values = self._differences(one, other)
-        return crossed_interval(values, self.pairs) if len(values) else None
+        return crossed_interval(self.differences(one, other), self.pairs)
 
     @property
     def span(self) -> float:
@@ -160,7 +125,7 @@ class Ranking:
     def verdict(self, one: str, other: str) -> str:
         """Verdict on an estimator against another one."""
         margin = self.results.plan.study.margin
-        return verdict(self._differences(one, other), margin, self.span, self.pairs)
+        return verdict(self.differences(one, other), margin, self.span, self.pairs)
 
     @cached_property
     def verdicts(self) -> dict[str, str]:
@@ -174,29 +139,22 @@ class Ranking:
         They show that the estimators differ, or that they are equivalent, which takes a least
         number of episodes (`verdict`).
         """
-        gap, margin = self.scores[name] - self.scores[self.best], self.results.plan.study.margin
-        size = abs(gap.mean())
+        gap = self.differences(name, self.best).mean(axis=0)
+        margin, size = self.results.plan.study.margin, abs(gap.mean())
         needed = episodes_for(gap, max(size, margin - size), self.pairs)
         least = 3.0 * self.span / margin if size < margin - size else 0.0
         return max(np.ceil(max(needed, least)) - len(gap), 1.0)
 
-    def episodes_to_tell(self) -> float:
-        """Number of seeds that would tell the best estimator's score; 0 if those there are do.
+    @property
+    def tells(self) -> bool:
+        """True if the episodes tell the best estimator's score.
 
         They do if the scale's interval excludes zero and that of the normalised score is no wider
         than the scale (Fieller 1954: a ratio whose denominator may be zero has no bounded
-        interval). So many as make both half as wide, by their spread, and more than there are; NaN
-        of one seed.
+        interval).
         """
-        scale, best = self.scales.to_numpy().mean(axis=0), self.scores[self.best]
-        if len(best) < 2:
-            return float("nan")
-        wanted = (scale, scale.mean(), 1), (best, 0.5, len(self.scores))
-        found = [mean_interval(values, among) for values, _, among in wanted]
-        if all(each and each.half < half for each, (_, half, _) in zip(found, wanted, strict=True)):
-            return 0.0
-        needed = (episodes_for(values, 0.5 * half, among) for values, half, among in wanted)
-        return float(max(*map(np.ceil, needed), len(best) + 1))
+        scale, score = mean_interval(self.scales.mean()), self.score(self.best)
+        return bool(scale and scale.low > 0.0 and score and score.half < 0.5)
 
 
 @lru_cache(1)

@@ -97,11 +97,6 @@ class Agent(_Somewhere):
         return self.name if self.raw else f"{self.name} trained on {trained_on}"
 
     @property
-    def tuned(self) -> str:
-        """Its name after a tuning."""
-        return f"{self.name}, {TUNED}"
-
-    @property
     def policies(self) -> list[str]:
         """Names of its learned policies, one for each estimator that it is trained on."""
         trained_on = ("",) if self.raw else self.trained_on
@@ -151,7 +146,7 @@ class Tuning:
         episodes: Tuning seeds of a candidate in each condition.
         tunings: Tunings of each arm, with their own seeds: the unit of resampling.
         conditions: Names of the conditions for whose mean score an arm is tuned once, to be used in
-            all conditions; ``"each"``: it is tuned for each condition.
+            all conditions; empty: the first; ``"each"`` alone: it is tuned for each condition.
         by: What is maximised, see `agents.tuning.arm.Arm`.
     """
 
@@ -211,8 +206,3 @@ class Study:
     def seeds(self) -> list[int]:
         """The evaluation seeds."""
         return evaluation_seeds(self.episodes, self.first_seed)
-
-    @property
-    def learned(self) -> bool:
-        """True if anything has to be trained."""
-        return any(agent.learned for agent in self.agents)

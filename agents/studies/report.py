@@ -21,10 +21,10 @@ from agents.page import (
     text,
     write_page,
 )
-from agents.plotting import data_uri
+from agents.plotting import data_uri, learning_figure
 from agents.statistics import mean_interval
 from agents.studies.answer import answer
-from agents.studies.figures import conditions_figure, learning_figure
+from agents.studies.figures import conditions_figure
 from agents.studies.ranking import ALL, policy_score, rankings
 from agents.studies.records import ORACLE
 from agents.studies.results import Results
@@ -42,7 +42,6 @@ from agents.studies.tables import (
     tuned_table,
 )
 from agents.studies.worlds import system_of
-from vessel_gym.extras import require
 
 
 def write_report(
@@ -63,29 +62,31 @@ def write_report(
         OSError: if a file cannot be written.
         ModuleNotFoundError: without Matplotlib, Jinja or PyArrow.
     """
-    require("matplotlib", "jinja2", "pyarrow")
     with replacing(out / "results.parquet") as path:
         results.table.to_parquet(path, index=False)
     with replacing(out / "ranking.md") as path:
         path.write_text(markdown(results), encoding="utf-8")
     study = results.plan.study
     subtitle = f"{listed(study.environments)}, {study.episodes} evaluation seeds"
-    blocks = [*_effects(results), *_ranked(results), *_environments(results), *_learned(results)]
-    blocks += [_episode(name, page) for name, page in pages.items()]
+    blocks = [_effects(results), *_ranked(results)]
+    for environment in results.environments:
+        blocks += _environment(results, environment)
+    blocks += [*_learned(results), *(_episode(name, page) for name, page in pages.items())]
     blocks += [*_left_out(results), _limits(), _run(results, command)]
+    blocks = [block for block in blocks if block.table is None or len(block.table)]
     return write_page(out / "report.html", study.title, subtitle, answer(results), blocks)
 
 
-def _effects(results: Results) -> list[Block]:
-    """The table of the factors, if any moves the score."""
-    found = effects_table(results).set_index("factor")
-    note = (
+def _effects(results: Results) -> Block:
+    """The table of the factors."""
+    return table(
+        "How much each factor moves the score",
+        effects_table(results),
         f"Score of {results.who} at the best and at the worst level minus that at the reference,"
         " the first of the study or the one that it names. All other factors are equal; their"
-        " combinations count alike, if they have a result at every level. The 95 % intervals hold"
-        " for all levels of a factor at once. Raw measurements are no level of the estimator."
+        " combinations count alike, where both levels have a result. The 95 % intervals hold"
+        " for all levels of a factor at once. Raw measurements are no level of the estimator.",
     )
-    return [] if found.empty else [table("How much each factor moves the score", found, note)]
 
 
 def _ranked(results: Results) -> list[Block]:
@@ -104,10 +105,8 @@ def _ranked(results: Results) -> list[Block]:
         table(
             f"The best estimators for {results.who}, {head}",
             summary(ranking),
-            "Means over conditions and evaluation seeds with 95 % intervals for other seeds, the"
-            " first two for all estimators at once: normalised score, score below that"
-            f" with {ORACLE}, completed episodes, and the mean score of the worst tenth"
-            f" of them. {legend(results)}",
+            "Normalised score, share of completed episodes with its 95 % interval for other seeds,"
+            f" and mean score of the worst tenth of the episodes. {legend(results)}",
         ),
         picture("Normalised score in each condition", data_uri(conditions_figure(results)),
                 "The scale is that of each condition; the 95 % intervals are individual."),
@@ -125,62 +124,51 @@ def _ranked(results: Results) -> list[Block]:
     ]  # fmt: skip
 
 
-def _tuned(results: Results, environment: str, first: str) -> list[Block]:
-    """The table of the tunings, if the study tunes."""
-    found = tuned_table(results, environment) if results.plan.study.tune else pd.DataFrame()
-    note = (
-        "Score with everything as delivered, and with estimator and controller tuned together, each"
-        " estimator with equal effort. The gain's interval is crossed over tunings and evaluation"
-        " seeds. Overfitting: the gain on tuning seeds minus that on other seeds. At a bound:"
-        " parameters at an end of their range in some tuning."
-    )
-    return [] if found.empty else [table(f"{environment}: tuned for {first}", found, note)]
-
-
-def _environments(results: Results) -> list[Block]:
-    """The tables of each environment: tunings, conditions, costs and consistency."""
-    blocks = []
-    for environment in results.environments:
-        first = results.conditions(environment)[0]
-        blocks += _tuned(results, environment, first)
-        cells = conditions_table(results, environment)
-        blocks.append(table(heading(results, environment), cells, f"Of {results.who}."))
-        chosen = [SCORE, *(m for m in metrics(system_of(environment)) if m.cost)]
-        meanings = " ".join(f"{m.label}: {m.meaning}" for m in chosen)
-        if (environment, first) in results.rows(results.wide("score"), ORACLE).index:
-            blocks.append(
-                table(
-                    f"{environment}: secondary metrics, {first}",
-                    costs(results, environment, chosen),
-                    f"Of {results.who} on {ORACLE}, and on the others the differences from that,"
-                    f" paired by evaluation seed. {meanings}",
-                )
-            )
-        blocks.append(
-            table(
-                f"{environment}: consistency, {first}",
-                consistency(results, environment),
-                f"{NEES.label}: {NEES.meaning} In band: share of times at which the mean NEES over"
-                " the episodes lies in its 95 % chi-square band."
-                f" {UNHEALTHY.label}: {UNHEALTHY.meaning}",
-            )
-        )
-    return blocks
+def _environment(results: Results, environment: str) -> list[Block]:
+    """The tables of an environment: tunings, conditions, costs and consistency."""
+    first = results.conditions(environment)[0]
+    chosen = [SCORE, *(m for m in metrics(system_of(environment)) if m.cost)]
+    meanings = " ".join(f"{m.label}: {m.meaning}" for m in chosen)
+    return [
+        table(
+            f"{environment}: tuned for {first}",
+            tuned_table(results, environment),
+            "Score with everything as delivered, and with estimator and controller tuned together,"
+            " each estimator with equal effort. The gain's interval is crossed over tunings and"
+            " evaluation seeds. Overfitting: the gain on tuning seeds minus that on other seeds. At"
+            " a bound: parameters at an end of their range in some tuning.",
+        ),
+        table(
+            heading(results, environment),
+            conditions_table(results, environment),
+            f"Of {results.who}.",
+        ),
+        table(
+            f"{environment}: secondary metrics, {first}",
+            costs(results, environment, chosen),
+            f"Of {results.who} on {ORACLE}, and on the others the differences from that, paired by"
+            f" evaluation seed. {meanings}",
+        ),
+        table(
+            f"{environment}: consistency, {first}",
+            consistency(results, environment),
+            f"{NEES.label}: {NEES.meaning} In band: share of times at which the mean NEES over the"
+            f" episodes lies in its 95 % chi-square band. {UNHEALTHY.label}: {UNHEALTHY.meaning}",
+        ),
+    ]
 
 
 def costs(results: Results, environment: str, chosen: Sequence[Metric]) -> pd.DataFrame:
     """Score and costs of the classical agent in the first condition, minus those on the truth."""
-    columns, place = {}, (environment, results.conditions(environment)[0])
+    columns, place = {}, (environment, results.conditions(environment)[0], results.classical)
     for m in chosen:
-        each = {
-            name: rows.loc[place].to_numpy()
-            for name in results.estimators(environment)
-            if place in (rows := results.rows(results.wide(m.key), name)).index
-        }
-        truth = each.pop(ORACLE)
-        column = columns[m.title] = {ORACLE: text(mean(m, truth[None]), m.decimals)}
-        for name, ours in each.items():
-            column[name] = text(mean_interval(ours - truth), m.decimals, True)
+        wide = results.wide(m.key)
+        truth = results.values(wide, *place, ORACLE)
+        column = columns[m.title] = {ORACLE: text(mean(m, truth), m.decimals)}
+        for name in results.estimators(environment):
+            if name != ORACLE:
+                more = results.values(wide, *place, name) - truth
+                column[name] = text(mean_interval(more), m.decimals, True)
     return pd.DataFrame(columns).rename_axis("estimator")
 
 
@@ -196,15 +184,12 @@ def consistency(results: Results, environment: str) -> pd.DataFrame:
 
 def _learned(results: Results) -> list[Block]:
     """Normalised scores of learned policies on every estimator, and their learning curves."""
-    rows = {}
-    for policy in results.learned:
-        scores = {e: policy_score(results, e, policy) for e in rankings(results) if e != ALL}
-        used = results.table[results.table.policy == policy].estimator.unique()
-        rows[policy, "that of its training"] = scores
-        for estimator in used if len(used) > 1 else ():
-            rows[policy, estimator] = {
-                e: policy_score(results, e, policy, estimator) for e in scores
-            }
+    environments, episodes = [e for e in rankings(results) if e != ALL], results.table
+    rows = {
+        (policy, estimator): {e: policy_score(results, e, policy, estimator) for e in environments}
+        for policy in results.learned
+        for estimator in episodes[episodes.policy == policy].estimator.unique()
+    }
     found = pd.DataFrame.from_dict(rows, orient="index").dropna(axis=1, how="all")
     if found.empty:
         return []
@@ -221,7 +206,7 @@ def _learned(results: Results) -> list[Block]:
         *(
             picture(
                 f"Learning curves in {environment}",
-                data_uri(learning_figure(curves)),
+                data_uri(learning_figure(curves, "return of training episodes")),
                 "Mean and range over training runs of the return of the last training episodes,"
                 " whose actions are drawn at random about the policy's own.",
             )

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from agents.controllers import AUTOPILOT
@@ -106,36 +107,35 @@ class Results:
         return [name for name in self.estimators(environment) if name not in others]
 
     def curves(self, environment: str) -> dict[str, list[Any]]:
-        """Learning curves of the runs of each policy, see `agents.studies.training.train_agent`."""
+        """Steps and returns of the runs of each policy, see `agents.studies.training.train_agent`."""
         found: dict[str, dict[str, Any]] = {}
         for flight in self.plan.flights:
             for need in flight.job.needs if flight.environment == environment else ():
-                values = self.outcome.values.get(need.key, {})
-                if curve := values.get("curve"):
-                    found.setdefault(flight.policy, {})[need.key] = curve
+                if curve := self.outcome.values.get(need.key, {}).get("curve"):
+                    found.setdefault(flight.policy, {})[need.key] = np.transpose(curve)
         return {policy: list(runs.values()) for policy, runs in found.items()}
 
     # --- a flight a row, a seed a column ----------------------------------------------------------
 
     def wide(self, metric: str) -> pd.DataFrame:
         """A metric with a row for each flight, named by `FLIGHT`, and a column for each seed."""
-        if metric not in self._wide:
-            rows = self.table.set_index([*FLIGHT, "seed"])[metric]
-            self._wide[metric] = rows.unstack("seed", sort=False).astype(float)
-        return self._wide[metric]
+        rows = self.table.set_index([*FLIGHT, "seed"])[metric]
+        return rows.unstack("seed", sort=False).astype(float)
 
     @cached_property
-    def _wide(self) -> dict[str, pd.DataFrame]:
-        return {}
+    def score(self) -> pd.DataFrame:
+        """Score as `wide`."""
+        return self.wide("score")
 
-    def rows(self, wide: pd.DataFrame, estimator: str, policy: str | None = None) -> pd.DataFrame:
-        """Rows of a frame such as `wide` by environment and condition, and by run for a policy.
-
-        They are those of a policy on an estimator, or of the classical agent, which has one run.
-        """
+    def rows(self, wide: pd.DataFrame, estimator: str, policy: str) -> pd.DataFrame:
+        """Rows of a frame such as `wide` by environment, condition and run."""
         of = wide.index.get_level_values
-        own = wide[(of("estimator") == estimator) & (of("policy") == (policy or self.classical))]
-        return own.droplevel(FLIGHT[2:4] if policy else FLIGHT[2:])
+        own = wide[(of("estimator") == estimator) & (of("policy") == policy)]
+        return own.droplevel(["policy", "estimator"])
+
+    def values(self, wide: pd.DataFrame, *flight: str) -> np.ndarray:
+        """Values ``(runs, seeds)`` of a frame such as `wide` at the first four of `FLIGHT`."""
+        return wide[wide.index.droplevel("run").isin([flight])].to_numpy()
 
     @cached_property
     def scales(self) -> pd.DataFrame:
@@ -144,20 +144,20 @@ class Results:
         A place is an environment in a condition. It has a scale if the classical agent was steered
         on both ends there, and scored higher on the truth, on which it is tuned if the study tunes.
         """
-        low = self.rows(self.wide("score"), FLOOR)
-        high = self.rows(self.wide("score"), ORACLE, self.compared)
+        low = self.rows(self.score, FLOOR, self.classical).droplevel("run")
+        high = self.rows(self.score, ORACLE, self.compared)
         scales = (high.groupby(FLIGHT[:2], sort=False).mean() - low).dropna()
         return scales[scales.mean(axis=1) > 0.0]
 
     @cached_property
     def normalised(self) -> pd.DataFrame:
         """Normalised score as `wide`, where there is a scale."""
-        score = self.wide("score")
-        low, found = self.rows(score, FLOOR), [score.iloc[:0]]
-        for name, runs in score.groupby(FLIGHT[:4], sort=False):
-            if (place := name[:2]) in self.scales.index:
-                floor, scale = low.loc[place].to_numpy(), self.scales.loc[place].to_numpy()
-                scores = normalise(runs.to_numpy(), floor, floor + scale)
+        found = [self.score.iloc[:0]]
+        for (*place, _, _), runs in self.score.groupby(FLIGHT[:4], sort=False):
+            if tuple(place) in self.scales.index:
+                (floor,) = self.values(self.score, *place, self.classical, FLOOR)
+                ceiling = floor + self.scales.loc[tuple(place)].to_numpy()
+                scores = normalise(runs.to_numpy(), floor, ceiling)
                 found.append(pd.DataFrame(scores, runs.index, runs.columns))
         return pd.concat(found)
 

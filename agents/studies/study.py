@@ -293,8 +293,10 @@ class _Reader:
         self.known("key in tune", table, keys)
         tuning = Tuning(**self.values(table, keys))
         self.accepts("tunings", seeds_of_tuning, tuning.episodes, tuning.tunings - 1)
-        names = [each.name for each in conditions]
-        self.known("condition", tuning.conditions, (*names, EACH), "conditions")
+        if EACH in tuning.conditions and len(tuning.conditions) > 1:
+            self.wrong('conditions must be names of conditions, or ["each"] alone', "conditions")
+        names = (EACH, *(each.name for each in conditions))
+        self.known("condition", tuning.conditions, names, "conditions")
         return tuning
 
     def tables(self, section: str, keys: Sequence[str]) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -1,7 +1,7 @@
 """Tables of a study's report, of texts."""
 
 from dataclasses import replace
-from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,6 +13,7 @@ from agents.statistics import (
     UNDECIDED,
     crossed_interval,
     mean_interval,
+    share_interval,
 )
 from agents.studies.answer import answer
 from agents.studies.effects import effects
@@ -36,13 +37,17 @@ def legend(results: Results) -> str:
     )
 
 
-def effects_table(results: Results, most: int | None = None) -> pd.DataFrame:
+def effects_table(results: Results) -> pd.DataFrame:
     """Factors with their reference, best and worst levels, and what these change in the score."""
-    rows = [
-        (e.factor, e.best, text(e.gain, 3, True), e.worst, text(e.loss, 3, True), e.reference)
-        for e in effects(results)[:most]
-    ]
-    return pd.DataFrame(rows, columns=["factor", "best", "gain", "worst", "loss", "reference"])
+    rows = {
+        e.factor: {
+            "best": e.best, "gain": text(e.gain, 3, True),
+            "worst": e.worst, "loss": text(e.loss, 3, True),
+            "reference": e.reference,
+        }
+        for e in effects(results)
+    }  # fmt: skip
+    return _table(rows, "factor")
 
 
 def tuned_table(results: Results, environment: str) -> pd.DataFrame:
@@ -52,33 +57,31 @@ def tuned_table(results: Results, environment: str) -> pd.DataFrame:
     other seeds.
     """
     place = environment, results.conditions(environment)[0]
-    score, rows = results.wide("score"), {}
-    tuned = [
-        f
-        for f in results.plan.flights
-        if (f.environment, f.condition, f.policy) == (*place, results.compared)
-    ]
-    for name in dict.fromkeys(flight.estimator for flight in tuned):
-        jobs = {f.job.needs[0].key for f in tuned if f.estimator == name}
-        found = [results.outcome.values[key] for key in jobs if key in results.outcome.values]
-        before, after = (
-            results.rows(score, name, p).sort_index() for p in (results.classical, results.compared)
+    tunings: dict[str, list[dict[str, Any]]] = {}
+    for f in results.plan.flights:
+        if (f.environment, f.condition, f.policy) == (*place, results.compared):
+            values = [results.outcome.values.get(need.key) for need in f.job.needs]
+            tunings.setdefault(f.estimator, []).extend(filter(None, values))
+    rows = {}
+    for name, each in tunings.items():
+        old, new = (
+            results.values(results.score, *place, policy, name)
+            for policy in (results.classical, results.compared)
         )
-        if not found or place not in before.index or place not in after.index:
+        if not each or not len(old):
             continue
-        old, new = (each.loc[place].to_numpy() for each in (before, after))
-        over = np.array([f["after"] - f["before"] - f["gain"][0] for f in found])
+        over = [f["after"] - f["before"] - f["gain"][0] for f in each]
         rows[name] = {
-            "delivered": text(crossed_interval(old), 3), "tuned": text(crossed_interval(new), 3),
-            "gain": text(crossed_interval(new - old), 3, True),
+            "delivered": text(crossed_interval(old), 3),
+            "tuned": text(crossed_interval(new), 3),
+            "gain": text(crossed_interval(new - old[:1]), 3, True),
             "overfitting": text(mean_interval(over), 3, True),
-            "Position NEES/n": text(float(np.mean([f["position_nees"] for f in found])), 2),
-            "at a bound": ", ".join(sorted({n for f in found for n in f["at_bound"]})) or "–",
-        }  # fmt: skip
-    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("estimator")
+            "Position NEES/n": text(float(np.mean([f["position_nees"] for f in each])), 2),
+            "at a bound": ", ".join(sorted({n for f in each for n in f["at_bound"]})) or "–",
+        }
+    return _table(rows)
 
 
-@lru_cache(1)
 def choices_table(results: Results) -> pd.DataFrame:
     """The estimator with the highest normalised score in each condition, a column an environment.
 
@@ -120,22 +123,25 @@ def code(results: Results) -> list[str]:
 
 
 def summary(ranking: Ranking) -> pd.DataFrame:
-    """The best estimators of some environments: their scores, and how their tails are."""
-    rows = {
-        name: {
+    """The best estimators of some environments: their scores, and the tails of these."""
+    table, rows = ranking.results.table, {}
+    own = table[
+        (table.policy == ranking.results.compared) & table.environment.isin(ranking.environments)
+    ]
+    for name in list(ranking.scores)[:BEST]:
+        episodes = own[own.estimator == name]
+        hits = episodes.groupby("seed").completed.mean()
+        rows[name] = {
             "normalised score": text(ranking.score(name), 3),
-            "below truth": text(ranking.loss(name), 3),
-            "completed [%]": text(ranking.completed(name), 1),
-            "worst tenth": text(ranking.worst_decile(name), 3),
+            "completed [%]": text(share_interval(hits.sum(), len(hits)).times(100.0), 1),
+            "worst tenth": text(episodes.score.nsmallest(-(-len(episodes) // 10)).mean(), 3),
         }
-        for name in list(ranking.scores)[:BEST]
-    }
     return _table(rows)
 
 
-def _table(rows: dict[str, dict[str, str]]) -> pd.DataFrame:
-    """A table of texts with a row for each estimator."""
-    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("estimator")
+def _table(rows: dict[str, dict[str, str]], head: str = "estimator") -> pd.DataFrame:
+    """A table of texts, by default with a row for each estimator."""
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis(head)
 
 
 def heading(results: Results, environment: str) -> str:
@@ -149,14 +155,20 @@ def conditions_table(results: Results, environment: str) -> pd.DataFrame:
 
     Both are in the file's order. Without a scale it is the score.
     """
-    values = results.normalised if environment in rankings(results) else results.wide("score")
-    names, rows = results.conditions(environment), {}
-    for estimator in results.estimators(environment):
-        own = results.rows(values, estimator)
-        found = own[own.index.isin([(environment, name) for name in names])]
-        cells = [text(crossed_interval(row[None]), 3) for row in found.to_numpy()]
-        rows[estimator] = dict(zip(found.index.get_level_values("condition"), cells, strict=True))
-    return _table(rows).reindex(columns=names).fillna("–")
+    wide, agent = (
+        results.normalised if environment in rankings(results) else results.score,
+        results.classical,
+    )
+    rows = {
+        estimator: {
+            condition: text(
+                crossed_interval(results.values(wide, environment, condition, agent, estimator)), 3
+            )
+            for condition in results.conditions(environment)
+        }
+        for estimator in results.estimators(environment)
+    }
+    return _table(rows)
 
 
 def ranking_table(results: Results) -> pd.DataFrame:
@@ -192,20 +204,13 @@ def differences_table(results: Results) -> pd.DataFrame:
 
 
 def markdown(results: Results) -> str:
-    """The answer and its tables as Markdown."""
-    blocks = [f"# {results.plan.study.title}", "\n".join(answer(results))]
-    ranked = bool(rankings(results))
-    if not (found := effects_table(results).set_index("factor")).empty:
-        blocks.append(markdown_frame(found))
-    if ranked:
-        lines = "\n".join(code(results))
-        blocks += [markdown_frame(choices_table(results)), f"```python\n{lines}\n```"]
-        blocks.append(legend(results))
-    for environment in results.environments:
-        table = conditions_table(results, environment)
-        blocks += [f"## {heading(results, environment)}", markdown_frame(table)]
-    if ranked:
-        blocks += ["## All conditions", markdown_frame(ranking_table(results))]
+    """The answer, the score in each condition and the ranking as Markdown."""
+    tables = {heading(results, e): conditions_table(results, e) for e in results.environments}
+    blocks = [f"# {results.plan.study.title}", "\n".join(answer(results)), legend(results)]
+    if rankings(results):
+        tables["All conditions"] = ranking_table(results)
+    for head, table in tables.items():
+        blocks += [f"## {head}", markdown_frame(table)]
     return "\n\n".join(blocks) + "\n"
 
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from agents import page
-from agents.page import Block, bullets, listed, number, text, words, write_page
+from agents.page import Block, bullets, listed, number, text, write_page
 from agents.plotting import data_uri, styled
 from agents.statistics import Interval
 
@@ -76,9 +76,9 @@ def test_numbers_have_minus_signs_and_dashes_for_non_finite():
 def test_interval_has_half_width_or_its_ends_if_uneven():
     assert text(Interval(-1.0, -1.5, -0.5), 1, signed=True) == "−1.0 ± 0.5"
     assert text(Interval(0.5, 0.1, 0.6), 1) == "0.5 [0.1, 0.6]"
-    assert words(Interval(0.00018, 0.00007, 0.00029), 3) == "0.0002 ± 0.0001"
-    assert words(Interval(0.0, 0.0, 0.0), 3) == "0.000 ± 0.000"
-    assert words(Interval(0.9, 0.8, 1.0), 1) == "0.9 ± 0.1"
+    assert text(Interval(0.00018, 0.00007, 0.00029), 3) == "0.0002 ± 0.0001"
+    assert text(Interval(0.0, 0.0, 0.0), 3) == "0.000 ± 0.000"
+    assert text(Interval(0.9, 0.8, 1.0), 1) == "0.9 ± 0.1"
 
 
 def test_lists_read_as_in_sentences():

@@ -81,7 +81,7 @@ def test_tables_fit_a_terminal_and_break_no_word(capsys, monkeypatch, width):
     monkeypatch.setenv("COLUMNS", str(width))
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
     row = [f"word{i} and 0.123 ± 0.456" + " many more of them" * (i == 5) for i in range(12)]
-    print_table("title", [f"head{i}{'-long' * (i % 3)}" for i in range(12)], [[row], [row]])
+    print_table("title", [f"head{i}{'-long' * (i % 3)}" for i in range(12)], [row, row])
     text = re.sub(r"\x1b\[[\d;]*m", "", capsys.readouterr().out)
     assert max(map(len, text.splitlines())) <= min(width, 100)
     for i in range(12):
@@ -92,7 +92,7 @@ def test_tables_fit_a_terminal_and_break_no_word(capsys, monkeypatch, width):
 def test_piped_table_has_whole_values_and_no_lines(capsys, monkeypatch):
     monkeypatch.delenv("COLUMNS", raising=False)
     long = "long words " * 30
-    print_table("title", ["name", "value"], [[["one", long], ["two", "1.5"]]])
+    print_table("title", ["name", "value"], [["one", long], ["two", "1.5"]])
     printed = capsys.readouterr().out.splitlines()
     assert [re.sub(" {2,}", "  ", line.strip()) for line in printed] == [
         "title", "name  value", f"one  {long}".strip(), "two  1.5",

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from agents.commands.console import command
-from agents.commands.plot import learning_curves, main
+from agents.commands.plot import evaluated_runs, main
+from agents.plotting import aligned
 
 STEPS = np.array([100, 200, 300, 400])
 
@@ -21,7 +22,7 @@ def trained(folder: Path, evaluations: int, seed: int) -> np.ndarray:
 
 def test_curves_reach_as_far_as_the_shortest_run(tmp_path: Path):
     results = [trained(tmp_path / "ppo" / f"run-{i}", n, i) for i, n in enumerate((4, 3))]
-    steps, returns = learning_curves(tmp_path / "ppo.npz")
+    steps, returns = aligned(evaluated_runs(tmp_path / "ppo.npz"))
     np.testing.assert_array_equal(steps, STEPS[:3])
     np.testing.assert_allclose(returns, [each[:3].mean(1) for each in results])
 
@@ -31,7 +32,7 @@ def test_runs_that_are_evaluated_elsewhere_are_interpolated(tmp_path: Path):
     (tmp_path / "run-1").mkdir()
     results = [[0.0, 0.0], [3.0, 5.0]]
     np.savez(tmp_path / "run-1" / "evaluations.npz", timesteps=[0, 200], results=results)
-    np.testing.assert_allclose(learning_curves(tmp_path)[1][1], [2.0, 4.0])
+    np.testing.assert_allclose(aligned(evaluated_runs(tmp_path))[1][1], [2.0, 4.0])
 
 
 @pytest.mark.parametrize(("suffix", "begin"), [(".svg", b"<?xml"), (".pdf", b"%PDF")])

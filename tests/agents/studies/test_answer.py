@@ -17,10 +17,10 @@ from invented import (
     without,
 )
 
-from agents.statistics import paired_difference
-from agents.studies.answer import amount, answer, ordered
+from agents.statistics import CLEARLY_WORSE, SLIGHTLY_WORSE, paired_difference
+from agents.studies.answer import answer
 from agents.studies.ranking import Ranking, rankings
-from agents.studies.records import DEFAULT, Agent, Condition, Estimator, Tuning
+from agents.studies.records import DEFAULT, Agent, Estimator, Tuning
 from agents.studies.report import write_report
 from agents.studies.tables import (
     choices_table,
@@ -77,18 +77,15 @@ def test_below_the_best_but_not_by_the_margin_is_slightly_worse(small):
     assert told.endswith(" Slightly worse: ekf. All other estimators are clearly worse.")
 
 
-@pytest.mark.parametrize(("episodes", "noise"), [(2, 0.1), (4, 0.5), (20, 0.5)])
-def test_few_episodes_give_no_advice_but_the_number_that_would(episodes, noise):
+@pytest.mark.parametrize(("episodes", "noise"), [(1, 0.1), (2, 0.1), (4, 0.5), (20, 0.5)])
+def test_few_episodes_give_no_advice(episodes, noise):
     def said(number):
         short = study((CORVETTE,), conditions=CONDITIONS[:1], episodes=number)
         return next(t for t in answer(results(short, noise=noise)) if f" {CORVETTE}" in t)
 
-    assert said(1).endswith("has the highest normalised score.")  # not even the number is known
     few = said(episodes)
     assert few.startswith(f"{episodes} episodes cannot tell which estimator to use in {CORVETTE}")
-    enough = int(re.search(r" By their scatter, at least (\d+) are needed\.", few)[1])
-    assert enough > episodes
-    assert episodes == 2 or said(enough).startswith("Use ")  # two tell little of their own spread
+    assert said(1000).startswith("Use ")
 
 
 def test_an_estimator_that_beats_the_truth_is_warned_of(small):
@@ -99,7 +96,7 @@ def test_an_estimator_that_beats_the_truth_is_warned_of(small):
 
 
 def test_only_estimators_of_all_environments_count(classical):
-    assert advice(classical).startswith("Use enkf in both environments: with it")
+    assert advice(classical).startswith(f"Use enkf in {CORVETTE} and {SEGOROGENI}: with it")
     table = ranking_table(classical)
     assert table.loc["kf-umv-ui"].tolist()[::2] == ["–", "–"]
     assert table.loc["kf-umv-ui", CORVETTE].endswith(", best")
@@ -157,79 +154,6 @@ def test_single_estimator_is_compared_with_none(small):
     assert "with it mine reaches" in advice(found)
 
 
-# --- conditions that are numbers ------------------------------------------------------------------
-
-
-def numbered(*names, **changed):
-    conditions = tuple(Condition(name, mismatch=0.01 * i) for i, name in enumerate(names))
-    return results(study((CORVETTE,), conditions=conditions, episodes=40), **changed)
-
-
-def trend(found):
-    """The sentences on a trend."""
-    (text,) = (line for line in answer(found) if "is best over all conditions" in line)
-    return text
-
-
-def test_answer_over_numbered_conditions_is_their_trend():
-    fewer = {"kf-umv-ui_in_1 Hz": 0.9, "kf-umv-ui_in_0.2 Hz": 0.5}
-    told = trend(numbered("10 Hz", "5 Hz", "1 Hz", "0.2 Hz", **fewer))
-    assert told.startswith(
-        f"In {CORVETTE}, kf-umv-ui is best over all conditions. At 10 Hz its normalised score is"
-    )
-    assert re.search(
-        r"score is 0\.9\d+ ± \S+, and from there it changes by \S+ ± \S+ at 5 Hz,"
-        r" −0\.0\d+ ± \S+ at 1 Hz and −0\.4\d+ ± \S+ at 0\.2 Hz\.",
-        told,
-    )
-    assert told.endswith(" The first significant loss is at 1 Hz.")
-
-    late = "in time", "1 s late", "2 s late"
-    told = trend(numbered(*late, **{"kf-umv-ui_in_1 s late": 0.9}))
-    assert re.search(
-        r'At "in time" .* at "1 s late" and .* at "2 s late"\. The first significant loss is at "1 s',
-        told,
-    )
-
-
-def test_changes_of_a_trend_are_paired_and_simultaneous():
-    found = numbered("10 Hz", "5 Hz", **{"kf-umv-ui_in_5 Hz": 0.9})
-    ranking = rankings(found)[CORVETTE]
-    scores = found.rows(found.normalised, "kf-umv-ui").loc
-    change = paired_difference(
-        *(scores[CORVETTE, name].to_numpy() for name in ("5 Hz", "10 Hz")),
-        comparisons=len(ranking.scores),
-    )
-    assert f"from there it changes by {amount(change, True)} at 5 Hz." in trend(found)
-
-
-def test_trend_is_over_conditions_of_all_environments():
-    conditions = [Condition(f"{rate} Hz", mismatch=0.01 / rate) for rate in (4, 2, 1)]
-    conditions[2] = replace(conditions[2], environments=(CORVETTE,))
-    told = trend(results(study(conditions=tuple(conditions))))
-    assert told.startswith("In both environments, enkf is best over all conditions. At 4 Hz ")
-    assert re.search(r", and from there it changes by .* at 2 Hz\. [^,]*$", told)
-
-
-@pytest.mark.parametrize(
-    ("names", "expected"),
-    [
-        (["10 Hz", "2 Hz", ".5 Hz"], True),
-        (["waves of 1 m", "waves of 2 m"], True),
-        (["10 Hz", "0.5 Hz", "2 Hz"], False),
-        (["10 Hz", "2 m"], False),
-        (["nominal", "2 Hz", "1 Hz"], True),
-        (["nominal", "calm", "2 Hz", "1 Hz"], False),
-        (["2 sensors at 5 Hz", "2 sensors at 1 Hz"], True),
-        (["2 sensors at 5 Hz", "1 sensors at 1 Hz"], False),
-        (["calm", "rough"], False),
-        (["10 Hz"], False),
-    ],
-)
-def test_ordered_numbers_are_names_that_only_rise_or_fall(names, expected):
-    assert ordered([Condition(name) for name in names]) is expected
-
-
 # --- tables ---------------------------------------------------------------------------------------
 
 
@@ -273,11 +197,29 @@ def test_choice_under_each_condition_is_its_best_and_its_equals(small):
     table = choices_table(results(small.plan, noise=1e-3, **changed))[CORVETTE]
     assert list(table.index) == [c.name for c in CONDITIONS]
     assert table["rough"].startswith("ekf 0.99")
-    assert re.match(r"(kf-umv-ui|enkf) 0.95 ± \S+ \((enkf|kf-umv-ui)\)$", table["calm"])
-    assert re.match(r"kf-umv-ui 0.95 ± \S+$", table["nominal"])
+    assert re.match(r"(kf-umv-ui|enkf) 0.95\d* ± \S+ \((enkf|kf-umv-ui)\)$", table["calm"])
+    assert re.match(r"kf-umv-ui 0.95\d* ± \S+$", table["nominal"])
 
 
 # --- verdicts -------------------------------------------------------------------------------------
+
+
+def test_of_equal_estimators_one_study_in_20_names_a_loser():
+    """400 studies of 20 seeds: at 5 % more than 8.5 % of them do once in a thousand times."""
+    flown, named = np.random.default_rng(42).normal(size=(8, 100_000)), np.zeros(2)
+    plan_ = SimpleNamespace(study=SimpleNamespace(margin=0.01))
+    for seeds in np.random.default_rng(40).integers(flown.shape[1], size=(400, 20)):
+        ranked = {str(i): flown[i, seeds] for i in np.argsort(-flown[:, seeds].mean(axis=1))}
+        best, *others = ranked
+        gaps = [paired_difference(ranked[best], ranked[other]) for other in others]
+        found = SimpleNamespace(
+            differences=lambda one, other, of=ranked: of[one] - of[other],
+            results=SimpleNamespace(plan=plan_), pairs=comb(8, 2), span=1.0,
+        )  # fmt: skip
+        words = {Ranking.verdict(found, other, best) for other in others}
+        named += bool({SLIGHTLY_WORSE, CLEARLY_WORSE} & words), any(g.excludes_zero for g in gaps)
+    assert named[0] <= 0.085 * 400
+    assert named[1] > 0.38 * 400  # what it would be without a correction
 
 
 def test_a_failed_tuning_leaves_the_others_compared():

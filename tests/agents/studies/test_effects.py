@@ -21,7 +21,7 @@ from agents.statistics import crossed_interval, mean_interval
 from agents.studies.answer import answer
 from agents.studies.effects import Interaction, contrasts, effects, interactions, levels
 from agents.studies.plan import plan
-from agents.studies.records import Condition, Estimator
+from agents.studies.records import Condition, Estimator, Tuning
 from agents.studies.results import Results
 
 NAMES = ("kf-umv-ui", "kf", "ekf", "enkf")
@@ -65,7 +65,7 @@ def test_a_boat_builder_hears_first_that_sensors_matter():
     assert (first.worst, second.factor, second.best) == ("budget", "estimator", "ekf")
     assert second.gain.mean == pytest.approx(0.8 * 0.025, abs=3e-3)
     assert re.match(
-        r"The greatest gain is from the sensors: with receiver RTK the autopilot scores 0\.1\d+ ± \S+"
+        r"There is a gain from the sensors: with receiver RTK the autopilot scores 0\.1\d+ ± \S+"
         r" more than with nominal\. There is a gain from the estimator: with ekf the autopilot"
         r" scores 0\.0\d+ ± \S+ more than with kf\. Score is lost with budget \(sensors: −0\.1",
         said(found),
@@ -101,14 +101,11 @@ def test_a_trend_over_rates_is_a_loss_of_the_sensor_rate():
 
 
 def test_missing_jobs_leave_only_complete_cells():
-    change = {"RTK": 0.1}
-    whole = results(crossed(), FLAT, **moved(change))
+    whole = results(crossed(), FLAT, **moved({"RTK": 0.1}))
     lost = without(whole, lambda f: (f.estimator, f.condition) == ("ekf", "RTK"))
-    table = whole.table
-    kept = replace(whole, table=table[(table.estimator != "ekf")])
-    assert of(lost, "sensors") == of(kept, "sensors")
-    rest = replace(whole, table=table[table.condition != "RTK"])
-    assert of(lost, "estimator") == of(rest, "estimator")
+    kept = replace(whole, table=whole.table[(whole.table.estimator != "ekf")])
+    assert of(lost, "sensors").gain == of(kept, "sensors").gain
+    assert of(lost, "sensors").loss == of(whole, "sensors").loss
     assert answer(lost)[-1].startswith("1 of 18 results are missing")
 
 
@@ -160,7 +157,7 @@ def test_agents_are_compared_at_home_over_their_runs(runs):
     else:
         expected = crossed_interval(np.array(gaps), 2)
         assert (agent.gain.low, agent.gain.high) == pytest.approx((expected.low, expected.high))
-        assert f"gain is from the agent: {policy} scores " in said(found)
+        assert f"gain from the agent: {policy} scores " in said(found)
 
 
 def test_tuning_is_a_factor():
@@ -173,6 +170,17 @@ def test_tuning_is_a_factor():
     effect = of(Results(both, pd.concat([made.table, table], ignore_index=True)), "tuning")
     assert (effect.reference, effect.best) == ("delivered", "tuned")
     assert (effect.gain.mean, effect.gain.half) == pytest.approx((0.05, 0.0), abs=1e-9)
+
+
+def test_effects_of_tuned_arms_are_crossed_over_tunings():
+    asked = replace(crossed(compare_to="kf"), tune=Tuning(tunings=4))
+    found = results(asked, FLAT, noise=0.02, **moved({"RTK": 0.1}))
+    score = found.wide("score").xs((CORVETTE, "autopilot, tuned"), level=["environment", "policy"])
+    score = score[score.index.get_level_values("estimator").isin(NAMES)]
+    gaps = (score.loc["RTK"] - score.loc["ours"]).groupby("run").mean().to_numpy()
+    expected = crossed_interval(gaps, 2)
+    assert of(found, "sensors").gain.half == pytest.approx(expected.half)
+    assert expected.half > mean_interval(gaps.mean(axis=0), 2).half
 
 
 def test_factors_that_change_together_are_one():

@@ -14,10 +14,10 @@ from matplotlib.text import Text
 
 from agents.metrics import NEES, SCORE, metrics
 from agents.page import text
-from agents.plotting import styled
+from agents.plotting import learning_figure, styled
 from agents.statistics import crossed_interval
 from agents.studies.answer import answer
-from agents.studies.figures import conditions_figure, learning_figure
+from agents.studies.figures import conditions_figure
 from agents.studies.records import Condition, Estimator
 from agents.studies.report import consistency, costs, write_report
 from agents.studies.tables import conditions_table, effects_table, markdown, ranking_table
@@ -123,8 +123,8 @@ def test_no_text_of_a_figure_is_cut_or_covers_another():
 
 
 def test_learning_curves_are_mean_and_range_over_runs():
-    runs = [[[100.0, 1.0], [200.0, 2.0]], [[100.0, 3.0], [200.0, 6.0], [300.0, 7.0]]]
-    panel = learning_figure({"PPO": runs}).axes[0]
+    runs = [[(100.0, 200.0), (1.0, 2.0)], [(100.0, 200.0, 300.0), (3.0, 6.0, 7.0)]]
+    panel = learning_figure({"PPO": runs}, "return").axes[0]
     np.testing.assert_array_equal(panel.lines[0].get_xydata(), [[100.0, 2.0], [200.0, 4.0]])
     edges = panel.collections[0].get_paths()[0].vertices
     assert {tuple(at) for at in edges} >= {(100.0, 1.0), (100.0, 3.0), (200.0, 2.0), (200.0, 6.0)}
@@ -135,7 +135,8 @@ def test_learned_policies_have_a_table(tmp_path):
     html = written(invented.learned(), tmp_path)
     assert "Normalised scores of learned agents" in html
     assert "training runs (5)" in html
-    assert html.count("that of its training") == 4
+    (learned,) = re.findall("learned agents</h2>.*?</table>", html, re.S)
+    assert all(f"<td>{policy}</td>" in learned for policy in invented.learned().learned)
     assert html.count("Learning curves in ") == 4  # heading and alternative text of two
     assert "Normalised scores of learned agents" not in written(
         results(study((CORVETTE,))), tmp_path

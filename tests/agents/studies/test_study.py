@@ -257,6 +257,7 @@ ONE = "[environments]\nSigmaCorvette-v0 = {}\n"
         ("[agents]\nx = { kind = 3 }", "kind must be a name, got 3"),
         ('[agents]\nPPO = { kind = "ppo", trained_on = [] }', "trained_on must be a list of names, one or more"),
         ('[conditions]\nx = { sensors = "math:pi" }', "sensors must be one of clean, nominal, degraded, budget, "),
+        ('[tune]\nconditions = ["each", "nominal"]', 'conditions must be names of conditions, or ["each"] alone'),
         ('[conditions]\nx = { disturbance = "math:pi" }', "disturbance must be one of calm, moderate, rough, or a"),
     ],
 )  # fmt: skip
