@@ -24,7 +24,6 @@ from vessel_gym.vehicles.corvette_equations import (
     AROUND,
     STATE,
     CorvetteParameters,
-    I,
     corvette_rates,
 )
 from vessel_gym.vehicles.files import load
@@ -260,9 +259,10 @@ def test_resistance_and_load_fit_surge_equation_and_turns(name: str):
     rudder = rng.uniform(-0.6, 0.6, 500)
     load_of, added = propulsion(state, rudder, c)
     rates = corvette_rates(state, rudder[:, None], still, np.tile(c, (500, 1)))
-    force = c[I.thrust] * (load_of - added) - c[I.resistance] * state[:, 3] * np.abs(state[:, 3])
-    surge = c[I.surge_inertia] * rates[:, 3]
-    np.testing.assert_allclose(force, surge, rtol=0, atol=1e-9 * c[I.thrust])
+    of = ship.values()
+    force = of.thrust * (load_of - added) - of.resistance * state[:, 3] * np.abs(state[:, 3])
+    surge = of.surge_inertia * rates[:, 3]
+    np.testing.assert_allclose(force, surge, rtol=0, atol=1e-9 * of.thrust)
 
     vehicle = Ship(ship)
     c = vehicle.parameters(0.3, rng.standard_normal((20, vehicle.normals)))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vessel_gym.vehicles.segorogeni import I
+from vessel_gym.vehicles.segorogeni import Coefficients
 
 DRAG = ("X_uu", "Y_vv", "Y_rr", "Z_ww", "Z_qq", "K_pp", "M_ww", "M_qq", "N_vv", "N_rr")
 LIFT = ("Y_uv", "Y_ur", "Z_uw", "Z_uq", "M_uw", "M_uq", "N_uv", "N_ur", "K_up")
@@ -13,7 +13,8 @@ def inertia(c: np.ndarray) -> np.ndarray:
     M = np.zeros(c.shape[:-1] + (6, 6))
     diagonal = np.arange(6)
     M[..., diagonal, diagonal] = c[..., :6]
-    S, e, d = c[..., I.mass_z_g], c[..., I.sway_yaw], c[..., I.heave_pitch]
+    of = Coefficients(*np.moveaxis(c, -1, 0))
+    S, e, d = of.mass_z_g, of.sway_yaw, of.heave_pitch
     for row, column, value in ((0, 4, S), (1, 3, -S), (1, 5, e), (2, 4, d)):
         M[..., row, column] = M[..., column, row] = value
     return M
@@ -27,7 +28,8 @@ def energy(state: np.ndarray, c: np.ndarray) -> np.ndarray:
     nu, depth = state[..., :6], state[..., 8]
     upright = np.cos(state[..., 9]) * np.cos(state[..., 10])
     kinetic = 0.5 * np.vecdot(nu, np.matvec(inertia(c), nu))
-    return kinetic - c[..., I.net_weight] * depth - c[..., I.righting_moment] * upright
+    of = Coefficients(*np.moveaxis(c, -1, 0))
+    return kinetic - of.net_weight * depth - of.righting_moment * upright
 
 
 def power(state: np.ndarray, rates: np.ndarray, c: np.ndarray) -> np.ndarray:
@@ -37,4 +39,5 @@ def power(state: np.ndarray, rates: np.ndarray, c: np.ndarray) -> np.ndarray:
     tilt = (
         np.sin(phi) * np.cos(theta) * rates[..., 9] + np.cos(phi) * np.sin(theta) * rates[..., 10]
     )
-    return kinetic - c[..., I.net_weight] * rates[..., 8] + c[..., I.righting_moment] * tilt
+    of = Coefficients(*np.moveaxis(c, -1, 0))
+    return kinetic - of.net_weight * rates[..., 8] + of.righting_moment * tilt

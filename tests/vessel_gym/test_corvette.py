@@ -96,7 +96,7 @@ def plain_cross_flow(v: float, r: float, a: float) -> np.ndarray:
 
 def plain_propulsion(u: float, ship: CorvetteParameters) -> tuple[float, float]:
     """Thrust [N] and the speed [m/s] of what flows to the rudder."""
-    if ship.thrust_coefficient is None:
+    if not ship.thrust_coefficient:
         return ship.resistance, ship.slipstream * u
     # Propellers of constant revolutions (diameter D, n turns a second), and the race behind a disc
     # of their thrust.

@@ -229,7 +229,7 @@ POWERS = {
         "N_uudr",
         "M_uuds",
     ),
-    4: ("Y_rdot", "N_vdot", "Z_qdot", "M_wdot", "Y_rr", "Z_qq", "M_uq", "N_ur"),
+    4: ("Y_rdot", "N_vdot", "Z_qdot", "M_wdot", "Y_rr", "Z_qq", "M_uq", "N_ur", "K_up"),
     5: ("K_pdot", "M_qdot", "N_rdot", "K_pp", "M_qq", "N_rr"),
     2: ("X_uu", "Y_vv", "Z_ww", "Y_uv", "Z_uw", "Y_uudr", "Z_uuds"),
 }

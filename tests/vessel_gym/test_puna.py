@@ -10,16 +10,29 @@ from stepping import puna_step
 from agents.papers.puna.model import PlanarPuna, planar_derivative
 from vessel_gym.disturbances import Air
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.point_mass import UNCERTAIN, PointMass
-from vessel_gym.vehicles.puna import Puna, airspeed, printed_rates, puna_rates, trim
+from vessel_gym.vehicles.puna import (
+    UNCERTAIN,
+    Puna,
+    PunaParameters,
+    airspeed,
+    printed_rates,
+    puna_rates,
+    trim,
+)
 
 BODY = load("puna")
 C = BODY.vector()
 VEHICLE = Puna()
 SENSORS = sensors_of(VEHICLE)
 DEG = np.pi / 180.0
-MISSILE = PointMass(
-    1005.0, 0.3376, (-1.9431, -0.1499, 0.2359), (21.9, 0.0), (3.312e-9, -1.142e-4, 1.224)
+MISSILE = PunaParameters(
+    mass=1005.0,
+    area=0.3376,
+    drag=(-1.9431, -0.1499, 0.2359),
+    lift=(21.9, 0.0),
+    density=(3.312e-9, -1.142e-4, 1.224),
+    cruise_speed=272.0,
+    thrust_limit=6000.0,
 )
 """The one aircraft whose constants are published in the form of the PUNA's paper: the missile of Subchan & Zbikowski
 (2009), that flies at 272 m/s. At the paper's 20 m/s it would need a lift coefficient of 119."""

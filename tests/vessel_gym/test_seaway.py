@@ -25,7 +25,12 @@ from vessel_gym.vehicles.corvette_equations import (
     corvette_rates,
 )
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.seakeeping import encounter_frequency, wave_loads, wave_response
+from vessel_gym.vehicles.seakeeping import (
+    StripTheory,
+    encounter_frequency,
+    rest_response,
+    wave_loads,
+)
 from vessel_gym.vehicles.vehicle import GRAVITY
 
 SHIP = load("corvette", CorvetteParameters)
@@ -53,6 +58,17 @@ def test_waves_are_met_at_the_frequency_that_the_books_have(beta, met):
     assert encounter_frequency(0.8, beta, 15.4) == pytest.approx(met, abs=5e-4)
 
 
+def loads(ship: CorvetteParameters, w: Any, beta: Any, speed: float = 0.0) -> np.ndarray:
+    """Loads of strip theory ``(..., 3)`` per metre of amplitude."""
+    w, beta = np.asarray(w), np.asarray(beta)
+    return wave_loads(ship, rest_response(ship, w, beta), w, beta, speed)
+
+
+def motions(ship: CorvetteParameters, w: Any, beta: Any, speed: float) -> np.ndarray:
+    """Motions by strip theory ``(..., 3)`` per metre of amplitude."""
+    return StripTheory(ship).motion(np.asarray(w), np.asarray(beta), speed)
+
+
 def drawn_seas(sea: Any, episodes: int, seed: int = 0) -> np.ndarray:
     return sea.draw(np.random.default_rng(seed).uniform(size=(episodes, sea.uniforms)))
 
@@ -66,14 +82,14 @@ def components(drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 def response(sea: Seaway, w: np.ndarray, beta: np.ndarray, speed: float) -> np.ndarray:
     """Sway velocity and yaw rate per metre of waves, means over a step, and the roll moment to hold ``(..., 3)``."""
     half = 0.5 * sea.dt * encounter_frequency(w, beta, speed)
-    mean, motion = np.sinc(half / np.pi), wave_response(SHIP, w, beta, speed)
+    mean, motion = np.sinc(half / np.pi), motions(SHIP, w, beta, speed)
     return np.stack([mean, mean, 1.0 / mean], -1) * np.exp(1j * half)[..., None] * motion
 
 
 @pytest.mark.parametrize("speed", [7.0, 15.4])
 @pytest.mark.parametrize("psi", DEG * np.array([0.0, 57.0, 90.0, 143.0, 180.0]))
 def test_ship_answers_each_wave_at_its_encounter_frequency(psi, speed):
-    """Against the sum over the waves drawn of `wave_response`, in a current that carries ship and waves."""
+    """Against the sum over the waves drawn of the motions of strip theory, in a current that carries ship and waves."""
     sea, t, current = sea_toward(ROUGH, 0.4), np.linspace(0.0, 60.0, 241), np.array([1.1, -0.7])
     drawn = np.repeat(drawn_seas(sea, 1), len(t), 0)
     z, state = np.zeros((len(t), 4)), np.zeros((len(t), len(STATE)))
@@ -94,7 +110,7 @@ def test_ship_answers_each_wave_at_its_encounter_frequency(psi, speed):
 @pytest.mark.parametrize("speed", [0.0, 15.4])
 def test_waves_from_the_other_side_mirror_the_response(speed):
     w, beta = np.linspace(0.2, 3.0, 60)[:, None], np.linspace(0.0, np.pi, 37)
-    for answer in (wave_response, wave_loads):
+    for answer in (motions, loads):
         one, other = answer(SHIP, w, beta, speed), answer(SHIP, w, -beta, speed)
         assert (np.abs(one + other) <= 1e-12 * np.abs(one).max((0, 1))).all()
 
@@ -287,7 +303,7 @@ def test_wave_loads_average_water_motion_along_the_hull(beta):
     bare = replace(
         SHIP, rudder_area=1e-9
     )  # whose propellers' race does not load the rudders at rest
-    assert wave_loads(bare, w, beta)[:2] == pytest.approx(1j * w * inertia @ [v, r], rel=1e-6)
+    assert loads(bare, w, beta)[:2] == pytest.approx(1j * w * inertia @ [v, r], rel=1e-6)
 
 
 @pytest.mark.parametrize("ship", [SHIP, MARINER], ids=["corvette", "mariner"])
@@ -298,9 +314,9 @@ def test_long_waves_carry_a_ship_as_they_carry_the_water(ship, beta):
     w = np.sqrt(GRAVITY * k)
     sway = w * np.sin(beta)
     water = np.array([sway, -1j * k * np.cos(beta) * sway])
-    assert np.abs(wave_response(ship, w, beta, 0.0)[:2] / water - 1.0).max() < 0.03
+    assert np.abs(motions(ship, w, beta, 0.0)[:2] / water - 1.0).max() < 0.03
     still = 1e-3 * w  # of waves 60 million ship lengths long, in which she is slow to nothing
-    carried = wave_response(ship, still, beta, ship.speed)[0] / (still * sway / w)
+    carried = motions(ship, still, beta, ship.speed)[0] / (still * sway / w)
     assert abs(carried - 1.0) < 0.03
     c, slope = (
         ship.vector(),
@@ -309,7 +325,7 @@ def test_long_waves_carry_a_ship_as_they_carry_the_water(ship, beta):
     for phase in (1.0 - 1j, -1j):
         state, around = np.zeros(len(STATE)), np.zeros(7)
         state[6] = 1e-3 * (phase * slope).real
-        around[5] = 1e-3 * (phase * wave_loads(ship, w, beta)[2]).real
+        around[5] = 1e-3 * (phase * loads(ship, w, beta)[2]).real
         lying = corvette_rates(state, np.zeros(1), around, c)[7]
         around[5] = 0.0
         assert abs(lying) < 0.03 * abs(corvette_rates(state, np.zeros(1), around, c)[7])
@@ -344,7 +360,7 @@ VERES_VESSEL = CorvetteParameters(
 def test_wave_loads_are_as_large_as_those_of_strip_theory(direction, period):
     w = np.linspace(0.25, 2.09, 400)
     spectrum = jonswap(w, 1.0, period)
-    ours = np.abs(wave_loads(VERES_VESSEL, w, DEG * direction)[:, :2])
+    ours = np.abs(loads(VERES_VESSEL, w, DEG * direction)[:, :2])
     for i, (theirs, unit) in enumerate(zip(_VERES[direction], (1e3, 1e6), strict=True)):
         theirs = unit * np.interp(w, _VERES_FREQUENCIES, theirs)
         ratio = np.sqrt(
@@ -356,7 +372,7 @@ def test_wave_loads_are_as_large_as_those_of_strip_theory(direction, period):
 def test_beam_waves_roll_in_phase_with_sway_and_yaw():
     """Strip theory for the naval vessel at rest: sway, roll, yaw 90, 90, 90 to 84, 88, 77 degrees up to 1.14 rad/s."""
     for ship in (VERES_VESSEL, SHIP, MARINER):
-        sway, yaw, roll = wave_loads(ship, np.sqrt(GRAVITY / ship.length), 0.5 * np.pi)
+        sway, yaw, roll = loads(ship, np.sqrt(GRAVITY / ship.length), 0.5 * np.pi)
         assert abs(np.angle(roll / sway)) < 20.0 * DEG
         if ship is VERES_VESSEL:
             assert abs(np.angle(roll / yaw)) < 20.0 * DEG
@@ -379,7 +395,7 @@ def test_wave_motion_does_not_depend_on_the_step(ship):
         drawn[:, ::COMPONENTS] = one
         state[:, 2], state[:, 3] = -beta, ship.speed
         state[:, :2] = np.outer(ship.speed * t, [np.cos(beta), -np.sin(beta)])
-        answer = wave_response(ship, w, beta, ship.speed)
+        answer = motions(ship, w, beta, ship.speed)
         met = encounter_frequency(w, beta, ship.speed)
         acting = sea.effect_at(drawn, t, np.zeros((len(t), 4)), state) / sea.waves.amplitude
         heading, moved = np.cumsum(acting[:, 0]), sea.dt * np.cumsum(acting[:, -1])
@@ -388,7 +404,7 @@ def test_wave_motion_does_not_depend_on_the_step(ship):
         if sea.dt * met < np.pi:
             rolled = np.sinc(0.5 * sea.dt * met / np.pi) * acting[:, 6].std()
             assert rolled == pytest.approx(
-                abs(wave_loads(ship, w, beta)[..., 2]) / np.sqrt(2.0), rel=0.02
+                abs(loads(ship, w, beta)[..., 2]) / np.sqrt(2.0), rel=0.02
             )
 
 

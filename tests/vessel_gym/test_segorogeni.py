@@ -76,7 +76,7 @@ def printed_equations(
     X_res = -(W - B) * np.sin(theta)
     Y_res = (W - B) * np.cos(theta) * np.sin(phi)
     Z_res = (W - B) * np.cos(theta) * np.cos(phi)
-    K_p = c.K_pp * abs(p) + body.roll_lift * u
+    K_p = c.K_pp * abs(p) + c.K_up * u
     K_res, M_res = -z_G * W * np.cos(theta) * np.sin(phi), -z_G * W * np.sin(theta)
     K_prop = -body.propeller_torque * thrust
     right = np.array([

@@ -156,7 +156,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "frequency 0": ({"frequency": W - W[0]}, "above 0"),
     "shape": ({"density": DENSITY.T}, "shape"),
     "NaN": ({"density": DENSITY * np.where(W > 4.0, np.nan, 1.0)[:, None]}, "finite"),
-    "masked": ({"density": np.ma.masked_greater(DENSITY, 0.1)}, "masked values"),
+    "masked": ({"density": np.ma.masked_greater(DENSITY, 0.1)}, "finite"),
     "complex": ({"density": DENSITY + 0j}, "density"),
     "negative": ({"density": DENSITY - 1.0}, "negative"),
     "nothing": ({"density": 0.0 * DENSITY}, "energy"),

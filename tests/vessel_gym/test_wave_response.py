@@ -15,7 +15,7 @@ from vessel_gym.disturbances.waves import WaveField
 from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.vehicles.corvette_equations import STATE, CorvetteParameters
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.seakeeping import encounter_frequency, wave_response
+from vessel_gym.vehicles.seakeeping import StripTheory, encounter_frequency
 
 SHIP = load("corvette", CorvetteParameters)
 SEA = replace(
@@ -27,7 +27,7 @@ W, BETA = np.linspace(0.2, 3.0, 80), np.linspace(0.0, np.pi, 61)
 
 def own_table(speed: Any) -> WaveResponse:
     """Response of the corvette by strip theory."""
-    each = [wave_response(SHIP, W[:, None], BETA, U) for U in speed]
+    each = [StripTheory(SHIP).motion(W[:, None], BETA, U) for U in speed]
     return WaveResponse(W, BETA, speed, *np.moveaxis(np.stack(each, 2), -1, 0))
 
 
@@ -59,7 +59,7 @@ def test_strip_theory_passes_through_its_own_table(tabled: Any, speed: float) ->
     table = TabledResponse(SHIP, own_table(tabled))
     for heading in np.deg2rad([0.0, 45.0, 100.0, 170.0, 290.0]):
         beta = DIRECTIONS - heading
-        expected = rms(wave_response(SHIP, CELLS, beta, speed))
+        expected = rms(StripTheory(SHIP).motion(CELLS, beta, speed))
         assert rms(table.motion(CELLS, beta, speed)) == pytest.approx(expected, rel=0.01)
 
 
@@ -75,7 +75,7 @@ def test_any_table_is_reproduced_at_its_entries() -> None:
 def test_half_a_circle_is_mirrored() -> None:
     half = own_table([0.0, 10.0])
     around = np.concatenate([BETA, BETA[1:-1] + np.pi])
-    each = [wave_response(SHIP, W[:, None], around, U) for U in half.speed]
+    each = [StripTheory(SHIP).motion(W[:, None], around, U) for U in half.speed]
     whole = WaveResponse(W, around, half.speed, *np.moveaxis(np.stack(each, 2), -1, 0))
     w, beta = np.linspace(0.3, 2.5, 40)[:, None], np.linspace(-7.0, 7.0, 57)
     one, other = (TabledResponse(SHIP, each).motion(w, beta, 6.0) for each in (half, whole))

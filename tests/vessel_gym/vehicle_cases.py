@@ -1,6 +1,6 @@
 """The vehicles, what they can meet, and what tests hold their equations against."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -8,7 +8,6 @@ from scipy.integrate import solve_ivp
 from stepping import step
 
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.hydrodynamics import Coefficients
 from vessel_gym.vehicles.itsunusa import Itsunusa
 from vessel_gym.vehicles.puna import Puna
 from vessel_gym.vehicles.segorogeni import Segorogeni
@@ -101,12 +100,12 @@ CASES = {
 }  # fmt: skip
 
 
-REMUS = Coefficients(
+REMUS = dict(
     X_udot=-0.93, Y_vdot=-35.5, Y_rdot=1.93, Z_wdot=-35.5, Z_qdot=-1.93, K_pdot=-0.0704, M_wdot=-1.93, M_qdot=-4.88,
     N_vdot=1.93, N_rdot=-4.88, X_uu=-1.62, Y_vv=-131.0, Y_rr=0.632, Z_ww=-131.0, Z_qq=-0.632, K_pp=-0.0013,
     M_ww=3.18, M_qq=-9.4, N_vv=-3.18, N_rr=-9.4, Y_uv=-28.6, Y_ur=6.15, Z_uw=-28.6, Z_uq=-6.15, M_uw=-10.6,
     M_uq=-3.93, N_uv=10.6, N_ur=-3.93, Y_uudr=9.64, N_uudr=-6.15, Z_uuds=-9.64, M_uuds=-6.15,
 )  # fmt: skip
 """A body with other couplings: Prestero (2001), drag in yaw without its misprints, moments of lift for both sides."""
-WITH_REMUS = replace(load("segorogeni"), given=tuple(asdict(REMUS).items()))
+WITH_REMUS = replace(load("segorogeni"), given=tuple(REMUS.items()))
 """The Segorogeni's mass with REMUS' hydrodynamics."""

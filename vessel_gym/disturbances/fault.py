@@ -34,9 +34,8 @@ class Fault(Disturbance):
     period: float = 2.0  # of the oscillation, s
     start: float = 0.0  # standard deviation of the random walk at the start, rad or N
     walk: float = 0.0  # standard deviation of what a second adds to the walk
-    size: float = float(
-        np.deg2rad(5.0)
-    )  # rad or N, standard deviation that filters assume where no measurement shows the fault
+    # rad or N, standard deviation that filters assume where no measurement shows the fault
+    size: float = float(np.deg2rad(5.0))
     beside: Disturbance = field(default_factory=Disturbance)
     dt: float = 0.1  # s
 
@@ -46,17 +45,13 @@ class Fault(Disturbance):
         instance("actuator of a fault", self.actuator, str)
         instance("beside of a fault", self.beside, Disturbance)
         check_numbers(
-            "a fault", vars(self), positive="dt size", share="loss", finite="bias amplitude"
-        )
-        check_numbers("a fault", vars(self), not_negative="start walk")
-        number(
-            "period of a fault",
-            self.period,
-            low=2.0 * self.dt,
-            what=f"above two steps of {self.dt:g} s",
-        )
+            "a fault", vars(self), positive="dt size", share="loss", finite="bias amplitude",
+            not_negative="start walk",
+        )  # fmt: skip
+        two_steps = f"above two steps of {self.dt:g} s"
+        number("period of a fault", self.period, low=2.0 * self.dt, what=two_steps)
         other, loss = self.beside, (f"{self.actuator} loss",) if self.loss else ()
-        own = (f"{self.actuator} {name}" for _, names, _ in self._own for name in names)
+        own = (f"{self.actuator} {name}" for _, sizes in self._own for name in sizes)
         fault = f"{self.actuator} fault"
         if fault in other.forces:
             raise ValueError(f"a fault has another fault of the {self.actuator} beside it")
@@ -67,34 +62,27 @@ class Fault(Disturbance):
             white=other.white, uniforms=other.uniforms, averaged=other.averaged,
         )  # fmt: skip
 
-    @property
-    def _own(self) -> list[tuple[Process, tuple[str, ...], tuple[float, ...]]]:
-        """Process, names and sizes of the fault's own states: the walk and the oscillation."""
-        turn = 2.0 * np.pi * self.dt / self.period
-        rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
-        own: list[tuple[Process, tuple[str, ...], tuple[float, ...]]] = []
+    @cached_property
+    def _own(self) -> list[tuple[Process, dict[str, float]]]:
+        """Processes of the walk and of the oscillation, with sizes of their states by name."""
+        own = []
         if self.start or self.walk:
-            own.append(
-                (Process.walk((self.start,), (self.walk,), self.dt), ("offset",), (self.size,))
-            )
+            walk = Process.walk((self.start,), (self.walk,), self.dt)
+            own.append((walk, {"offset": self.size}))
         if self.amplitude:
-            own.append(
-                (
-                    Process(rotation, np.zeros((2, 2)), np.eye(2)),
-                    ("swing", "swing back"),
-                    (1.0, 1.0),
-                )
-            )
+            turn = 2.0 * np.pi * self.dt / self.period
+            rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+            swing = Process(rotation, np.zeros((2, 2)), np.eye(2))
+            own.append((swing, {"swing": 1.0, "swing back": 1.0}))
         return own
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
         """Process of the other disturbance, then of the fault."""
-        parts = self.beside.process, *(process for process, _, _ in self._own)
+        parts = self.beside.process, *(process for process, _ in self._own)
         process = Process.joined(*parts)
-        vars(process)["start_root"] = block_diagonal(
-            *(part.start_root for part in parts)
-        )  # each part begins as it does alone
+        # each part begins as it does alone
+        vars(process)["start_root"] = block_diagonal(*(part.start_root for part in parts))
         return process
 
     @property
@@ -107,7 +95,7 @@ class Fault(Disturbance):
     def scale(self) -> tuple[float, ...]:  # type: ignore[override]
         """Scales of the other disturbance, then of the fault; 1 for the oscillation."""
         there = self.beside.scale or tuple(np.sqrt(np.diag(self.beside.process.start_cov)))
-        return *there, *(size for _, _, sizes in self._own for size in sizes)
+        return *there, *(size for _, sizes in self._own for size in sizes.values())
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Effect of the other disturbance, then the fault: additions to actuators, lost shares."""
@@ -131,8 +119,7 @@ class Fault(Disturbance):
         if self.start or self.walk:
             offset = offset + z[..., k]
         if self.amplitude:
-            offset = offset + self.amplitude * z[..., -2] / np.maximum(
-                np.hypot(z[..., -2], z[..., -1]), 1e-12
-            )
+            size = np.maximum(np.hypot(z[..., -2], z[..., -1]), 1e-12)
+            offset = offset + self.amplitude * z[..., -2] / size
         lost = [np.full(z.shape[:-1], self.loss)] if self.loss else []
         return np.concatenate([others, np.stack([offset, *lost], -1)], -1)

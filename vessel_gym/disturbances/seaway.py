@@ -133,7 +133,7 @@ class Seaway(Disturbance):
             speed: Speed of the ship [m/s].
             dt: Coming time [s] over which the motion is averaged.
         """
-        half = 0.5 * dt * encounter_frequency(frequency, beta, np.asarray(speed))
+        half = 0.5 * dt * encounter_frequency(frequency, beta, speed)
         mean = np.sinc(half / np.pi) * np.exp(1j * half)
         return mean[..., None] * self.hull.motion(frequency, beta, speed)
 

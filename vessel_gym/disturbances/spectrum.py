@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.checks import as_array, finite_array, number
+from estimators.checks import finite_array, number, shaped_array
 from vessel_gym.checks import LARGEST, all_are, check_numbers, one_of
 
 TURN = 2.0 * np.pi
@@ -26,16 +26,7 @@ def jonswap(
 
     Hasselmann et al. (1973); a peakedness of 1 gives Pierson and Moskowitz's spectrum. The
     ``period`` [s] is that of the peak.
-
-    Raises:
-        ValueError: for a height, period or peakedness out of range, or frequencies that do not
-            increase above 0.
     """
-    check_numbers("jonswap", {"height": height}, not_negative="height")
-    check_numbers(
-        "jonswap", {"period": period, "peakedness": peakedness}, positive="period peakedness"
-    )
-    frequency = _increasing("frequency of jonswap", frequency)
     peak = TURN / period
     width = np.where(frequency <= peak, 0.07, 0.09)
     bump = np.exp(-((frequency - peak) ** 2) / (2.0 * (width * peak) ** 2))
@@ -139,12 +130,10 @@ class WaveSpectrum:
         energies = np.stack([each.energy(frequency) for each in systems])
         total = energies.sum(0)
         mean = _mean_direction(
-            np.array([each.height**2 for each in systems]),
-            np.array([each.direction for each in systems]),
+            *np.transpose([(each.height**2, each.direction) for each in systems])
         )
-        parts = np.where(
-            total > 0.0, energies / np.where(total > 0.0, total, 1.0), 1 / len(systems)
-        )
+        equal = np.full_like(energies, 1 / len(systems))
+        parts = np.divide(energies, total, out=equal, where=total > 0.0)
         near = [
             mean + (each.direction + each.directions - mean + np.pi) % TURN - np.pi
             for each in systems
@@ -188,17 +177,14 @@ class WaveSpectrum:
         angle = _ANGLES[one_of("direction_unit", direction_unit, _ANGLES)]
         per_radian = 1.0 / _ANGLES[one_of("unit of an angle in per", per, _ANGLES)]
         turned = _SENSES[one_of("sense of directions", directions, _SENSES)]
-        w = _increasing("frequency of a spectrum", frequency) * unit
-        _refuse_gap(w)
+        w = _frequencies(frequency) * unit
         toward, order = _around(finite_array("direction", direction, "d") * angle + turned)
-        density = _densities(density, (len(w), len(np.ravel(direction))))[:, order]
+        density = _densities(density, (len(w), len(toward)))[:, order]
         bins = 0.5 * (np.append(toward[1:], toward[0] + TURN) + toward)
         widths = np.diff(bins, prepend=bins[-1] - TURN)
         cells = density / unit * per_radian * widths
         mean = _mean_direction(np.trapezoid(cells, w, axis=0), toward)
-        first = int(
-            np.argmin(np.abs((bins - mean) % TURN - np.pi))
-        )  # the edge opposite to the mean
+        first = np.argmin(np.abs((bins - mean) % TURN - np.pi))  # the edge opposite to the mean
         edges = np.append(bins[first], bins[first] + np.cumsum(np.roll(widths, -first - 1)))
         return cls(w, cells.sum(1), edges, _shares(np.roll(cells, -first - 1, axis=1)))
 
@@ -251,24 +237,23 @@ class WaveSpectrum:
         return np.interp(inside, below, self.edges)
 
 
-def _increasing(name: str, frequency: object) -> np.ndarray:
-    values = finite_array(name, frequency, "f")
-    if len(values) < 2 or not values[0] > 0.0 or not (np.diff(values) > 0.0).all():
-        raise ValueError(f"{name} must be two or more numbers above 0 that increase")
-    return values
-
-
-def _refuse_gap(w: np.ndarray) -> None:
-    """Refuse a step of frequencies that is far larger than both of its neighbours."""
-    steps = np.diff(w)
+def _frequencies(frequency: object) -> np.ndarray:
+    """Increasing frequencies, none of whose steps is far larger than both of its neighbours."""
+    values = finite_array("frequency of a spectrum", frequency, "f")
+    steps = np.diff(values)
+    if not len(steps) or not values[0] > 0.0 or not (steps > 0.0).all():
+        raise ValueError(
+            "frequency of a spectrum must be two or more numbers above 0 that increase"
+        )
     beside = np.pad(steps, 1)
     gaps = np.flatnonzero(steps > 2.5 * np.maximum(beside[2:], beside[:-2]))
     if len(steps) > 1 and len(gaps):
-        low, high = w[gaps[0] : gaps[0] + 2]
+        low, high = values[gaps[0] : gaps[0] + 2]
         raise ValueError(
-            f"frequencies of a spectrum have a gap from {low:.4g} to {high:.4g} rad/s: give"
-            " densities there, 0 where there is no energy"
+            f"frequency of a spectrum has a gap from {low:.4g} to {high:.4g}: give densities there,"
+            " 0 where there is no energy"
         )
+    return values
 
 
 def _around(toward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -291,17 +276,11 @@ def _around(toward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _densities(density: object, shape: tuple[int, int]) -> np.ndarray:
-    if np.ma.is_masked(density):
-        raise ValueError("density of a spectrum has masked values: fill them, with 0 if unknown")
-    values = as_array("density of a spectrum", density)
-    if values.shape != shape:
+    values = shaped_array("density of a spectrum (frequencies by directions)", density, *shape)
+    if not ((values >= 0.0) & (values < LARGEST)).all():
         raise ValueError(
-            f"density must have shape {shape}, frequencies by directions, got {values.shape}"
+            "density of a spectrum must be finite and not negative: set 0 where there is no energy"
         )
-    if not (np.abs(values) < LARGEST).all():
-        raise ValueError("density of a spectrum must be finite: set 0 where there is no energy")
-    if (values < 0.0).any():
-        raise ValueError(f"density of a spectrum must not be negative, got {values.min():.4g}")
     if not values.any():
         raise ValueError("density of a spectrum must have energy, but all of it is 0")
     return values
@@ -310,9 +289,8 @@ def _densities(density: object, shape: tuple[int, int]) -> np.ndarray:
 def _shares(cells: np.ndarray) -> np.ndarray:
     """Cumulative shares ``(f, d + 1)`` of energies; those of all where a frequency has none."""
     total = cells.sum(1, keepdims=True)
-    shares = np.where(
-        total > 0.0, cells / np.where(total > 0.0, total, 1.0), cells.sum(0) / cells.sum()
-    )
+    of_all = np.full_like(cells, cells.sum(0) / cells.sum())
+    shares = np.divide(cells, total, out=of_all, where=total > 0.0)
     return np.pad(np.cumsum(shares, axis=1), ((0, 0), (1, 0)))
 
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import integer
 from estimators.engine import compiled, sincos
 from vessel_gym.checks import check_names, check_numbers, instance
 from vessel_gym.disturbances.disturbance import Disturbance
@@ -82,22 +81,19 @@ class SurfaceWater(Disturbance):
         instance("spectrum of SurfaceWater", self.spectrum, WaveSpectrum)
         instance("beside of SurfaceWater", self.beside, Water)
         check_numbers(self, not_negative="depth")
-        integer("down of SurfaceWater", self.down, 0)
-        for index in self.place:
-            integer("an index in place of SurfaceWater", index, 0)
         if len(self.place) != len(self.beside.names):
             raise ValueError(
                 f"place of SurfaceWater needs one index for each of {self.beside.names}"
             )
-        ways = ("water north", "water east")[: len(self.place)]
-        self._name(ways, (1.0,) * len(ways))
+        self._name(("water north", "water east")[: len(self.place)])
 
-    def _name(self, own: tuple[str, ...], scale: tuple[float, ...]) -> None:
-        """Set names and scales: those of the other water, then ``own``."""
+    def _name(self, own: tuple[str, ...]) -> None:
+        """Set names and scales: those of the other water, then ``own`` with the scale 1."""
         water = self.beside
         vars(self).update(
-            names=(*water.names, *own), forces=water.forces, scale=(*(water.scale or ()), *scale),
-            dt=water.dt, white_increments=water.white_increments, white=water.white,
+            names=(*water.names, *own), forces=water.forces, dt=water.dt,
+            scale=(*(water.scale or ()), *(1.0,) * len(own)),
+            white_increments=water.white_increments, white=water.white,
         )  # fmt: skip
 
     @cached_property
@@ -148,7 +144,7 @@ class BandedSurfaceWater(SurfaceWater):
     modelled = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
-        self._name(WaveBands.names, (1.0,) * len(WaveBands.names))
+        self._name(WaveBands.names)
 
     @cached_property
     def bands(self) -> WaveBands:

@@ -9,7 +9,7 @@ import numpy as np
 from estimators.checks import finite_array, frozen
 from vessel_gym.processes import interpolated
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
-from vessel_gym.vehicles.seakeeping import HullAtSpeed, StripTheory, under_way
+from vessel_gym.vehicles.seakeeping import HullAtSpeed, StripTheory, wave_response
 
 _TURN = 2.0 * np.pi
 
@@ -58,8 +58,7 @@ class WaveResponse:
         shape = tuple(map(len, values.values()))
         for name in ("sway", "yaw", "roll"):
             values[name] = _amplitudes(name, getattr(self, name), shape)
-        for name, array in values.items():
-            object.__setattr__(self, name, frozen(array))
+        vars(self).update({name: frozen(array) for name, array in values.items()})
 
     @cached_property
     def over_a_turn(self) -> tuple[np.ndarray, np.ndarray]:
@@ -79,11 +78,11 @@ class TabledResponse:
 
     The motion depends much on the speed: that of the corvette at rest has from 0.55 to 1.34 times
     the RMS yaw rate at 15.4 m/s, by direction of a moderate sea. It also has a sharp peak where the
-    frequency of encounter is near 0. Therefore the equations of `under_way` reduce the table to a
-    response at rest, which is interpolated linearly in real and imaginary parts, and lead back from
-    it. At its entries the table is reproduced. Between its speeds and beyond them the effect of the
-    speed is that of strip theory. If the table is that of a ship at rest, which a panel method
-    gives, this holds at all speeds.
+    frequency of encounter is near 0. Therefore the equations of `wave_response` reduce the table to
+    a response at rest, which is interpolated linearly in real and imaginary parts, and lead back
+    from it. At its entries the table is reproduced. Between its speeds and beyond them the effect
+    of the speed is that of strip theory. If the table is that of a ship at rest, which a panel
+    method gives, this holds at all speeds.
     """
 
     ship: CorvetteParameters
@@ -97,7 +96,7 @@ class TabledResponse:
         for i, speed in enumerate(self.response.speed):
             own = motion[:, :, i]
             units = [np.broadcast_to(unit, own.shape) for unit in np.eye(3)]
-            moved = [under_way(self.ship, unit, w, beta, speed) for unit in units]
+            moved = [wave_response(self.ship, unit, w, beta, speed) for unit in units]
             at_rest[:, :, i] = np.linalg.solve(np.stack(moved, -1), own[..., None])[..., 0]
         return np.concatenate([at_rest.real, at_rest.imag], -1)
 
@@ -115,9 +114,10 @@ class TabledResponse:
         return interpolated(self._table, row, place, _index(self.response.speed, speed))
 
     def motion(self, frequency: np.ndarray, beta: np.ndarray, speed: float) -> np.ndarray:
-        """Complex response ``(..., 3)``, with arguments as `wave_response`."""
+        """Complex response ``(..., 3)``, see `wave_response`."""
         parts = self._at_rest(self.frequency_constant(frequency), beta, speed)
-        return under_way(self.ship, parts[..., :3] + 1j * parts[..., 3:], frequency, beta, speed)
+        at_rest = parts[..., :3] + 1j * parts[..., 3:]
+        return wave_response(self.ship, at_rest, frequency, beta, speed)
 
     def frequency_constant(self, frequency: np.ndarray) -> np.ndarray:
         """Index ``(...)`` of frequencies [rad/s] among those of the table."""

@@ -9,7 +9,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators.engine import along, lookup, sincos
-from vessel_gym.checks import check_numbers
 from vessel_gym.disturbances.spectrum import TURN, WaveSpectrum
 from vessel_gym.processes import Process, interpolated
 from vessel_gym.vehicles.vehicle import GRAVITY
@@ -159,11 +158,6 @@ class WaveBands:
         return np.repeat(w, len(across), axis=1), theta.reshape(BANDS, -1)
 
     @cached_property
-    def energies(self) -> np.ndarray:
-        """Energy of each band [m2] ``(2,)``."""
-        return np.diff(_EDGES) * self.spectrum.height**2 / 16.0
-
-    @cached_property
     def frequencies(self) -> np.ndarray:
         """Frequency of each wave [rad/s] ``(4,)``."""
         return np.repeat(self.cells[0].mean(1), 2)
@@ -190,8 +184,8 @@ class WaveBands:
             response: Complex response ``(k, ...)`` per metre of amplitude, of frequencies [rad/s]
                 and directions [rad] ``(k,)``.
         """
-        each = []
-        for band, energy in enumerate(self.energies):
+        each, energy = [], self.spectrum.height**2 / 16.0 / BANDS
+        for band in range(BANDS):
             pair = slice(2 * band, 2 * band + 2)
             both = response(self.frequencies[pair], self.directions[pair])
             whole = response(*(cells[band] for cells in self.cells))
@@ -201,18 +195,12 @@ class WaveBands:
 
     def process(self, dt: float) -> Process:
         """Process of the waves' real and imaginary parts over a step of ``dt`` [s]."""
-        check_numbers("WaveBands.process", {"dt": dt}, positive="dt")
         bands = []
         for frequency in self.frequencies:
             kept = np.exp(-_DAMPING * frequency * dt)
             cos, sin = kept * np.cos(frequency * dt), kept * np.sin(frequency * dt)
-            bands.append(
-                Process(
-                    np.array([[cos, -sin], [sin, cos]]),
-                    np.sqrt(1.0 - kept**2) * np.eye(2),
-                    np.eye(2),
-                )
-            )
+            rotation = np.array([[cos, -sin], [sin, cos]])
+            bands.append(Process(rotation, np.sqrt(1.0 - kept**2) * np.eye(2), np.eye(2)))
         return Process.joined(*bands)
 
     def at(

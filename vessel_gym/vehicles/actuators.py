@@ -15,8 +15,8 @@ class Actuator(NamedTuple):
 
     above: float
     """Gain of actions from 0 on."""
-    below: float | None = None
-    """Gain of negative actions; None: as ``above``."""
+    below: float
+    """Gain of negative actions."""
     offset: float = 0.0
     base: float = 0.0
     kept: float = 0.0
@@ -25,16 +25,11 @@ class Actuator(NamedTuple):
     limit: float = np.inf
 
 
-def actuator_parameters(*actuators: Actuator) -> np.ndarray:
-    """Parameters ``(a, 8)`` of actuators for `actuated`."""
-    return np.array(
-        [each if each.below is not None else each._replace(below=each.above) for each in actuators],
-        float,
-    )
-
-
 def actuated(before: np.ndarray, action: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-    """Actuators ``(..., a)`` after a step from ``before``, with `actuator_parameters`."""
+    """Actuators ``(..., a)`` after a step from ``before``, with parameters ``(a, 8)``.
+
+    A row of the parameters is an `Actuator`.
+    """
     above, below, offset, base, kept, lag, turn, limit = parameters.T
     asked = kept * before + base + np.where(action < 0.0, below, above) * (offset + action)
     asked = np.where(lag > 0.0, asked + (before - asked) * lag, asked)

@@ -6,14 +6,14 @@ down; earth axes: north, east, down.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 
 from estimators.engine import compiled
-from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
+from vessel_gym.vehicles.actuators import Actuator
 from vessel_gym.vehicles.files import Particulars
 from vessel_gym.vehicles.hydrodynamics import (
     Coefficients,
@@ -44,6 +44,7 @@ hull, and so do those of lift: with one factor they remain dissipative. Coeffici
 and horizontal plane stay equal, as for any body of revolution.
 """
 VERTICAL = 7
+_NOMINAL = np.ones(len(UNCERTAIN))
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,7 @@ class AUVParameters(Particulars):
 
     A file states a source for each number, and may leave out numbers with a default. ``given``
     holds measured or computed coefficients by name, which replace estimates from the dimensions:
-    any of `Coefficients`, K_up, and the body's mass and inertias.
+    any of `Coefficients`, and the body's mass and inertias.
     """
 
     length: float  # m
@@ -67,6 +68,7 @@ class AUVParameters(Particulars):
     fin_limit: float = float(np.deg2rad(20.0))  # rad, assumed: below stall
     fin_rate: float = 1.0  # rad/s, of a small servo, assumed
     thrust_lag: float = 0.5  # s, time constant of the thrust, assumed
+    propeller_torque: float = 0.0  # m, torque per thrust
     fin_aspect: float = 2.21  # effective aspect ratio, REMUS'; Prestero (2001)
     fin_taper: float = 0.654  # chord at the tip / at the root, REMUS'; Prestero (2001)
     water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
@@ -80,16 +82,12 @@ class AUVParameters(Particulars):
             "water_density", "gravity",
         ),
         "fins": ("fin_area", "fin_position", "fin_aspect", "fin_taper", "fin_limit", "fin_rate"),
-        "propulsion": ("cruise_speed", "thrust_limit", "thrust_lag"),
-        "coefficients": (
-            "with_added_mass", "axial_drag", *(each.name for each in fields(Coefficients)), "K_up",
-        ),
+        "propulsion": ("cruise_speed", "thrust_limit", "thrust_lag", "propeller_torque"),
+        "coefficients": ("with_added_mass", "axial_drag", *Coefficients.__dataclass_fields__),
     }  # fmt: skip
     """Keys of a vehicle file by table; keys that are no fields of this class go to ``given``."""
     names: ClassVar[tuple[str, ...]]
     """Coefficients of the equations of motion."""
-    uncertain: ClassVar[int] = len(UNCERTAIN)
-    """Number of the parameters of `UNCERTAIN` that act."""
 
     @cached_property
     def torpedo(self) -> Torpedo:
@@ -104,8 +102,8 @@ class AUVParameters(Particulars):
     @cached_property
     def coefficients(self) -> Coefficients:
         """Hydrodynamic coefficients: given ones, and estimates from the dimensions."""
-        names = {each.name for each in fields(Coefficients)}
-        given = {name: x for name, x in self.given if name in names}
+        known = Coefficients.__dataclass_fields__
+        given = {name: x for name, x in self.given if name in known}
         c = replace(self.torpedo.coefficients(), **given)
         held = {  # N_uv and M_uw: Munk's moment (1924)
             "Y_ur": c.X_udot, "Z_uq": -c.X_udot, "N_uv": c.Y_vdot - c.X_udot,
@@ -116,17 +114,11 @@ class AUVParameters(Particulars):
         return replace(c, **{name: given[name] - x for name, x in held.items() if name in given})
 
     @cached_property
-    def roll_lift(self) -> float:
-        """Moment K_up per |u| p [kg m] by the lift of four fins, which roll meets at an angle."""
-        root, tip = self.torpedo.root, self.torpedo.tip
-        estimate = -4.0 * self.torpedo.fin_lift() * (root**2 + root * tip + tip**2) / 3.0
-        return dict(self.given).get("K_up", estimate)
-
-    @cached_property
     def buoyancy(self) -> float:
         """Weight [N] of the displaced water, from a given mass or else from the spheroid."""
-        if "mass" in dict(self.given):
-            return dict(self.given)["mass"] * self.gravity + self.buoyancy_excess
+        given = dict(self.given)
+        if "mass" in given:
+            return given["mass"] * self.gravity + self.buoyancy_excess
         return self.water_density * self.gravity * np.pi / 6.0 * self.length * self.diameter**2
 
     @cached_property
@@ -142,9 +134,8 @@ class AUVParameters(Particulars):
     @cached_property
     def pitch_inertia(self) -> float:
         """Inertia in pitch and in yaw [kg m2]; if not given, of a homogeneous spheroid."""
-        return dict(self.given).get(
-            "pitch_inertia", 0.05 * self.mass * (self.length**2 + self.diameter**2)
-        )
+        spheroid = 0.05 * self.mass * (self.length**2 + self.diameter**2)
+        return dict(self.given).get("pitch_inertia", spheroid)
 
     @cached_property
     def cruise_thrust(self) -> float:
@@ -156,7 +147,7 @@ class AUVParameters(Particulars):
 
         The factors are ``(..., f)``.
         """
-        c: dict[str, Any] = vars(self.coefficients) | {"K_up": self.roll_lift}
+        c: dict[str, Any] = dict(vars(self.coefficients))
         f = dict(zip(UNCERTAIN, np.moveaxis(factors, -1, 0), strict=False))
         for kind, factor in f.items():
             for name in _FACTORS[kind]:
@@ -180,6 +171,7 @@ class AUVParameters(Particulars):
             "pitch_inertia": self.pitch_inertia - c["M_qdot"],
             "yaw_inertia": self.pitch_inertia - c["N_rdot"],
             "mass_z_g": self.mass * self.z_g,
+            "propeller_torque": self.propeller_torque,
             "sway_yaw": -c["Y_rdot"],
             "heave_pitch": -c["Z_qdot"],
             "net_weight": -self.buoyancy_excess,
@@ -193,15 +185,11 @@ class AUVParameters(Particulars):
             yield "diameter", f"a torpedo of {L:g} m is not {D:g} m thick"
             return  # no formula holds
         if abs(self.fin_position) > L:
-            yield (
-                "fin_position",
-                f"fins {self.fin_position:g} m from the origin are not on a hull of {L:g} m",
-            )
+            off = f"fins {self.fin_position:g} m from the origin"
+            yield "fin_position", f"{off} are not on a hull of {L:g} m"
         if self.fin_area >= 0.25 * L * D:
-            yield (
-                "fin_area",
-                f"a fin of {self.fin_area:g} m2 does not belong to a hull of {L:g} by {D:g} m",
-            )
+            fin = f"a fin of {self.fin_area:g} m2"
+            yield "fin_area", f"{fin} does not belong to a hull of {L:g} by {D:g} m"
         cylinder = 0.25 * np.pi * D**2 * L * self.water_density
         if not self.mass > 0.0 or self.buoyancy > cylinder * self.gravity:
             key = "mass" if "mass" in dict(self.given) else "buoyancy_excess"
@@ -216,42 +204,32 @@ class AUVParameters(Particulars):
         elif (c["Y_rdot"], c["Z_qdot"]) != (c["N_vdot"], c["M_wdot"]):
             yield "coefficients", "added mass is symmetric: Y_rdot is N_vdot, and Z_qdot is M_wdot"
 
-    def vector(self, factors: np.ndarray | None = None) -> np.ndarray:
+    def vector(self, factors: np.ndarray = _NOMINAL) -> np.ndarray:
         """Coefficients of the equations of motion ``(..., k)``, in the order of ``names``.
 
         Args:
-            factors: Factors ``(..., uncertain)`` on the first of `UNCERTAIN`; default: 1.
+            factors: Factors ``(..., f)`` on the first of `UNCERTAIN`; default: 1.
         """
-        values = self.values(np.ones(self.uncertain) if factors is None else factors)
+        values = self.values(factors)
         return np.stack(np.broadcast_arrays(*(values[name] for name in self.names)), -1)
 
 
-_ROW, _COLUMN = np.triu_indices(3)
-
-
-def _inertia(c: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+def _inertia(c: dict[str, Any]) -> list[np.ndarray]:
     """Inertia blocks ``(..., 3, 3)`` of surge, heave and pitch, and of sway, roll and yaw."""
-    S = c["mass_z_g"]
-    uppers = (  # row by row
-        (c["surge_mass"], 0.0, S, c["heave_mass"], c["heave_pitch"], c["pitch_inertia"]),
-        (c["sway_mass"], -S, c["sway_yaw"], c["roll_inertia"], 0.0, c["yaw_inertia"]),
+    S, e, d = c["mass_z_g"], c["sway_yaw"], c["heave_pitch"]
+    blocks = (
+        (c["surge_mass"], 0.0, S, 0.0, c["heave_mass"], d, S, d, c["pitch_inertia"]),
+        (c["sway_mass"], -S, e, -S, c["roll_inertia"], 0.0, e, 0.0, c["yaw_inertia"]),
     )
-    blocks = []
-    for upper in uppers:
-        numbers = np.stack(np.broadcast_arrays(*upper), -1)
-        block = np.empty(numbers.shape[:-1] + (3, 3))
-        block[..., _ROW, _COLUMN] = block[..., _COLUMN, _ROW] = numbers
-        blocks.append(block)
-    return blocks[0], blocks[1]
+    numbers = [np.stack(np.broadcast_arrays(*block), -1) for block in blocks]
+    return [each.reshape(*each.shape[:-1], 3, 3) for each in numbers]
 
 
 def _inverse(axes: str, inertia: np.ndarray) -> dict[str, np.ndarray]:
     """Inverse of an inertia block by axes: ``inverse_uw`` is surge acceleration per heave force."""
     inverse = np.linalg.inv(inertia)
-    return {
-        f"inverse_{axes[i]}{axes[j]}": inverse[..., i, j]
-        for i, j in zip(_ROW, _COLUMN, strict=True)
-    }
+    pairs = zip(*np.triu_indices(3), strict=True)
+    return {f"inverse_{axes[i]}{axes[j]}": inverse[..., i, j] for i, j in pairs}
 
 
 @compiled
@@ -289,8 +267,7 @@ class AUV(SimulatedVehicle):
     def _actuators(self) -> np.ndarray:
         """Fins with rate limits, thrust with a lag; action -1 stops the propeller."""
         body = self.body
-        fin = Actuator(body.fin_limit, turn=body.fin_rate * self.dt)
-        thrust = Actuator(
-            0.5 * body.thrust_limit, offset=1.0, lag=np.exp(-self.dt / body.thrust_lag)
-        )
-        return actuator_parameters(*(fin,) * (len(self.action_names) - 1), thrust)
+        fin = Actuator(body.fin_limit, body.fin_limit, turn=body.fin_rate * self.dt)
+        half, lag = 0.5 * body.thrust_limit, np.exp(-self.dt / body.thrust_lag)
+        thrust = Actuator(half, half, offset=1.0, lag=lag)
+        return np.array([*[fin] * (len(self.action_names) - 1), thrust])

@@ -11,10 +11,13 @@ import numpy as np
 
 from estimators import Schedule, zero_order_hold
 from estimators.engine import compiled
-from vessel_gym.checks import instance
 from vessel_gym.processes import interpolated
 from vessel_gym.sensors import Sensor, plain
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters, I, propelled_rudder
+from vessel_gym.vehicles.corvette_equations import (
+    Coefficients,
+    CorvetteParameters,
+    propelled_rudder,
+)
 from vessel_gym.vehicles.equilibrium import root
 
 
@@ -48,7 +51,6 @@ def steady_turns(ship: CorvetteParameters) -> SteadyTurn:
     Raises:
         RuntimeError: if the ship has no steady turn at that rudder.
     """
-    instance("ship of steady_turns", ship, CorvetteParameters)
     scale, most = np.array([1.0, 1.0, 1.0 / ship.length]) * ship.speed, 0.8 * ship.rudder_limit
 
     def residual(turn: np.ndarray, plane: np.ndarray) -> np.ndarray:
@@ -86,8 +88,7 @@ def sway_yaw_jacobian(
     """
     points = np.concatenate([state, rudder[..., None]], -1)  # (u, v, r, rudder)
     step = np.array([1e-6, 1e-8, 1e-6])
-    offsets = np.zeros((3, 4))
-    offsets[[0, 1, 2], [1, 2, 3]] = step
+    offsets = step[:, None] * np.eye(4)[1:]
 
     def rates(p: np.ndarray) -> np.ndarray:
         return ship.accelerations(p[..., :3], p[..., 3:])[..., 1:]
@@ -156,7 +157,7 @@ def linear_matrices(
 
 
 def propulsion(
-    state: np.ndarray, rudder: np.ndarray, c: np.ndarray
+    state: np.ndarray, rudder: np.ndarray, coefficients: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Load of the propellers and added resistance of steering ``(...)``, as shares of a thrust.
 
@@ -168,30 +169,32 @@ def propulsion(
     Args:
         state: ``(..., 8)``, `vessel_gym.vehicles.corvette_equations.STATE`.
         rudder: ``(...)`` rad.
-        c: ``(..., k)``, `vessel_gym.vehicles.corvette_equations.COEFFICIENTS`.
+        coefficients: ``(..., k)``, `vessel_gym.vehicles.corvette_equations.COEFFICIENTS`.
     """
-    (u, v, r), c = np.moveaxis(state[..., 3:6], -1, 0), np.moveaxis(c, -1, 0)
+    (u, v, r), c = (
+        np.moveaxis(state[..., 3:6], -1, 0),
+        Coefficients(*np.moveaxis(coefficients, -1, 0)),
+    )
     load, force, sin_rudder, _ = propelled_rudder(u, v, r, rudder, c)
-    turning = c[I.sway_inertia] * v * r + c[I.sway_yaw_inertia] * r * r
-    return load, (force * sin_rudder - turning) / c[I.thrust]
+    turning = c.sway_inertia * v * r + c.sway_yaw_inertia * r * r
+    return load, (force * sin_rudder - turning) / c.thrust
 
 
-def straight_course(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def straight_course(coefficients: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Speed [m/s] and load of the propellers ``(...)`` on a straight course in calm water.
 
     They are the service speed and 1, unless ``mismatch`` has changed the ship's resistance: thrust
     and resistance then balance at another speed.
 
     Args:
-        c: ``(..., k)``, `vessel_gym.vehicles.corvette_equations.COEFFICIENTS`.
+        coefficients: ``(..., k)``, `vessel_gym.vehicles.corvette_equations.COEFFICIENTS`.
     """
-    c = np.moveaxis(c, -1, 0)
-    falling = c[I.thrust] * c[I.thrust_rise] / c[I.service_speed]
-    most = c[I.thrust] * (1.0 + c[I.thrust_rise])
-    speed = (np.sqrt(falling * falling + 4.0 * c[I.resistance] * most) - falling) / (
-        2.0 * c[I.resistance]
-    )
-    return speed, 1.0 + c[I.thrust_rise] * (1.0 - speed / c[I.service_speed])
+    c = Coefficients(*np.moveaxis(coefficients, -1, 0))
+    falling = c.thrust * c.thrust_rise / c.service_speed
+    most = c.thrust * (1.0 + c.thrust_rise)
+    root = np.sqrt(falling * falling + 4.0 * c.resistance * most)
+    speed = (root - falling) / (2.0 * c.resistance)
+    return speed, 1.0 + c.thrust_rise * (1.0 - speed / c.service_speed)
 
 
 # --- sensors of its heading -----------------------------------------------------------------------

@@ -12,9 +12,9 @@ in Perez (2005), for roll, which follows sway and yaw without an effect on them;
 the added resistance due to steering on a straight course", for the cost of steering.
 """
 
+from collections import namedtuple
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
@@ -39,20 +39,20 @@ They are a current [m/s], external forces [N] and moments [N m] in the ship's fr
 velocity [m/s] of waves, which only carries it sideways.
 """
 
-I = IntEnum("I", (
+Coefficients = namedtuple("Coefficients", (
     "mass", "mass_x_g", "surge_inertia", "sway_inertia", "sway_yaw_inertia", "yaw_sway_inertia",
     "yaw_inertia", "Yv", "Yr", "Nv", "Nr", "cross_flow", "resistance", "thrust", "thrust_rise",
     "service_speed", "rudder", "slipstream", "race", "race_power", "straightening", "half_length",
     "roll_inertia", "righting", "roll_damping", "roll_damping_speed", "hull_arm", "rudder_arm",
-), start=0)  # fmt: skip
-"""Index of each coefficient in the vector of the equations of motion."""
+))  # fmt: skip
+"""Coefficients of the equations of motion, in the order of their vector."""
 
-COEFFICIENTS = tuple(I.__members__)
-UNCERTAIN = (
-    I.Yv, I.Yr, I.Nv, I.Nr, I.cross_flow, I.resistance, I.rudder, I.straightening,
-    I.sway_inertia, I.yaw_inertia,
-)  # fmt: skip
-"""Coefficients that `mismatch` perturbs: hydrodynamics and inertia, not geometry."""
+COEFFICIENTS = Coefficients._fields
+UNCERTAIN = [COEFFICIENTS.index(name) for name in (
+    "Yv", "Yr", "Nv", "Nr", "cross_flow", "resistance", "rudder", "straightening", "sway_inertia",
+    "yaw_inertia",
+)]  # fmt: skip
+"""Indices of the coefficients that `mismatch` perturbs: hydrodynamics and inertia, not geometry."""
 _CROSS_FLOW = np.array([
     [0.0109, 0.177, 0.353, 0.452, 0.473, 0.493, 0.558, 0.646,
      0.834, 0.988, 1.308, 1.639, 1.860, 2.313, 2.600, 3.009],
@@ -81,7 +81,7 @@ class CorvetteParameters(Particulars):
     mass: float  # kg
     speed: float  # m/s, service speed U
     resistance: float  # N at U, grows with the square of the speed
-    rudder_area: float | None = None  # m2, of all rudders; None: Ydelta is given
+    rudder_area: float = 0.0  # m2, of all rudders; 0: Ydelta is given
     x_g: float = 0.0  # m, centre of gravity forward of amidships
     water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
     yaw_radius: float = 0.25  # gyration radius / L; Fossen (2011), sec. 3.3
@@ -91,9 +91,9 @@ class CorvetteParameters(Particulars):
     rudder_rate: float = float(np.deg2rad(65.0 / 28.0))  # rad/s, the least; SOLAS II-1/29
     slipstream: float = 1.1  # inflow speed at the rudder / u, assumed
     straightening: float = 0.4  # share of the drift that the rudder sees; Yasukawa & Yoshimura
-    thrust_coefficient: float | None = None  # K_T at rest; None: constant thrust and slipstream
-    thrust_slope: float | None = None  # by which K_T falls with J
-    advance_ratio: float | None = None  # J at service speed
+    thrust_coefficient: float = 0.0  # K_T at rest; 0: constant thrust and slipstream
+    thrust_slope: float = 0.0  # by which K_T falls with J
+    advance_ratio: float = 0.0  # J at service speed
     race: float = 0.47  # share of the race that the rudder is in; Yasukawa & Yoshimura (2015)
     metacentric_height: float | None = None  # GM, m; None: 8 % of the beam, assumed
     roll_period: float | None = None  # s; None: by GM, IMO's intact stability code, A.749(18)
@@ -130,7 +130,7 @@ class CorvetteParameters(Particulars):
         L, B, T, Cb = self.length, self.beam, self.draught, self.block_coefficient
         slender = np.pi * (T / L) ** 2
         mass = self.mass / (0.5 * self.water_density * L**3)
-        rudder = 0.5 * np.pi * (self.rudder_area or 0.0) / L**2
+        rudder = 0.5 * np.pi * self.rudder_area / L**2
         return {
             "Yvdot": -slender * (1 + 0.16 * Cb * B / T - 5.1 * (B / L) ** 2),
             "Yrdot": -slender * (0.67 * B / L - 0.0033 * (B / T) ** 2),
@@ -149,24 +149,22 @@ class CorvetteParameters(Particulars):
     @cached_property
     def stiffness(self) -> float:
         """Metacentric height GM [m]."""
-        return 0.08 * self.beam if self.metacentric_height is None else self.metacentric_height
+        return self.metacentric_height or 0.08 * self.beam
 
     @cached_property
     def period_of_roll(self) -> float:
         """Natural period of roll [s]."""
-        if self.roll_period is not None:
-            return self.roll_period
         radius = 0.373 + 0.023 * self.beam / self.draught - 0.043 * self.length / 100.0
-        return 2.0 * radius * self.beam / np.sqrt(self.stiffness)
+        return self.roll_period or 2.0 * radius * self.beam / np.sqrt(self.stiffness)
 
     @cached_property
     def _propellers(self) -> tuple[float, float]:
         """Rise of the thrust as the ship slows down, and power of the race; 0: constant thrust."""
-        at_rest, slope, J = self.thrust_coefficient, self.thrust_slope, self.advance_ratio
-        if at_rest is None or slope is None or J is None:
+        if not self.thrust_coefficient:
             return 0.0, 0.0
-        at_speed = at_rest - slope * J
-        return slope * J / at_speed, 8.0 / np.pi * at_speed * (self.speed / J) ** 2
+        fall = self.thrust_slope * self.advance_ratio
+        at_speed = self.thrust_coefficient - fall
+        return fall / at_speed, 8.0 / np.pi * at_speed * (self.speed / self.advance_ratio) ** 2
 
     @cached_property
     def _roll(self) -> dict[str, float]:
@@ -175,7 +173,7 @@ class CorvetteParameters(Particulars):
         natural = 2.0 * np.pi / self.period_of_roll
         inertia = righting / natural**2
         damping = 2.0 * natural * inertia
-        height = 1.5 * self.draught if self.gravity_height is None else self.gravity_height
+        height = self.gravity_height or 1.5 * self.draught
         return {
             "roll_inertia": inertia,
             "righting": righting,
@@ -186,8 +184,8 @@ class CorvetteParameters(Particulars):
             "rudder_arm": height - 0.34 * self.draught,
         }
 
-    def values(self) -> dict[str, float]:
-        """Dimensional coefficients of the equations of motion by name."""
+    def values(self) -> Coefficients:
+        """Dimensional coefficients of the equations of motion."""
         given, L, rho = dict(self.given), self.length, self.water_density
         c, q, drag = self.clarke | given, 0.5 * rho, self.drag_coefficient
         surge_added = 2.7 * rho * (self.mass / rho) ** (5 / 3) / L**2  # Soding (1982)
@@ -196,39 +194,39 @@ class CorvetteParameters(Particulars):
         if drag is None:
             drag = float(np.interp(0.5 * self.beam / self.draught, *_CROSS_FLOW))
         lift_slope = 6.13 * self.rudder_aspect / (self.rudder_aspect + 2.25)  # Fujii & Tuda (1961)
-        rudder = q * (self.rudder_area or 0.0) * lift_slope
+        rudder = q * self.rudder_area * lift_slope
         if "Ydelta" in given:
             rudder = -q * L**2 * given["Ydelta"] / self.slipstream**2
         rise, race_power = self._propellers
-        return self._roll | {
-            "mass": self.mass,
-            "mass_x_g": self.mass * self.x_g,
-            "surge_inertia": self.mass + surge_added,
-            "sway_inertia": self.mass - q * L**3 * c["Yvdot"],
-            "sway_yaw_inertia": self.mass * self.x_g - q * L**4 * c["Yrdot"],
-            "yaw_sway_inertia": self.mass * self.x_g - q * L**4 * c["Nvdot"],
-            "yaw_inertia": q * L**5 * (c["Iz"] - c["Nrdot"]),
-            "Yv": q * L**2 * c["Yv"],
-            "Yr": q * L**3 * c["Yr"],
-            "Nv": q * L**3 * c["Nv"],
-            "Nr": q * L**4 * c["Nr"],
-            "cross_flow": q * self.draught * drag,
-            "resistance": self.resistance / self.speed**2,
-            "thrust": self.resistance,
-            "thrust_rise": rise,
-            "service_speed": self.speed,
-            "rudder": rudder,
-            "slipstream": 1.0 if rise else self.slipstream,
-            "race": self.race if rise else 0.0,
-            "race_power": race_power,
-            "straightening": self.straightening,
-            "half_length": 0.5 * L,
-        }
+        return Coefficients(
+            mass=self.mass,
+            mass_x_g=self.mass * self.x_g,
+            surge_inertia=self.mass + surge_added,
+            sway_inertia=self.mass - q * L**3 * c["Yvdot"],
+            sway_yaw_inertia=self.mass * self.x_g - q * L**4 * c["Yrdot"],
+            yaw_sway_inertia=self.mass * self.x_g - q * L**4 * c["Nvdot"],
+            yaw_inertia=q * L**5 * (c["Iz"] - c["Nrdot"]),
+            Yv=q * L**2 * c["Yv"],
+            Yr=q * L**3 * c["Yr"],
+            Nv=q * L**3 * c["Nv"],
+            Nr=q * L**4 * c["Nr"],
+            cross_flow=q * self.draught * drag,
+            resistance=self.resistance / self.speed**2,
+            thrust=self.resistance,
+            thrust_rise=rise,
+            service_speed=self.speed,
+            rudder=rudder,
+            slipstream=1.0 if rise else self.slipstream,
+            race=self.race if rise else 0.0,
+            race_power=race_power,
+            straightening=self.straightening,
+            half_length=0.5 * L,
+            **self._roll,
+        )
 
     def vector(self) -> np.ndarray:
         """Dimensional coefficients of the equations of motion, in the order of `COEFFICIENTS`."""
-        values = self.values()
-        return np.array([values[name] for name in COEFFICIENTS])
+        return np.array(self.values())
 
     def accelerations(self, motion: np.ndarray, rudder: np.ndarray) -> np.ndarray:
         """Accelerations ``(..., 3)`` of an upright ship without current and external loads.
@@ -261,26 +259,25 @@ class CorvetteParameters(Particulars):
                 "x_g",
                 f"a centre of gravity {self.x_g:g} m from amidships is not in a ship of {L:g} m",
             )
-        if self.rudder_area is None and "Ydelta" not in dict(self.given):
+        if not self.rudder_area and "Ydelta" not in dict(self.given):
             yield "rudder", "the rudder needs 'rudder_area', or 'Ydelta' as measured"
-        if self.rudder_area is not None and self.rudder_area >= L * T:
+        if self.rudder_area >= L * T:
             yield (
                 "rudder_area",
                 f"a rudder of {self.rudder_area:g} m2 is as large as the hull's profile",
             )
         propellers = self.thrust_coefficient, self.thrust_slope, self.advance_ratio
-        if 0 < propellers.count(None) < len(propellers):
+        if any(propellers) and not all(propellers):
             wanted = "'thrust_coefficient', 'thrust_slope', 'advance_ratio'"
             yield "propulsion", f"propellers need {wanted}, or none"
             return
-        at_rest, slope, J = propellers
-        if at_rest is not None and slope is not None and J is not None and at_rest <= slope * J:
+        if any(propellers) and propellers[0] <= propellers[1] * propellers[2]:
             yield "thrust_coefficient", "propellers of this slope give no thrust at this J"
             return
         m = self.values()
         if min(
-            m["surge_inertia"], m["sway_inertia"], m["yaw_inertia"],
-            m["sway_inertia"] * m["yaw_inertia"] - m["sway_yaw_inertia"] * m["yaw_sway_inertia"],
+            m.surge_inertia, m.sway_inertia, m.yaw_inertia,
+            m.sway_inertia * m.yaw_inertia - m.sway_yaw_inertia * m.yaw_sway_inertia,
         ) <= 0.0:  # fmt: skip
             yield "derivatives", "the added masses leave an inertia that is not positive"
 
@@ -302,45 +299,45 @@ def _cross_flow(v: np.ndarray, r: np.ndarray, a: np.ndarray) -> tuple[np.ndarray
 
 
 def propelled_rudder(
-    u: np.ndarray, v: np.ndarray, r: np.ndarray, rudder: np.ndarray, c: np.ndarray
+    u: np.ndarray, v: np.ndarray, r: np.ndarray, rudder: np.ndarray, c: Coefficients
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Load of the propellers, normal force on the rudder [N], sine and cosine of its angle."""
     # At constant revolutions, thrust and race of a propeller grow as the ship slows down.
-    load = np.maximum(1.0 + c[I.thrust_rise] * (1.0 - u / c[I.service_speed]), 0.0)
-    race = np.sqrt(u * u + c[I.race_power] * load) - np.abs(u)
+    load = np.maximum(1.0 + c.thrust_rise * (1.0 - u / c.service_speed), 0.0)
+    race = np.sqrt(u * u + c.race_power * load) - np.abs(u)
     # Inflow to the rudder: drift and yaw rate in a turn reduce the angle of attack.
-    inflow = c[I.slipstream] * u + c[I.race] * race
-    side = c[I.straightening] * (v - c[I.half_length] * r)
+    inflow = c.slipstream * u + c.race * race
+    side = c.straightening * (v - c.half_length * r)
     sin_rudder, cos_rudder = sincos(rudder)
     # the whole inflow times the sine of the angle of attack
     attacking = inflow * sin_rudder + side * cos_rudder
-    force = c[I.rudder] * np.sqrt(inflow * inflow + side * side) * attacking
+    force = c.rudder * np.sqrt(inflow * inflow + side * side) * attacking
     return load, force, sin_rudder, cos_rudder
 
 
 def _hull(
-    u: np.ndarray, v: np.ndarray, r: np.ndarray, c: np.ndarray
+    u: np.ndarray, v: np.ndarray, r: np.ndarray, c: Coefficients
 ) -> tuple[np.ndarray, np.ndarray]:
     """Side force [N] and yaw moment [N m] of the hull, with the centripetal terms of its mass.
 
     The derivatives include Kirchhoff's terms, which change sign astern, and lift, which remains
     dissipative astern.
     """
-    sway_drag, yaw_drag = _cross_flow(v, r, c[I.half_length])
-    astern, surge_added = np.abs(u) - u, c[I.surge_inertia] - c[I.mass]
-    munk = surge_added - (c[I.sway_inertia] - c[I.mass])
+    sway_drag, yaw_drag = _cross_flow(v, r, c.half_length)
+    astern, surge_added = np.abs(u) - u, c.surge_inertia - c.mass
+    munk = surge_added - (c.sway_inertia - c.mass)
     return (
-        u * (c[I.Yv] * v + c[I.Yr] * r) + astern * (c[I.Yv] * v + (c[I.Yr] + surge_added) * r)
-        - c[I.mass] * u * r - c[I.cross_flow] * sway_drag,
-        u * (c[I.Nv] * v + c[I.Nr] * r)
-        + astern * ((c[I.Nv] - munk) * v + (c[I.Nr] + c[I.sway_yaw_inertia] - c[I.mass_x_g]) * r)
-        - c[I.mass_x_g] * u * r - c[I.cross_flow] * yaw_drag,
+        u * (c.Yv * v + c.Yr * r) + astern * (c.Yv * v + (c.Yr + surge_added) * r)
+        - c.mass * u * r - c.cross_flow * sway_drag,
+        u * (c.Nv * v + c.Nr * r)
+        + astern * ((c.Nv - munk) * v + (c.Nr + c.sway_yaw_inertia - c.mass_x_g) * r)
+        - c.mass_x_g * u * r - c.cross_flow * yaw_drag,
     )  # fmt: skip
 
 
 @compiled
 def corvette_rates(
-    state: np.ndarray, control: np.ndarray, around: np.ndarray, c: np.ndarray
+    state: np.ndarray, control: np.ndarray, around: np.ndarray, coefficients: np.ndarray
 ) -> np.ndarray:
     """Rates ``(..., 8)`` of position, heading, velocities through the water, roll and roll rate.
 
@@ -350,36 +347,36 @@ def corvette_rates(
         state: ``(..., 8)``, `STATE`.
         control: Rudder [rad] ``(..., 1)``.
         around: ``(..., 7)``, `AROUND`.
-        c: ``(..., k)``, `COEFFICIENTS`.
+        coefficients: ``(..., k)``, `COEFFICIENTS`.
     """
     _, _, psi, u, v, r, phi, p = np.moveaxis(state, -1, 0)
     north, east, *forces, wave_sway = np.moveaxis(around, -1, 0)
-    (rudder,), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
+    rudder, c = control[..., 0], Coefficients(*np.moveaxis(coefficients, -1, 0))
     sin, cos = sincos(psi)
     carried = v + wave_sway
-    m_vv, m_vr = c[I.sway_inertia], c[I.sway_yaw_inertia]
-    m_rv, m_rr = c[I.yaw_sway_inertia], c[I.yaw_inertia]
+    m_vv, m_vr = c.sway_inertia, c.sway_yaw_inertia
+    m_rv, m_rr = c.yaw_sway_inertia, c.yaw_inertia
     load, force, sin_rudder, cos_rudder = propelled_rudder(u, v, r, rudder, c)
     # Surge: the sway added mass takes part in the centripetal term (Kirchhoff), which slows the
     # ship in a turn.
     X = (
-        c[I.thrust] * load - c[I.resistance] * u * np.abs(u)
+        c.thrust * load - c.resistance * u * np.abs(u)
         + m_vv * v * r + m_vr * r * r - force * sin_rudder + forces[0]
     )  # fmt: skip
     Y, N = _hull(u, v, r, c)
     Y = Y - force * cos_rudder + forces[1]
-    N = N + c[I.half_length] * force * cos_rudder + forces[2]
+    N = N + c.half_length * force * cos_rudder + forces[2]
     determinant = m_vv * m_rr - m_vr * m_rv
     sway, yaw = (m_rr * Y - m_vr * N) / determinant, (m_vv * N - m_rv * Y) / determinant
     # Side force on the ship's mass without external forces; the part without the rudder's acts on
     # the hull.
-    side_force = c[I.mass] * (sway + u * r) + c[I.mass_x_g] * yaw - forces[1] + force * cos_rudder
+    side_force = c.mass * (sway + u * r) + c.mass_x_g * yaw - forces[1] + force * cos_rudder
     sin_roll, _ = sincos(phi)
     K = (
-        c[I.rudder_arm] * force * cos_rudder - c[I.hull_arm] * side_force - c[I.righting] * sin_roll
-        - (c[I.roll_damping] + c[I.roll_damping_speed] * np.abs(u)) * p + forces[3]
+        c.rudder_arm * force * cos_rudder - c.hull_arm * side_force - c.righting * sin_roll
+        - (c.roll_damping + c.roll_damping_speed * np.abs(u)) * p + forces[3]
     )  # fmt: skip
     return np.stack([
         u * cos - carried * sin + north, u * sin + carried * cos + east, r,
-        X / c[I.surge_inertia], sway, yaw, p, K / c[I.roll_inertia],
+        X / c.surge_inertia, sway, yaw, p, K / c.roll_inertia,
     ], -1)  # fmt: skip

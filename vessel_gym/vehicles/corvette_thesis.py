@@ -8,21 +8,20 @@ filter's model from k to k + 1: this compass foresees d.
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from estimators import Schedule
 from estimators.engine import compiled
-from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
+from vessel_gym.vehicles.actuators import Actuator
 from vessel_gym.vehicles.corvette import COMPASS, MOTION_UNIT, linear_matrices
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.ship import Ship
 
 
-@dataclass(frozen=True)
-class Simulation:
+class Simulation(NamedTuple):
     """One of the five simulations of Section 4.5.
 
     Attributes:
@@ -116,16 +115,13 @@ class ThesisCorvette(Ship):
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Straight on to the north at service speed; the prior is the filter's alone."""
-        return super().start(
-            np.broadcast_to([0.0, 0.0, 0.0, self.ship.speed, 0.0, 0.0], (*x.shape[:-1], 6))
-        )
+        ahead, _ = super().cruise
+        return super().start(np.broadcast_to(ahead, (*x.shape[:-1], len(ahead))))
 
     @cached_property
     def _actuators(self) -> np.ndarray:
         limit = self.ship.rudder_limit
-        return actuator_parameters(
-            Actuator(limit, turn=self.ship.rudder_rate * self.dt, limit=limit)
-        )
+        return np.array([Actuator(limit, limit, turn=self.ship.rudder_rate * self.dt, limit=limit)])
 
     def step(
         self,

@@ -9,13 +9,13 @@ from dataclasses import MISSING, fields
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar, get_args, get_origin, overload
+from typing import Any, ClassVar, TypeVar, overload
 
 import numpy as np
 
 from estimators.checks import number, short_repr
 from estimators.factory import unknown
-from vessel_gym.checks import LARGEST, RANGES, one_of
+from vessel_gym.checks import LARGEST, RANGES, instance, one_of
 from vessel_gym.toml_file import TomlFile
 
 P = TypeVar("P")
@@ -29,6 +29,8 @@ _KINDS = {
 }
 """Module and class of the parameters by kind and degrees of freedom; defaults come first."""
 
+_HEAD = ("kind", "degrees_of_freedom")
+"""Keys outside of tables."""
 _ANGLES = (
     "rudder_limit", "rudder_rate", "fin_limit", "fin_rate", "alpha_low", "alpha_high",
     "alpha_rate", "bank_limit",
@@ -47,10 +49,15 @@ _RESISTING = (
     "X_uu", "Y_vv", "Z_ww", "K_pp", "M_qq", "N_rr", "X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r",
     "Y_uv", "Z_uw", "M_uq", "N_ur", "K_up",
 )  # fmt: skip
+_SIZES = {"drag": 3, "lift": 2, "density": 3}
+"""Lists of numbers, by their length."""
+_OR_ZERO = (
+    "z_g", "drag_coefficient", "rudder_area", "thrust_coefficient", "thrust_slope", "advance_ratio",
+)  # fmt: skip
 _RANGES = (
     dict.fromkeys(_EITHER_SIGN, _ANY)
     | dict.fromkeys(_RESISTING, _NEGATIVE)
-    | dict.fromkeys(("z_g", "drag_coefficient"), RANGES["not_negative"])
+    | dict.fromkeys(_OR_ZERO, RANGES["not_negative"])
     | dict.fromkeys(("rudder_limit", "fin_limit", "bank_limit"), _ACUTE)
     | dict.fromkeys(
         ("alpha_low", "alpha_high"), (-0.5 * np.pi, 0.5 * np.pi, "an angle within 90 degrees")
@@ -112,13 +119,11 @@ class _File(TomlFile):
     def parameters(self, expected: type[Any]) -> Any:
         """Parameters of the vehicle, as `load` returns them."""
         cls = self._class(expected)
-        values = self._values(cls)
-        known = {each.name for each in fields(cls)}
-        given = tuple((name, x) for name, x in values.items() if name not in known)
-        parameters = cls(
-            **{name: x for name, x in values.items() if name in known}
-            | ({"given": given} if given else {})
-        )
+        values, known = self._values(cls), cls.__dataclass_fields__
+        own = {name: x for name, x in values.items() if name in known}
+        if given := tuple((name, x) for name, x in values.items() if name not in known):
+            own["given"] = given
+        parameters = cls(**own)
         for name, sentence in parameters.mistakes():
             raise self.fault(self._where(cls, name), sentence)
         return parameters
@@ -133,55 +138,40 @@ class _File(TomlFile):
         freedom = self.data.get("degrees_of_freedom", next(iter(_KINDS[kind])))
         if type(freedom) is not int or freedom not in _KINDS[kind]:
             choices = " or ".join(map(str, _KINDS[kind]))
-            raise self.fault(
-                ("degrees_of_freedom",),
-                f"degrees_of_freedom must be {choices}, got {short_repr(freedom)}",
-            )
+            sentence = f"degrees_of_freedom must be {choices}, got {short_repr(freedom)}"
+            raise self.fault(("degrees_of_freedom",), sentence)
         module, name = _KINDS[kind][freedom]
         cls = getattr(import_module(f"vessel_gym.vehicles.{module}"), name)
         if not issubclass(cls, expected):
             wanted = expected.__name__.removesuffix("Parameters")
             found = f"kind {kind!r} with {freedom} degrees of freedom"
-            raise self.fault(
-                ("kind",),
-                f"{found}, where {wanted} is needed: docs/vehicles.md has an environment for each",
-            )
+            hint = "docs/vehicles.md has an environment for each"
+            raise self.fault(("kind",), f"{found}, where {wanted} is needed: {hint}")
         return cls
 
     def _values(self, cls: type[Any]) -> dict[str, Any]:
         """Numbers of the file by name, in the units of the class."""
-        tables, values = cls.TABLES, {}
+        tables, values = cls.TABLES | {"sources": ()}, {}
         for table, content in self.data.items():
-            if table in ("kind", "degrees_of_freedom"):
+            if table in _HEAD:
                 continue
-            if table not in (*tables, "sources"):
-                what = "table" if isinstance(content, dict) else "key outside of tables"
-                raise self.fault(
-                    (table,),
-                    unknown(what, table, ("kind", "degrees_of_freedom", *tables, "sources")),
-                )
             if not isinstance(content, dict):
-                raise self.fault((table,), f"[{table}] must be a table, got {short_repr(content)}")
-            if table == "sources":
-                for key, text in content.items():
-                    if not isinstance(text, str):
-                        raise self.fault(
-                            (table, key), f"a source is a text, got {short_repr(text)}"
-                        )
-                continue
-            spelled = {
-                f"{name}{unit}": name
-                for name in tables[table]
-                for unit in ("", "_deg")[: 1 + (name in _ANGLES)]
-            }
+                raise self.fault((table,), unknown("key outside of tables", table, _HEAD))
+            if table not in tables:
+                raise self.fault((table,), unknown("table", table, tables))
             for key, value in content.items():
-                if key not in spelled:
-                    raise self.fault((table, key), unknown(f"key in [{table}]", key, spelled))
-                name = spelled[key]
+                if table == "sources":
+                    if not isinstance(value, str):
+                        sentence = f"a source is a text, got {short_repr(value)}"
+                        raise self.fault((table, key), sentence)
+                    continue
+                name = key.removesuffix("_deg")
+                if name not in tables[table] or (name != key and name not in _ANGLES):
+                    raise self.fault((table, key), unknown(f"key in [{table}]", key, tables[table]))
                 if name in values:
                     raise self.fault((table, key), f"{name} is given twice, in rad and in degrees")
                 try:
-                    values[name] = _value(cls, name, key, value)
+                    values[name] = _value(name, key, value)
                 except ValueError as error:
                     raise self.fault((table, key), str(error)) from None
         for each in fields(cls):
@@ -199,25 +189,20 @@ class _File(TomlFile):
         return (table, f"{name}_deg" if f"{name}_deg" in content else name)
 
 
-def _value(cls: type[Any], name: str, key: str, value: object) -> Any:
-    """Checked number, tuple of numbers or truth value, in the units of the class."""
-    kind = next((each.type for each in fields(cls) if each.name == name), float)
+def _value(name: str, key: str, value: object) -> Any:
+    """Checked number, tuple of numbers or truth value; angles in rad."""
     low, high, what = _RANGES.get(name, _ANY if re.match(r"[XYZKMN]_", name) else _POSITIVE)
-    if kind is bool:
+    if name == "with_added_mass":
         if not isinstance(value, bool):
             raise ValueError(f"{name} must be true or false, got {short_repr(value)}")
         return value
-    if get_origin(kind) is tuple:
-        entry, *rest = get_args(kind)
-        if rest == [Ellipsis]:
-            size = len(get_args(entry))
-            if not isinstance(value, list | tuple) or not value:
-                raise ValueError(
-                    f"{name} must be a list of lists of {size} finite numbers, got"
-                    f" {short_repr(value)}"
-                )
-            return tuple(_numbers(f"each of {name}", row, size, low, high) for row in value)
-        return _numbers(name, value, 1 + len(rest), low, high)
+    if name in _SIZES:
+        return _numbers(name, value, _SIZES[name], low, high)
+    if name in ("positions", "directions"):
+        if not isinstance(value, list | tuple) or not value:
+            what = "a list of lists of 3 finite numbers"
+            raise ValueError(f"{name} must be {what}, got {short_repr(value)}")
+        return tuple(_numbers(f"each of {name}", row, 3, low, high) for row in value)
     if key != name:
         low, high = np.rad2deg([low, high])
         return float(np.deg2rad(number(key, value, low, high, what)))
@@ -250,17 +235,10 @@ class Particulars:
         cls, given = type(self), getattr(self, "given", ())
         for each in fields(cls):
             value = getattr(self, each.name)
-            if each.name != "given" and not (value is None and each.default is None):
-                _value(cls, each.name, each.name, value)
-        if not isinstance(given, tuple) or not all(
-            isinstance(pair, tuple) and len(pair) == 2 for pair in given
-        ):
-            raise ValueError(
-                f"given must be a tuple of pairs (name, number), got {short_repr(given)}"
-            )
-        known = {name for names in cls.TABLES.values() for name in names} - {
-            each.name for each in fields(cls)
-        }
+            if each.name != "given" and value is not each.default:
+                _value(each.name, each.name, value)
+        instance("given, pairs (name, number),", given, tuple)
+        names = {name for table in cls.TABLES.values() for name in table}
         for name, value in given:
-            one_of("name in given", name, sorted(known))
-            _value(cls, name, name, value)
+            one_of("name in given", name, sorted(names - set(cls.__dataclass_fields__)))
+            _value(name, name, value)

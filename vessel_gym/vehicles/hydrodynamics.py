@@ -9,6 +9,7 @@ Hoerner (1965, 1975) for drag and lift; Triantafyllou & Amzallag (1984) for axia
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +27,7 @@ class Hull:
     joints: tuple[float, ...] = ()
     """Positions x [m] at which pieces of different curvature meet."""
 
-    def radius(self, x: np.ndarray) -> np.ndarray:
+    def radius(self, x: Any) -> Any:
         """Radius [m] at ``x``, zero beyond the ends."""
         raise NotImplementedError
 
@@ -61,7 +62,7 @@ class Spheroid(Hull):
         """Aftmost x [m]."""
         return -0.5 * self.length
 
-    def radius(self, x: np.ndarray) -> np.ndarray:
+    def radius(self, x: Any) -> Any:
         """Radius [m] at ``x``, zero beyond the ends."""
         share = 2.0 * x / self.length
         return 0.5 * self.diameter * np.sqrt(np.maximum(0.0, 1.0 - share**2))
@@ -107,7 +108,7 @@ def lamb_factor(length: float, diameter: float) -> float:
     e2 = 1.0 - (diameter / length) ** 2
     e = np.sqrt(e2)
     alpha = 2.0 * (1.0 - e2) / e**3 * (np.arctanh(e) - e)
-    return float(alpha / (2.0 - alpha))
+    return alpha / (2.0 - alpha)
 
 
 def section_added_mass(
@@ -139,7 +140,7 @@ def axial_drag_coefficient(
     friction = 0.075 / (np.log10(speed * length / viscosity) - 2.0) ** 2
     projected_per_frontal = 4.0 * length / (np.pi * diameter)
     shape = 1.0 + 60.0 * (diameter / length) ** 3 + 0.0025 * length / diameter
-    return float(friction * np.pi * projected_per_frontal * shape)
+    return friction * np.pi * projected_per_frontal * shape
 
 
 # --- the vehicle ----------------------------------------------------------------------------------
@@ -178,6 +179,7 @@ class Coefficients:
     N_rr: float
     # Lift of hull and centred fins: per |u| and velocity, e.g. Y_uv |u| v; without the added-mass
     # terms.
+    K_up: float
     Y_uv: float
     Y_ur: float
     Z_uw: float
@@ -206,7 +208,7 @@ class Torpedo:
     @property
     def root(self) -> float:
         """Distance [m] of the root of a fin from the axis."""
-        return float(self.hull.radius(np.array(self.fins.position)))
+        return self.hull.radius(self.fins.position)
 
     @property
     def tip(self) -> float:
@@ -222,7 +224,7 @@ class Torpedo:
         x, dx = self.hull.strips(aft, fore)
         finned = np.where((x > aft) & (x < fore), self.tip, 0.0)
         mass = dx * section_added_mass(self.hull.radius(x), finned, self.water_density)
-        return float(mass.sum()), float(mass @ x), float(mass @ x**2)
+        return mass.sum(), mass @ x, mass @ x**2
 
     def axial_added_mass(self) -> float:
         """Axial added mass [kg] of a spheroid of the hull's length and diameter; Lamb (1932)."""
@@ -248,12 +250,7 @@ class Torpedo:
         hull = half_density * self.cross_flow_drag * 2.0 * self.hull.radius(x) * dx
         fins = half_density * self.fins.plate_drag_coefficient() * 2.0 * self.fins.area
         drag, x = np.append(hull, fins), np.append(x, self.fins.position)
-        return (
-            float(drag.sum()),
-            float(drag @ x),
-            float(drag @ (x * abs(x))),
-            float(drag @ abs(x) ** 3),
-        )
+        return drag.sum(), drag @ x, drag @ (x * abs(x)), drag @ abs(x) ** 3
 
     def roll_drag(self) -> float:
         """Moment [N m s2] of the four fins per squared rate, by plate drag on strips."""
@@ -275,6 +272,11 @@ class Torpedo:
         slope = 1.0 / (1.0 / (1.8 * np.pi) + 1.0 / (np.pi * self.fins.aspect_ratio))
         return 0.5 * self.water_density * self.fins.area * slope
 
+    def fin_roll_lift(self) -> float:
+        """Moment [N m s2] of the lift of four fins per u and roll rate, by the inflow's angle."""
+        root, tip = self.root, self.tip
+        return 4.0 * self.fin_lift() * (root**2 + root * tip + tip**2) / 3.0
+
     def coefficients(self) -> Coefficients:
         """All coefficients.
 
@@ -287,8 +289,7 @@ class Torpedo:
         drag, drag_moment, drag_turning, drag_inertia = self.cross_flow_integrals()
         hull, fin, x_f = self.hull_lift(), self.fin_lift(), self.fins.position
         lift, x = np.array([hull[0], 2.0 * fin]), np.array([hull[1], x_f])
-        lift_force, lift_moment = float(lift.sum()), float(lift @ x)
-        lift_inertia = float(lift @ x**2)
+        lift_force, lift_moment, lift_inertia = lift.sum(), lift @ x, lift @ x**2
         frontal_area = 0.25 * np.pi * self.hull.diameter**2
         return Coefficients(
             X_udot=-self.axial_added_mass(),
@@ -298,7 +299,7 @@ class Torpedo:
             X_uu=-0.5 * self.water_density * frontal_area * self.axial_drag,
             Y_vv=-drag, Y_rr=-drag_turning, N_vv=-drag_moment, N_rr=-drag_inertia,
             Z_ww=-drag, Z_qq=drag_turning, M_ww=drag_moment, M_qq=-drag_inertia,
-            K_pp=-self.roll_drag(),
+            K_pp=-self.roll_drag(), K_up=-self.fin_roll_lift(),
             Y_uv=-lift_force, Y_ur=-lift_moment, N_uv=-lift_moment, N_ur=-lift_inertia,
             Z_uw=-lift_force, Z_uq=lift_moment, M_uw=lift_moment, M_uq=-lift_inertia,
             Y_uudr=2.0 * fin, N_uudr=2.0 * fin * x_f,

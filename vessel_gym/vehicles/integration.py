@@ -1,7 +1,7 @@
 """Fourth-order Runge-Kutta integration of all equations of motion."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -70,11 +70,3 @@ def _part(
     k3 = rates(state + 0.5 * h * k2, middle, flow, c)
     k4 = rates(state + h * k3, end, flow, c)
     return state + h / 6.0 * k1 + h / 3.0 * k2 + h / 3.0 * k3 + h / 6.0 * k4
-
-
-def incremented(state: np.ndarray, increments: np.ndarray, components: Sequence[int]) -> np.ndarray:
-    """State ``(..., n)`` with increments ``(..., k)`` added to its ``components``."""
-    columns = list(np.moveaxis(state, -1, 0))
-    for i, component in enumerate(components):
-        columns[component] = columns[component] + increments[..., i]
-    return np.stack(columns, -1)

@@ -10,8 +10,8 @@ hydrodynamic coefficient. Prestero (2001) for the symbols; Fossen (2011) for Kir
 and the kinematics.
 """
 
+from collections import namedtuple
 from dataclasses import dataclass, field
-from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
@@ -29,15 +29,15 @@ STATE = ("u", "w", "q", "x", "z", "theta")
 They are velocities through the water [m/s], pitch rate [rad/s], position [m] and pitch [rad].
 """
 
-I = IntEnum("I", (
+Coefficients = namedtuple("Coefficients", (
     "surge_mass", "heave_mass", "pitch_inertia", "mass_z_g", "heave_pitch",
     "inverse_uu", "inverse_uw", "inverse_uq", "inverse_ww", "inverse_wq", "inverse_qq",
     "X_uu", "Z_ww", "Z_qq", "M_ww", "M_qq", "Z_uw", "Z_uq", "M_uw", "M_uq", "Z_uuds", "M_uuds",
     "net_weight", "righting_moment",
-), start=0)  # fmt: skip
-"""Index of each coefficient in the vector of the equations of motion."""
+))  # fmt: skip
+"""Coefficients of the equations of motion, in the order of their vector."""
 
-COEFFICIENTS = tuple(I.__members__)
+COEFFICIENTS = Coefficients._fields
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,11 @@ class ItsunusaParameters(AUVParameters):
     """Particulars of a vehicle in the vertical plane, SI units."""
 
     names = COEFFICIENTS
-    uncertain = VERTICAL
 
 
 @compiled
 def itsunusa_rates(
-    state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray
+    state: np.ndarray, control: np.ndarray, current: np.ndarray, coefficients: np.ndarray
 ) -> np.ndarray:
     """Rates ``(..., 6)`` by eqs. (1)-(3).
 
@@ -61,30 +60,33 @@ def itsunusa_rates(
         state: ``(..., 6)``, `STATE`.
         control: Stern plane [rad] and thrust [N] ``(..., 2)``.
         current: ``(..., 1)`` m/s.
-        c: ``(..., k)``, `COEFFICIENTS`.
+        coefficients: ``(..., k)``, `COEFFICIENTS`.
     """
     u, w, q, _, _, theta = np.moveaxis(state, -1, 0)
-    (stern, thrust), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
+    (stern, thrust), c = (
+        np.moveaxis(control, -1, 0),
+        Coefficients(*np.moveaxis(coefficients, -1, 0)),
+    )
     sin_theta, cos_theta = sincos(theta)
     # Kirchhoff: the momentum of body and water contains the brackets and all added-mass terms of
     # the printed equations.
-    Px = c[I.surge_mass] * u + c[I.mass_z_g] * q
-    Pz = c[I.heave_mass] * w + c[I.heave_pitch] * q
+    Px = c.surge_mass * u + c.mass_z_g * q
+    Pz = c.heave_mass * w + c.heave_pitch * q
     U, W, Q = np.abs(u), w * np.abs(w), q * np.abs(q)
     inflow = u * U
-    X = -Pz * q - c[I.net_weight] * sin_theta + c[I.X_uu] * inflow + thrust
+    X = -Pz * q - c.net_weight * sin_theta + c.X_uu * inflow + thrust
     Z = (
-        Px * q + c[I.net_weight] * cos_theta + c[I.Z_ww] * W + c[I.Z_qq] * Q
-        + U * (c[I.Z_uw] * w + c[I.Z_uq] * q) + c[I.Z_uuds] * inflow * stern
+        Px * q + c.net_weight * cos_theta + c.Z_ww * W + c.Z_qq * Q
+        + U * (c.Z_uw * w + c.Z_uq * q) + c.Z_uuds * inflow * stern
     )  # fmt: skip
     M = (
-        Pz * u - Px * w - c[I.righting_moment] * sin_theta + c[I.M_ww] * W + c[I.M_qq] * Q
-        + U * (c[I.M_uw] * w + c[I.M_uq] * q) + c[I.M_uuds] * inflow * stern
+        Pz * u - Px * w - c.righting_moment * sin_theta + c.M_ww * W + c.M_qq * Q
+        + U * (c.M_uw * w + c.M_uq * q) + c.M_uuds * inflow * stern
     )  # fmt: skip
     return np.stack([
-        c[I.inverse_uu] * X + c[I.inverse_uw] * Z + c[I.inverse_uq] * M,
-        c[I.inverse_uw] * X + c[I.inverse_ww] * Z + c[I.inverse_wq] * M,
-        c[I.inverse_uq] * X + c[I.inverse_wq] * Z + c[I.inverse_qq] * M,
+        c.inverse_uu * X + c.inverse_uw * Z + c.inverse_uq * M,
+        c.inverse_uw * X + c.inverse_ww * Z + c.inverse_wq * M,
+        c.inverse_uq * X + c.inverse_wq * Z + c.inverse_qq * M,
         u * cos_theta + w * sin_theta + current[..., 0], w * cos_theta - u * sin_theta, q,
     ], -1)  # fmt: skip
 

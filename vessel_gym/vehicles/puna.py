@@ -9,34 +9,48 @@ on the wind. The equations have no pole at the vertical.
 
 Sources: the paper on Dubins paths and the ensemble Kalman filter for a PUNA ("Pesawat Udara Nir
 Awak", in Indonesian) for the task and the controls (thrust and angle of attack);
-`printed_rates` has its equation of motion. Beard & McLain (2012), ch. 9, for the point mass and the
-bank.
+`printed_rates` has its equation of motion, and `forces` its drag, lift and density, which it
+prints without constants. Gryte (2018), the Skywalker X8, for the constants. Beard & McLain (2012),
+ch. 9, for the point mass and the bank.
 """
 
+from collections import namedtuple
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from estimators.engine import compiled, sincos
 from vessel_gym.sensors import Bias, Known, Sensor, plain
-from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
+from vessel_gym.vehicles.actuators import Actuator
 from vessel_gym.vehicles.equilibrium import root
 from vessel_gym.vehicles.files import Particulars, load
-from vessel_gym.vehicles.point_mass import (
-    COEFFICIENTS,
-    UNCERTAIN,
-    I,
-    PointMass,
-    forces,
-    in_wind_axes,
-    printed_axes,
-)
 from vessel_gym.vehicles.simulated import SimulatedVehicle
 
 STATE = ("x", "y", "h", "north", "east", "climb", "phi")
 """Components of the state: position, altitude [m], velocity over ground [m/s], bank [rad]."""
+
+Coefficients = namedtuple("Coefficients", (
+    "mass", "area", "gravity", "drag_2", "drag_1", "drag_0", "lift_1", "lift_0",
+    "density_2", "density_1", "density_0", "thrust", "bank_rate",
+))  # fmt: skip
+"""Coefficients of the equations of motion, in the order of their vector."""
+
+COEFFICIENTS = Coefficients._fields
+
+_FACTORS = {
+    "lift": ("lift_1", "lift_0"),
+    "drag of the angle of attack": ("drag_2", "drag_1"),
+    "drag at zero angle": ("drag_0",),
+    "mass": ("mass",),
+    "thrust": ("thrust",),
+    "bank": ("bank_rate",),
+}
+UNCERTAIN = tuple(_FACTORS)
+"""Parameters that `mismatch` spreads: one factor scales all coefficients of a kind."""
+_NOMINAL = np.ones(len(UNCERTAIN))
 
 # m/s2, largest lift: no wing bears more. At 20 m/s the PUNA reaches 50; the bound limits the turn
 # in a step.
@@ -44,12 +58,20 @@ HARDEST = 200.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class PunaParameters(Particulars, PointMass):
-    """Particulars of an aircraft with its actuators and limits: the content of a vehicle file.
+class PunaParameters(Particulars):
+    """Particulars of an aircraft in SI units, angles in rad: the content of a vehicle file.
 
-    A file states a source for each number.
+    A file states a source for each number. Eq. 2 of the paper: drag ``C_D = A1 a^2 + A2 a + A3``,
+    lift ``C_L = B1 a + B2``, density ``C1 h^2 + C2 h + C3``.
     """
 
+    mass: float  # kg
+    area: float  # m2, of the wing
+    drag: tuple[float, float, float]  # A1, A2, A3
+    lift: tuple[float, float]  # B1, B2
+    density: tuple[float, float, float] = 4.319e-9, -1.1760e-4, 1.225  # C1, C2, C3: ISO 2533
+    gravity: float = 9.81  # m/s2
+    bank_rate: float = 2.0  # 1/s, b of phi' = b (phi_c - phi): Beard & McLain (2012), assumed
     cruise_speed: float  # m/s
     thrust_limit: float  # N
     thrust_lag: float = 0.5  # s, assumed
@@ -83,6 +105,21 @@ class PunaParameters(Particulars, PointMass):
         except ValueError as error:
             yield "cruise_speed", str(error)
 
+    def vector(self, factors: np.ndarray = _NOMINAL) -> np.ndarray:
+        """Coefficients of the equations of motion ``(..., 13)``, in the order of `COEFFICIENTS`.
+
+        Args:
+            factors: Factors ``(..., 6)`` on the `UNCERTAIN` ones; default: 1.
+        """
+        nominal = (
+            self.mass, self.area, self.gravity, *self.drag, *self.lift, *self.density, 1.0,
+            self.bank_rate,
+        )  # fmt: skip
+        c = np.tile(nominal, (*factors.shape[:-1], 1))
+        for i, names in enumerate(_FACTORS.values()):
+            c[..., [COEFFICIENTS.index(name) for name in names]] *= factors[..., i, None]
+        return c
+
     @cached_property
     def cruise(self) -> np.ndarray:
         """Thrust, angle of attack, bank ``(3,)`` of level flight at cruise speed and sea level."""
@@ -108,8 +145,7 @@ class PunaParameters(Particulars, PointMass):
         return self.cruise - low, high - self.cruise
 
 
-@dataclass(frozen=True)
-class Trim:
+class Trim(NamedTuple):
     """Steady level flight."""
 
     alpha: float  # rad
@@ -154,59 +190,74 @@ def trim(speed: float, body: PunaParameters, bank: float = 0.0) -> Trim:
 # --- equations of motion --------------------------------------------------------------------------
 
 
+def forces(
+    altitude: np.ndarray, speed: np.ndarray, alpha: np.ndarray, c: Coefficients
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lift and drag [N], eq. 2; both have the sign of the speed."""
+    density = (c.density_2 * altitude + c.density_1) * altitude + c.density_0
+    pressure = 0.5 * density * speed * np.abs(speed) * c.area
+    lift = pressure * (c.lift_1 * alpha + c.lift_0)
+    return lift, pressure * ((c.drag_2 * alpha + c.drag_1) * alpha + c.drag_0)
+
+
+def printed_axes(
+    thrust: np.ndarray, lift: np.ndarray, drag: np.ndarray, angle: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Forces [N] along the velocity and across it, eq. 1: lift is along the body's normal."""
+    sin_alpha, cos_alpha = angle
+    return thrust * cos_alpha - drag - lift * sin_alpha, thrust * sin_alpha + lift * cos_alpha
+
+
 @compiled
 def puna_rates(
-    state: np.ndarray, control: np.ndarray, wind: np.ndarray, c: np.ndarray
-) -> np.ndarray:
+    state: np.ndarray, control: np.ndarray, wind: np.ndarray, coefficients: np.ndarray, *,
+    as_printed: bool = False,
+) -> np.ndarray:  # fmt: skip
     """Rates ``(..., 7)`` of position, altitude, velocity over ground and bank.
+
+    By eq. 1 of the paper, lift is along the body's normal and drag along the velocity, and the
+    weight brakes by g sin alpha, where g sin gamma is right. The paper has no turns.
 
     Args:
         state: ``(..., 7)``, `STATE`.
         control: Thrust [N], angle of attack and commanded bank [rad] ``(..., 3)``.
         wind: North, east and down [m/s] ``(..., 3)``.
-        c: ``(..., k)``, `COEFFICIENTS`.
+        coefficients: ``(..., k)``, `COEFFICIENTS`.
+        as_printed: True for the forces of eq. 1.
     """
-    return _rates(state, control, wind, c, as_printed=False)
-
-
-@compiled
-def printed_rates(
-    state: np.ndarray, control: np.ndarray, wind: np.ndarray, c: np.ndarray
-) -> np.ndarray:
-    """Rates ``(..., 7)`` by eq. 1 of the paper, for arguments as of `puna_rates`.
-
-    Lift is along the body's normal and drag along the velocity, and the weight brakes by g sin
-    alpha, where g sin gamma is right. Turns are those of `puna_rates`, because the paper has none.
-    """
-    return _rates(state, control, wind, c, as_printed=True)
-
-
-def _rates(
-    state: np.ndarray, control: np.ndarray, wind: np.ndarray, c: np.ndarray, as_printed: bool
-) -> np.ndarray:
-    """Rates ``(..., 7)`` with the forces of `puna_rates` or of eq. 1."""
     _, _, altitude, *velocity, phi = np.moveaxis(state, -1, 0)
-    (thrust, alpha, command), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
+    thrust, alpha, command = np.moveaxis(control, -1, 0)
+    c = Coefficients(*np.moveaxis(coefficients, -1, 0))
     north, east = velocity[0] - wind[..., 0], velocity[1] - wind[..., 1]
     up = velocity[2] + wind[..., 2]
     level = np.sqrt(north * north + east * east)
     V = np.sqrt(level * level + up * up)
     lift, drag = forces(altitude, V, alpha, c)
-    (sin_phi, cos_phi), angle = sincos(phi), sincos(alpha)
-    resolve = printed_axes if as_printed else in_wind_axes
-    along, across = resolve(c[I.thrust] * thrust, lift, drag, angle)
-    along = along / c[I.mass]
-    across = np.clip(across / c[I.mass], -HARDEST, HARDEST)
+    thrust = c.thrust * thrust
+    (sin_phi, cos_phi), (sin_alpha, cos_alpha) = sincos(phi), sincos(alpha)
+    along, across = thrust * cos_alpha - drag, lift + thrust * sin_alpha
+    if as_printed:
+        along, across = printed_axes(thrust, lift, drag, (sin_alpha, cos_alpha))
+    along = along / c.mass
+    across = np.clip(across / c.mass, -HARDEST, HARDEST)
     # Avoid a division by 0 for vertical or no motion, in which no aircraft flies.
     V, level = np.maximum(V, 1e-3), np.maximum(level, 1e-3)
     if as_printed:
-        along = along + c[I.gravity] * (up / V - angle[0])
+        along = along + c.gravity * (up / V - sin_alpha)
     above, aside = across * cos_phi / V, across * sin_phi / level
     ahead = along / V - above * up / level
     return np.stack([
         *velocity, ahead * north - aside * east, ahead * east + aside * north,
-        along * up / V + above * level - c[I.gravity], c[I.bank_rate] * (command - phi),
+        along * up / V + above * level - c.gravity, c.bank_rate * (command - phi),
     ], -1)  # fmt: skip
+
+
+@compiled
+def printed_rates(
+    state: np.ndarray, control: np.ndarray, wind: np.ndarray, coefficients: np.ndarray
+) -> np.ndarray:
+    """`puna_rates` with the forces of eq. 1."""
+    return puna_rates(state, control, wind, coefficients, as_printed=True)
 
 
 def airspeed(state: np.ndarray, wind: np.ndarray) -> np.ndarray:
@@ -317,10 +368,11 @@ class Puna(SimulatedVehicle):
         Thrust has a lag, and the angle of attack a rate limit. The commanded bank has neither,
         because the bank itself has a lag.
         """
-        body = self.body
-        of_thrust = {"lag": np.exp(-self.dt / body.thrust_lag)}
-        others: tuple[dict[str, float], ...] = (of_thrust, {"turn": body.alpha_rate * self.dt}, {})
-        each = zip(body.cruise, *body._reach, others, strict=True)
-        return actuator_parameters(
-            *(Actuator(above, below, base=cruise, **own) for cruise, below, above, own in each)
-        )
+        body, (thrust, alpha, bank) = self.body, self.body.cruise
+        below, above = body._reach
+        lag, turn = np.exp(-self.dt / body.thrust_lag), body.alpha_rate * self.dt
+        return np.array([
+            Actuator(above[0], below[0], base=thrust, lag=lag),
+            Actuator(above[1], below[1], base=alpha, turn=turn),
+            Actuator(above[2], below[2], base=bank),
+        ])  # fmt: skip

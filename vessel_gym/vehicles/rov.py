@@ -15,9 +15,9 @@ from functools import cached_property
 import numpy as np
 
 from estimators.engine import compiled, sincos
-from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
+from vessel_gym.vehicles.actuators import Actuator
 from vessel_gym.vehicles.files import Particulars, load
-from vessel_gym.vehicles.segorogeni import STATE, Segorogeni
+from vessel_gym.vehicles.segorogeni import STATE, Segorogeni, coriolis
 from vessel_gym.vehicles.simulated import SimulatedVehicle
 
 ADDED_MASS = ("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot")
@@ -25,6 +25,7 @@ LINEAR = ("X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r")
 QUADRATIC = ("X_uu", "Y_vv", "Z_ww", "K_pp", "M_qq", "N_rr")
 UNCERTAIN = ADDED_MASS + LINEAR + QUADRATIC
 """Coefficients that `mismatch` spreads, each by a factor of its own."""
+_NOMINAL = np.ones(len(UNCERTAIN))
 COEFFICIENTS = (
     *(f"inertia of {name}" for name in STATE[:6]),
     *LINEAR,
@@ -93,13 +94,12 @@ class ROVParameters(Particulars):
         force = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
         return np.concatenate([force, np.cross(self.positions, force)], -1).T
 
-    def vector(self, factors: np.ndarray | None = None) -> np.ndarray:
+    def vector(self, factors: np.ndarray = _NOMINAL) -> np.ndarray:
         """Coefficients of the equations of motion ``(..., 20)``, in the order of `COEFFICIENTS`.
 
         Args:
             factors: Factors ``(..., 18)`` on the `UNCERTAIN` ones; default: 1.
         """
-        factors = np.ones(len(UNCERTAIN)) if factors is None else factors
         c = np.array([getattr(self, name) for name in UNCERTAIN]) * factors
         body = (self.mass,) * 3 + (self.roll_inertia, self.pitch_inertia, self.yaw_inertia)
         righting = (self.mass * self.gravity + self.buoyancy_excess) * self.z_g
@@ -192,17 +192,13 @@ def rov_rates(
     u, v, w, p, q, r = velocity
     e0, e1, e2, e3 = (state[..., i] for i in range(9, 13))
     inertia = [c[..., i] for i in range(6)]
-    Px, Py, Pz, Lx, Ly, Lz = (m * x for m, x in zip(inertia, velocity, strict=True))
     north, east, down = _rotation((e0, e1, e2, e3))
     weight, righting = c[..., 18], c[..., 19]
+    X, Y, Z, K, M, N = coriolis([m * x for m, x in zip(inertia, velocity, strict=True)], velocity)
     turning = (
-        Py * r - Pz * q + weight * down[0],
-        Pz * p - Px * r + weight * down[1],
-        Px * q - Py * p + weight * down[2],
-        Ly * r - Lz * q + Py * w - Pz * v - righting * down[1],
-        Lz * p - Lx * r + Pz * u - Px * w + righting * down[0],
-        Lx * q - Ly * p + Px * v - Py * u,
-    )
+        X + weight * down[0], Y + weight * down[1], Z + weight * down[2],
+        K - righting * down[1], M + righting * down[0], N,
+    )  # fmt: skip
     accelerations = [
         (turning[i] + (c[..., 6 + i] + c[..., 12 + i] * np.abs(x)) * x + force[..., i]) / inertia[i]
         for i, x in enumerate(velocity)
@@ -253,10 +249,8 @@ class ROV(SimulatedVehicle):
     @cached_property
     def _actuators(self) -> np.ndarray:
         """Thrusts with a lag."""
-        lag = float(np.exp(-self.dt / self.body.thrust_lag))
-        return actuator_parameters(
-            *(Actuator(self.body.thrust_limit, lag=lag),) * len(self.action_names)
-        )
+        limit, lag = self.body.thrust_limit, np.exp(-self.dt / self.body.thrust_lag)
+        return np.array([Actuator(limit, limit, lag=lag)] * len(self.action_names))
 
     def moved(
         self,

@@ -10,9 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimators.checks import finite_array, number
 from estimators.engine import sincos
-from vessel_gym.checks import instance
 from vessel_gym.processes import interpolated
 from vessel_gym.vehicles.corvette import sway_yaw_jacobian
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
@@ -21,7 +19,7 @@ from vessel_gym.vehicles.vehicle import GRAVITY
 _AIR_DENSITY = 1.224  # kg/m3
 
 
-def encounter_frequency(frequency: np.ndarray, beta: np.ndarray, speed: np.ndarray) -> np.ndarray:
+def encounter_frequency(frequency: np.ndarray, beta: np.ndarray, speed: float) -> np.ndarray:
     """Frequency of encounter [rad/s]; negative if the ship overtakes the waves.
 
     Args:
@@ -29,47 +27,21 @@ def encounter_frequency(frequency: np.ndarray, beta: np.ndarray, speed: np.ndarr
         beta: Direction of the waves relative to the heading [rad].
         speed: Speed of the ship [m/s].
     """
-    given = {"frequency": frequency, "beta": beta, "speed": speed}
-    frequency, beta, speed = (finite_array(name, value, "...") for name, value in given.items())
     return frequency - frequency**2 * speed * np.cos(beta) / GRAVITY
-
-
-def wave_loads(
-    ship: CorvetteParameters, frequency: np.ndarray, beta: np.ndarray, speed: float = 0.0
-) -> np.ndarray:
-    """Complex sway force [N], yaw and roll moments [N m] per metre of amplitude ``(..., 3)``.
-
-    Loads on a slender hull that is fixed in a wave ``exp(j (w t - k x))``: Froude-Krylov and
-    diffraction forces of strip theory, Salvesen, Tuck & Faltinsen (1970). With the sway velocity
-    and yaw rate ``n_w`` of the water along the hull (mean velocity and gradient at half the
-    draught), they are::
-
-        j w M_body n_w + j w_e M_added n_w + D(U) n_w
-
-    The pressure of the wave accelerates the ship like the displaced water; added mass and damping
-    act on the motion relative to the water. In waves much longer than the ship it therefore moves
-    with the water.
-
-    The roll moment about the centre of gravity is the righting moment for the slope of the waves:
-    in long waves the ship follows the surface, Froude (1861). The moment of its motion relative to
-    the water is left out.
-
-    Args:
-        ship: Parameters of the ship.
-        frequency: Frequency of the wave [rad/s].
-        beta: Direction of the wave relative to the heading [rad].
-        speed: Speed of the ship [m/s].
-    """
-    instance("ship of wave_loads", ship, CorvetteParameters)
-    frequency, beta, speed = _checked(frequency, beta, speed)
-    return _loads(ship, rest_response(ship, frequency, beta), frequency, beta, speed)
 
 
 def rest_response(ship: CorvetteParameters, frequency: np.ndarray, beta: np.ndarray) -> np.ndarray:
     """Complex sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] at rest ``(..., 3)``.
 
-    They are per metre of amplitude. A ship at rest moves as the water along its hull does.
-    Arguments as `wave_loads`.
+    They are per metre of amplitude. A ship at rest moves as the water along its hull does: its
+    mean velocity and gradient at half the draught. The roll moment about the centre of gravity is
+    the righting moment for the slope of the waves: in long waves the ship follows the surface,
+    Froude (1861). The moment of its motion relative to the water is left out.
+
+    Args:
+        ship: Parameters of the ship.
+        frequency: Frequency of the wave [rad/s].
+        beta: Direction of the wave relative to the heading [rad].
     """
     k = frequency**2 / GRAVITY
     X = 0.5 * k * ship.length * np.cos(beta)  # phase between amidships and the end
@@ -83,13 +55,31 @@ def rest_response(ship: CorvetteParameters, frequency: np.ndarray, beta: np.ndar
     return np.stack([sway, yaw, roll], -1)
 
 
-def _loads(
+def wave_loads(
     ship: CorvetteParameters, at_rest: np.ndarray, frequency: np.ndarray, beta: np.ndarray,
     speed: float,
 ) -> np.ndarray:  # fmt: skip
-    """`wave_loads` by the response at rest ``(..., 3)``, which is the motion of the water."""
+    """Complex sway force [N], yaw and roll moments [N m] per metre of amplitude ``(..., 3)``.
+
+    Loads on a slender hull that is fixed in a wave ``exp(j (w t - k x))``: Froude-Krylov and
+    diffraction forces of strip theory, Salvesen, Tuck & Faltinsen (1970). With the sway velocity
+    and yaw rate ``n_w`` of the response at rest, they are::
+
+        j w M_body n_w + j w_e M_added n_w + D(U) n_w
+
+    The pressure of the wave accelerates the ship like the displaced water; added mass and damping
+    act on the motion relative to the water. In waves much longer than the ship it therefore moves
+    with the water.
+
+    Args:
+        ship: Parameters of the ship.
+        at_rest: Response at rest ``(..., 3)``, see `rest_response`.
+        frequency: Frequency of the wave [rad/s].
+        beta: Direction of the wave relative to the heading [rad].
+        speed: Speed of the ship [m/s].
+    """
     inertia, body, damping = sway_yaw_matrices(ship, speed)
-    met = encounter_frequency(frequency, beta, np.asarray(speed))
+    met = encounter_frequency(frequency, beta, speed)
     water = at_rest[..., :2]
     accelerated = 1j * (
         frequency[..., None] * (water @ body.T) + met[..., None] * (water @ (inertia - body).T)
@@ -98,8 +88,9 @@ def _loads(
 
 
 def wave_response(
-    ship: CorvetteParameters, frequency: np.ndarray, beta: np.ndarray, speed: float
-) -> np.ndarray:
+    ship: CorvetteParameters, at_rest: np.ndarray, frequency: np.ndarray, beta: np.ndarray,
+    speed: float,
+) -> np.ndarray:  # fmt: skip
     """Complex sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] ``(..., 3)``.
 
     They are per metre of amplitude. Linear, first-order response of a ship on a straight course,
@@ -107,23 +98,13 @@ def wave_response(
     ch. 10. For a directionally unstable ship it is the particular solution at the frequency of
     encounter; the growing free motion is part of manoeuvring. Arguments as `wave_loads`.
     """
-    instance("ship of wave_response", ship, CorvetteParameters)
-    frequency, beta, speed = _checked(frequency, beta, speed)
-    return under_way(ship, rest_response(ship, frequency, beta), frequency, beta, speed)
-
-
-def under_way(
-    ship: CorvetteParameters, at_rest: np.ndarray, frequency: np.ndarray, beta: np.ndarray,
-    speed: float,
-) -> np.ndarray:  # fmt: skip
-    """Response at a speed [m/s] by the response at rest ``(..., 3)``, as `wave_response`."""
-    side, turning, roll = np.moveaxis(_loads(ship, at_rest, frequency, beta, speed), -1, 0)
+    side, turning, roll = np.moveaxis(wave_loads(ship, at_rest, frequency, beta, speed), -1, 0)
     inertia, body, damping = sway_yaw_matrices(ship, speed)
-    met = encounter_frequency(frequency, beta, np.asarray(speed))
     # with the Coriolis force of the ship's own mass
     moving = damping + speed * np.outer(body[:, 0], [0.0, 1.0])
+    rotating = 1j * encounter_frequency(frequency, beta, speed)
     parts = zip(moving.flat, inertia.flat, strict=True)
-    a, b, c, d = (each + 1j * inertial * met for each, inertial in parts)
+    a, b, c, d = (each + inertial * rotating for each, inertial in parts)
     determinant = a * d - b * c  # Cramer's rule
     sway, yaw = (d * side - b * turning) / determinant, (a * turning - c * side) / determinant
     return np.stack([sway, yaw, roll], -1)
@@ -141,8 +122,8 @@ def wind_loads(
         along: Relative wind to the bow [m/s].
         across: Relative wind to starboard [m/s].
     """
-    frontal = 0.82 * ship.beam**2 if ship.frontal_area is None else ship.frontal_area
-    lateral = 0.083 * ship.length**2 if ship.lateral_area is None else ship.lateral_area
+    frontal = ship.frontal_area or 0.82 * ship.beam**2
+    lateral = ship.lateral_area or 0.083 * ship.length**2
     angle = np.abs(np.arctan2(-across, -along))  # between the bow and the wind's origin
     front = np.where(angle < 0.5 * np.pi, 0.60, 0.65)
     sin_angle, cos_angle = sincos(angle)
@@ -154,16 +135,6 @@ def wind_loads(
     return -pressure * frontal * front * cos_angle / shape, side, moment
 
 
-def _checked(
-    frequency: object, beta: object, speed: object
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Finite numbers; frequencies are not negative."""
-    frequency, beta = finite_array("frequency", frequency, "..."), finite_array("beta", beta, "...")
-    if (frequency < 0.0).any():
-        raise ValueError("frequency of waves must be at least 0 [rad/s]")
-    return frequency, beta, number("speed", speed, what="a finite number")
-
-
 def sway_yaw_matrices(
     ship: CorvetteParameters, speed: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -172,11 +143,9 @@ def sway_yaw_matrices(
     The damping is for a ``speed`` [m/s].
     """
     c = ship.values()
-    inertia = np.array(
-        [[c["sway_inertia"], c["sway_yaw_inertia"]], [c["yaw_sway_inertia"], c["yaw_inertia"]]]
-    )
+    inertia = np.array([[c.sway_inertia, c.sway_yaw_inertia], [c.yaw_sway_inertia, c.yaw_inertia]])
     turning = ship.mass * ((ship.yaw_radius * ship.length) ** 2 + ship.x_g**2)
-    body = np.array([[ship.mass, c["mass_x_g"]], [c["mass_x_g"], turning]])
+    body = np.array([[ship.mass, c.mass_x_g], [c.mass_x_g, turning]])
     A, _ = sway_yaw_jacobian(np.array([speed, 0.0, 0.0]), np.array(0.0), ship)
     return inertia, body, -inertia @ A - speed * np.outer(body[:, 0], [0.0, 1.0])
 
@@ -204,7 +173,8 @@ class StripTheory:
 
     def motion(self, frequency: np.ndarray, beta: np.ndarray, speed: float) -> np.ndarray:
         """Complex response ``(..., 3)``, see `wave_response`."""
-        return wave_response(self.ship, frequency, beta, speed)
+        at_rest = rest_response(self.ship, frequency, beta)
+        return wave_response(self.ship, at_rest, frequency, beta, speed)
 
     def frequency_constant(self, frequency: np.ndarray) -> np.ndarray:
         """Orbital velocity at half the draught by amplitude and wave number [m/s]."""

@@ -9,9 +9,9 @@ hydrodynamic coefficient, and its printed inverse inertia matrix has negative ei
 (2001) for symbols; Fossen (2011) for Kirchhoff's equations and the kinematics.
 """
 
-from collections.abc import Callable
+from collections import namedtuple
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from enum import IntEnum
 from typing import Any
 
 import numpy as np
@@ -28,114 +28,108 @@ They are velocities through the water [m/s], angular velocities [rad/s], positio
 angles [rad].
 """
 
-I = IntEnum("I", (
+Coefficients = namedtuple("Coefficients", (
     "surge_mass", "sway_mass", "heave_mass", "roll_inertia", "pitch_inertia", "yaw_inertia",
     "mass_z_g", "sway_yaw", "heave_pitch",
     "inverse_uu", "inverse_uw", "inverse_uq", "inverse_ww", "inverse_wq", "inverse_qq",
     "inverse_vv", "inverse_vp", "inverse_vr", "inverse_pp", "inverse_pr", "inverse_rr",
     "X_uu", "Y_vv", "Y_rr", "Z_ww", "Z_qq", "K_pp", "M_ww", "M_qq", "N_vv", "N_rr",
     "Y_uv", "Y_ur", "Z_uw", "Z_uq", "M_uw", "M_uq", "N_uv", "N_ur", "K_up",
-    "Y_rudder", "N_rudder", "Z_uuds", "M_uuds", "propeller_torque",
+    "Y_uudr", "N_uudr", "Z_uuds", "M_uuds", "propeller_torque",
     "net_weight", "righting_moment",
-), start=0)  # fmt: skip
-"""Index of each coefficient in the vector of the equations of motion."""
+))  # fmt: skip
+"""Coefficients of the equations of motion, in the order of their vector."""
 
-COEFFICIENTS = tuple(I.__members__)
+COEFFICIENTS = Coefficients._fields
 
 
 @dataclass(frozen=True)
 class SegorogeniParameters(AUVParameters):
     """Particulars of a vehicle in six degrees of freedom, SI units."""
 
-    propeller_torque: float = 0.0  # m, torque per thrust
-
-    TABLES = AUVParameters.TABLES | {
-        "propulsion": (*AUVParameters.TABLES["propulsion"], "propeller_torque"),
-    }
-
     names = COEFFICIENTS
-
-    def values(self, factors: np.ndarray) -> dict[str, Any]:
-        """Parameters of the equations of motion by name."""
-        values = super().values(factors)
-        return values | {
-            "Y_rudder": -values["Y_uudr"],
-            "N_rudder": -values["N_uudr"],
-            "propeller_torque": self.propeller_torque,
-        }
-
-
-def _momentum(velocity: list[np.ndarray], c: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Momentum and angular momentum of body and water in axes that turn and move (Kirchhoff).
-
-    Their rates contain every bracket and every added-mass term of the printed equations, X_wq to
-    N_uv, and conserve energy to the last digit.
-    """
-    u, v, w, p, q, r = velocity
-    S, e, d = c[I.mass_z_g], c[I.sway_yaw], c[I.heave_pitch]
-    return (
-        c[I.surge_mass] * u + S * q,
-        c[I.sway_mass] * v - S * p + e * r,
-        c[I.heave_mass] * w + d * q,
-        c[I.roll_inertia] * p - S * v,
-        c[I.pitch_inertia] * q + S * u + d * w,
-        c[I.yaw_inertia] * r + e * v,
-    )
-
-
-def _accelerations(
-    velocity: list[np.ndarray], control: np.ndarray, gravity: tuple[np.ndarray, ...], c: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """Accelerations by eqs. (5)-(10); ``gravity`` is the direction of down in body axes.
-
-    Lift is proportional to |u| and the fins' force to u |u|, so that hull and fins also brake a
-    vehicle going astern. The fins' lift in roll, K_up, is not in the paper: without it the vehicle
-    would roll for minutes after a push.
-    """
-    u, v, w, p, q, r = velocity
-    rudder, stern, thrust = control
-    Px, Py, Pz, Lx, Ly, Lz = _momentum(velocity, c)
-    U, V, W, P, Q, R = np.abs(u), *(x * np.abs(x) for x in (v, w, p, q, r))
-    inflow = u * U
-    weight, righting = c[I.net_weight], c[I.righting_moment]
-    X = Py * r - Pz * q + weight * gravity[0] + c[I.X_uu] * inflow + thrust
-    Y = (
-        Pz * p - Px * r + weight * gravity[1] + c[I.Y_vv] * V + c[I.Y_rr] * R
-        + U * (c[I.Y_uv] * v + c[I.Y_ur] * r) + c[I.Y_rudder] * inflow * rudder
-    )  # fmt: skip
-    Z = (
-        Px * q - Py * p + weight * gravity[2] + c[I.Z_ww] * W + c[I.Z_qq] * Q
-        + U * (c[I.Z_uw] * w + c[I.Z_uq] * q) + c[I.Z_uuds] * inflow * stern
-    )  # fmt: skip
-    K = (
-        Ly * r - Lz * q + Py * w - Pz * v - righting * gravity[1]
-        + c[I.K_pp] * P + U * c[I.K_up] * p - c[I.propeller_torque] * thrust
-    )  # fmt: skip
-    M = (
-        Lz * p - Lx * r + Pz * u - Px * w + righting * gravity[0] + c[I.M_ww] * W + c[I.M_qq] * Q
-        + U * (c[I.M_uw] * w + c[I.M_uq] * q) + c[I.M_uuds] * inflow * stern
-    )  # fmt: skip
-    N = (
-        Lx * q - Ly * p + Px * v - Py * u + c[I.N_vv] * V + c[I.N_rr] * R
-        + U * (c[I.N_uv] * v + c[I.N_ur] * r) + c[I.N_rudder] * inflow * rudder
-    )  # fmt: skip
-    return (
-        c[I.inverse_uu] * X + c[I.inverse_uw] * Z + c[I.inverse_uq] * M,
-        c[I.inverse_vv] * Y + c[I.inverse_vp] * K + c[I.inverse_vr] * N,
-        c[I.inverse_uw] * X + c[I.inverse_ww] * Z + c[I.inverse_wq] * M,
-        c[I.inverse_vp] * Y + c[I.inverse_pp] * K + c[I.inverse_pr] * N,
-        c[I.inverse_uq] * X + c[I.inverse_wq] * Z + c[I.inverse_qq] * M,
-        c[I.inverse_vr] * Y + c[I.inverse_pr] * K + c[I.inverse_rr] * N,
-    )
 
 
 Attitude = list[tuple[np.ndarray, np.ndarray]]
 """Sines and cosines ``(...)`` of roll, pitch and yaw."""
 
 
-def attitude(state: np.ndarray) -> Attitude:
-    """Sines and cosines ``(...)`` of roll, pitch and yaw of states ``(..., 12)``."""
-    return [sincos(state[..., i]) for i in (9, 10, 11)]
+def _momentum(velocity: list[np.ndarray], c: Coefficients) -> tuple[np.ndarray, ...]:
+    """Momentum and angular momentum of body and water in axes that turn and move (Kirchhoff).
+
+    Their rates contain every bracket and every added-mass term of the printed equations, X_wq to
+    N_uv.
+    """
+    u, v, w, p, q, r = velocity
+    S, e, d = c.mass_z_g, c.sway_yaw, c.heave_pitch
+    return (
+        c.surge_mass * u + S * q,
+        c.sway_mass * v - S * p + e * r,
+        c.heave_mass * w + d * q,
+        c.roll_inertia * p - S * v,
+        c.pitch_inertia * q + S * u + d * w,
+        c.yaw_inertia * r + e * v,
+    )
+
+
+def coriolis(momentum: Sequence[Any], velocity: Sequence[Any]) -> tuple[Any, ...]:
+    """Forces and moments ``(...)`` of momentum in moving axes, Fossen's ``-C(nu) nu``.
+
+    They conserve energy to the last digit. Both arguments are along and about the body axes.
+    """
+    (Px, Py, Pz, Lx, Ly, Lz), (u, v, w, p, q, r) = momentum, velocity
+    return (
+        Py * r - Pz * q,
+        Pz * p - Px * r,
+        Px * q - Py * p,
+        Ly * r - Lz * q + Py * w - Pz * v,
+        Lz * p - Lx * r + Pz * u - Px * w,
+        Lx * q - Ly * p + Px * v - Py * u,
+    )
+
+
+def _accelerations(
+    velocity: list[np.ndarray], angles: Attitude, control: np.ndarray, c: Coefficients
+) -> tuple[np.ndarray, ...]:
+    """Accelerations ``(...)`` by eqs. (5)-(10).
+
+    Lift is proportional to |u| and the fins' force to u |u|, so that hull and fins also brake a
+    vehicle going astern. The fins' lift in roll, K_up, is not in the paper: without it the vehicle
+    would roll for minutes after a push.
+    """
+    u, v, w, p, q, r = velocity
+    rudder, stern, thrust = np.moveaxis(control, -1, 0)
+    (sin_phi, cos_phi), (sin_theta, cos_theta), _ = angles
+    X, Y, Z, K, M, N = coriolis(_momentum(velocity, c), velocity)
+    U, V, W, P, Q, R = np.abs(u), *(x * np.abs(x) for x in (v, w, p, q, r))
+    inflow = u * U
+    weight, righting = c.net_weight, c.righting_moment
+    X = X - weight * sin_theta + c.X_uu * inflow + thrust
+    Y = (
+        Y + weight * (cos_theta * sin_phi) + c.Y_vv * V + c.Y_rr * R
+        + U * (c.Y_uv * v + c.Y_ur * r) - c.Y_uudr * inflow * rudder
+    )  # fmt: skip
+    Z = (
+        Z + weight * (cos_theta * cos_phi) + c.Z_ww * W + c.Z_qq * Q
+        + U * (c.Z_uw * w + c.Z_uq * q) + c.Z_uuds * inflow * stern
+    )  # fmt: skip
+    K = (
+        K - righting * (cos_theta * sin_phi) + c.K_pp * P + U * c.K_up * p
+        - c.propeller_torque * thrust
+    )  # fmt: skip
+    M = (
+        M - righting * sin_theta + c.M_ww * W + c.M_qq * Q
+        + U * (c.M_uw * w + c.M_uq * q) + c.M_uuds * inflow * stern
+    )  # fmt: skip
+    N = N + c.N_vv * V + c.N_rr * R + U * (c.N_uv * v + c.N_ur * r) - c.N_uudr * inflow * rudder
+    return (
+        c.inverse_uu * X + c.inverse_uw * Z + c.inverse_uq * M,
+        c.inverse_vv * Y + c.inverse_vp * K + c.inverse_vr * N,
+        c.inverse_uw * X + c.inverse_ww * Z + c.inverse_wq * M,
+        c.inverse_vp * Y + c.inverse_pp * K + c.inverse_pr * N,
+        c.inverse_uq * X + c.inverse_wq * Z + c.inverse_qq * M,
+        c.inverse_vr * Y + c.inverse_pr * K + c.inverse_rr * N,
+    )
 
 
 def kinematics(
@@ -143,7 +137,7 @@ def kinematics(
 ) -> tuple[np.ndarray, ...]:
     """Rates ``(...)`` of position and Euler angles.
 
-    Arguments are velocities in body axes, `attitude` and the current ``(..., 2)``.
+    Arguments are velocities in body axes, `Attitude` and the current ``(..., 2)``.
     """
     u, v, w, p, q, r = velocity
     (sin_phi, cos_phi), (sin_theta, cos_theta), (sin_psi, cos_psi) = angles
@@ -167,7 +161,7 @@ def yaw_kinematics(
 ) -> tuple[np.ndarray, ...]:
     """Rates ``(...)`` of position and Euler angles as printed, eqs. 1-4: only yaw turns.
 
-    Arguments are velocities in body axes, `attitude` and the current ``(..., 2)``.
+    Arguments are velocities in body axes, `Attitude` and the current ``(..., 2)``.
     """
     (u, v, w, _, _, r), (sin_psi, cos_psi) = velocity, angles[2]
     north, east = current[..., 0], current[..., 1]
@@ -177,39 +171,33 @@ def yaw_kinematics(
 
 @compiled
 def segorogeni_rates(
-    state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray
-) -> np.ndarray:
+    state: np.ndarray, control: np.ndarray, current: np.ndarray, coefficients: np.ndarray, *,
+    as_printed: bool = False,
+) -> np.ndarray:  # fmt: skip
     """Rates ``(..., 12)`` of velocities through the water, position and Euler angles.
 
     Args:
         state: ``(..., 12)``, `STATE`.
         control: Rudder, stern plane [rad], thrust [N] ``(..., 3)``.
         current: North and east [m/s] ``(..., 2)``.
-        c: ``(..., k)``, `COEFFICIENTS`.
+        coefficients: ``(..., k)``, `COEFFICIENTS`.
+        as_printed: True for the kinematics of eqs. 1-4.
     """
-    return _rates(state, control, current, c, kinematics)
+    columns = list(np.moveaxis(state, -1, 0))
+    velocity, angles = columns[:6], [sincos(angle) for angle in columns[9:]]
+    accelerations = _accelerations(
+        velocity, angles, control, Coefficients(*np.moveaxis(coefficients, -1, 0))
+    )
+    motion = yaw_kinematics if as_printed else kinematics
+    return np.stack([*accelerations, *motion(velocity, angles, current)], -1)
 
 
 @compiled
 def printed_rates(
-    state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray
+    state: np.ndarray, control: np.ndarray, current: np.ndarray, coefficients: np.ndarray
 ) -> np.ndarray:
-    """Rates ``(..., 12)`` with the printed kinematics, for arguments as of `segorogeni_rates`."""
-    return _rates(state, control, current, c, yaw_kinematics)
-
-
-def _rates(
-    state: np.ndarray, control: np.ndarray, current: np.ndarray, c: np.ndarray,
-    motion: Callable[..., tuple[np.ndarray, ...]],
-) -> np.ndarray:  # fmt: skip
-    """Rates ``(..., 12)``, those of position and Euler angles by ``motion``."""
-    velocity, angles = list(np.moveaxis(state, -1, 0)[:6]), attitude(state)
-    (sin_phi, cos_phi), (sin_theta, cos_theta), _ = angles
-    gravity = (-sin_theta, cos_theta * sin_phi, cos_theta * cos_phi)
-    accelerations = _accelerations(
-        velocity, np.moveaxis(control, -1, 0), gravity, np.moveaxis(c, -1, 0)
-    )
-    return np.stack([*accelerations, *motion(velocity, angles, current)], -1)
+    """`segorogeni_rates` with the printed kinematics."""
+    return segorogeni_rates(state, control, current, coefficients, as_printed=True)
 
 
 @compiled

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators.engine import compiled, sincos
 from vessel_gym.sensors import Sensor, plain
-from vessel_gym.vehicles.actuators import Actuator, actuator_parameters
+from vessel_gym.vehicles.actuators import Actuator
 from vessel_gym.vehicles.corvette import (
     COMPASS,
     linear_matrices,
@@ -61,7 +61,7 @@ class Ship(SimulatedVehicle):
     increments: ClassVar[tuple[str, ...]] = ("yaw increment",)
     faults = ()
     ambient_flows: ClassVar[tuple[str, ...]] = AROUND
-    kinds: ClassVar[tuple[str, ...]] = ("nonlinear", "linear")
+    kinds = ("nonlinear", "linear")
     linear_kinds: ClassVar[tuple[str, ...]] = ("linear",)
     normals = len(UNCERTAIN)
     """Number of standard normal numbers that `parameters` needs."""
@@ -74,9 +74,8 @@ class Ship(SimulatedVehicle):
 
     @cached_property
     def _actuators(self) -> np.ndarray:
-        return actuator_parameters(
-            Actuator(self.ship.rudder_rate * self.dt, kept=1.0, limit=self.ship.rudder_limit)
-        )
+        turn = self.ship.rudder_rate * self.dt
+        return np.array([Actuator(turn, turn, kept=1.0, limit=self.ship.rudder_limit)])
 
     @cached_property
     def sensors(self) -> tuple[Sensor, ...]:

@@ -33,7 +33,7 @@ class SimulatedVehicle(Vehicle):
     """Equations of motion with the misprints of the source paper, used if ``as_printed``."""
     as_printed: Any = False
     _actuators: Any
-    """Parameters of the actuators, see `vessel_gym.vehicles.actuators.actuator_parameters`."""
+    """Parameters ``(a, 8)``; each row is a `vessel_gym.vehicles.actuators.Actuator`."""
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     def __post_init__(self) -> None:

@@ -6,8 +6,6 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from vessel_gym.vehicles.integration import incremented
-
 GRAVITY = 9.81  # m/s2
 
 
@@ -150,12 +148,12 @@ class Vehicle:
             exogenous: Increments and flows ``(B, f)``.
             parameters: ``(B, k)`` as `parameters` returns them.
         """
-        increments = len(self.incremented)
-        return incremented(
-            self.moved(state, before, after, exogenous[..., increments:], parameters),
-            exogenous[..., :increments],
-            [self.state_names.index(name) for name in self.incremented],
-        )
+        flow = exogenous[..., len(self.incremented) :]
+        columns = list(np.moveaxis(self.moved(state, before, after, flow, parameters), -1, 0))
+        for i, name in enumerate(self.incremented):
+            component = self.state_names.index(name)
+            columns[component] = columns[component] + exogenous[..., i]
+        return np.stack(columns, -1)
 
     def estimated(self, kind: str) -> tuple[str, ...]:
         """Components of the state that filters with a model estimate, in their order.

@@ -10,25 +10,24 @@ import numpy as np
 
 from estimators.engine import sincos
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.point_mass import I, PointMass, forces, printed_axes
-from vessel_gym.vehicles.puna import PunaParameters
+from vessel_gym.vehicles.puna import Coefficients, PunaParameters, forces, printed_axes
 
 
 def planar_derivative(
-    state: np.ndarray, control: np.ndarray, c: np.ndarray, as_printed: bool = False
+    state: np.ndarray, control: np.ndarray, coefficients: np.ndarray, as_printed: bool = False
 ) -> np.ndarray:
     """Rates of (gamma, v, x, h) by thrust and angle of attack, eqs. 19 and 21; as printed: eq. 1.
 
     Eq. 1 has g sin alpha in the rate of the speed, where eqs. 19 and 21 have g sin gamma.
     """
     gamma, v, _, h = np.moveaxis(state, -1, 0)
-    (thrust, alpha), c = np.moveaxis(control, -1, 0), np.moveaxis(c, -1, 0)
-    mass, gravity = c[I.mass], c[I.gravity]
+    thrust, alpha = np.moveaxis(control, -1, 0)
+    c = Coefficients(*np.moveaxis(coefficients, -1, 0))
     (sin_alpha, cos_alpha), (sin_gamma, cos_gamma) = sincos(alpha), sincos(gamma)
     along, across = printed_axes(thrust, *forces(h, v, alpha, c), (sin_alpha, cos_alpha))
-    weight = gravity * (sin_alpha if as_printed else sin_gamma)
-    turning = across / (mass * v) - gravity * cos_gamma / v
-    return np.stack([turning, along / mass - weight, v * cos_gamma, v * sin_gamma], -1)
+    weight = c.gravity * (sin_alpha if as_printed else sin_gamma)
+    turning = across / (c.mass * v) - c.gravity * cos_gamma / v
+    return np.stack([turning, along / c.mass - weight, v * cos_gamma, v * sin_gamma], -1)
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class PlanarPuna:
     have both along the body. No wind, no actuators, and nothing is bounded.
     """
 
-    body: PointMass = field(default_factory=lambda: load("puna", PunaParameters))
+    body: PunaParameters = field(default_factory=lambda: load("puna", PunaParameters))
     dt: float = 0.01  # s, assumed: the paper prints none
     as_printed: bool = False
 

@@ -2,8 +2,11 @@
 
 import re
 from dataclasses import replace
+from math import comb
+from types import SimpleNamespace
 
 import gymnasium as gym
+import numpy as np
 import pytest
 from invented import (
     CLASSICAL,
