@@ -31,25 +31,15 @@ class Process:
     start_cov: np.ndarray
 
     def __post_init__(self) -> None:
-        for name in (
-            "transition",
-            "root",
-            "start_cov",
-        ):  # the memory order is fixed, because the last bit depends on it
-            shape = ("k", "m") if name == "root" else ("...",)
-            values = finite_array(f"{name} of a process", getattr(self, name), *shape)
-            object.__setattr__(self, name, frozen(np.array(values, order="C")))
-        k = len(self.root)
-        for name, values in (("transition", self.transition), ("start_cov", self.start_cov)):
-            if np.shape(values) != (k, k):
-                raise ValueError(
-                    f"{name} must have shape {(k, k)}, as many rows as root of shape"
-                    f" {np.shape(self.root)}, got {np.shape(values)}"
-                )
+        root = finite_array("root of a process", self.root, "k", "m")
+        k = len(root)
+        transition = finite_array("transition of a process", self.transition, k, k)
+        start_cov = finite_array("start_cov of a process", self.start_cov, k, k)
         if k:
-            object.__setattr__(
-                self, "start_cov", frozen(as_covariance("start_cov of a process", self.start_cov))
-            )
+            start_cov = as_covariance("start_cov of a process", start_cov)
+        given = {"transition": transition, "root": root, "start_cov": start_cov}
+        for name, values in given.items():  # in one memory order, as the last bit depends on it
+            object.__setattr__(self, name, frozen(np.array(values, order="C")))
 
     @property
     def size(self) -> int:
@@ -82,12 +72,9 @@ class Process:
         Raises:
             ValueError: if A is not stable, so that no stationary covariance exists.
         """
-        A, W = finite_array("A", A, "k", "k"), finite_array("W", W, "k", "k")
+        k = len(finite_array("A", A, "k", "k"))
+        A, W = finite_array("A", A, k, k), finite_array("W", W, k, k)
         check_numbers("Process.stationary", {"dt": dt}, positive="dt")
-        if len(set(A.shape + W.shape)) != 1:
-            raise ValueError(
-                f"A and W must be square and of one size, got shapes {A.shape} and {W.shape}"
-            )
         if not np.linalg.eigvals(A).real.max() < 0.0:
             raise ValueError(
                 "A must be stable (eigenvalues with negative real parts): otherwise the process"
@@ -127,17 +114,9 @@ class Process:
     @classmethod
     def joined(cls, *processes: "Process") -> "Process":
         """Independent processes as one."""
-        for each in processes:
-            if not isinstance(each, Process):
-                raise TypeError(f"Process.joined joins processes, got {short_repr(each)}")
-        if not processes:
-            return cls(np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0)))
-        return cls(
-            *(
-                block_diagonal(*(getattr(p, name) for p in processes))
-                for name in ("transition", "root", "start_cov")
-            )
-        )
+        parts = [(each.transition, each.root, each.start_cov) for each in processes]
+        empty = (np.zeros((0, 0)),) * 3
+        return cls(*(block_diagonal(*blocks) for blocks in zip(empty, *parts, strict=True)))
 
 
 def integrated(process: Process, which: Sequence[int], dt: float) -> Process:

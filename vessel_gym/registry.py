@@ -47,11 +47,7 @@ class Registry(Generic[T]):
 
     def of(self, task: Any) -> dict[str, T]:
         """Entries of a task by name, its class's own and inherited ones."""
-        return self.of_class(type(task))
-
-    def of_class(self, kind: type) -> dict[str, T]:
-        """Entries of the tasks of a class by name."""
-        return {name: entry for name, (_, entry) in self._found(kind).items()}
+        return {name: entry for name, (_, entry) in self._found(type(task)).items()}
 
     def modules(self, task: Any) -> dict[str, str]:
         """Modules of a task's entries, by name of the entry."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimators.checks import numbers, short_repr
+from estimators.checks import as_number, numbers, short_repr
 from vessel_gym.checks import check_numbers, instance, one_of
 
 KINDS = {
@@ -88,19 +88,13 @@ class SensorFault:
                 numbers.
         """
         time = getattr(self, name)
-        given = None if isinstance(time, bool) else numbers(time)
-        pair = (
-            np.resize(given, 2)
-            if given is not None and given.shape in ((), (2,))
-            else np.full(2, np.nan)
-        )
-        ordered = 0.0 <= pair[0] <= pair[1] and (
-            np.isfinite(pair).all() or (name == "end" and pair[0] == np.inf)
-        )
-        if not ordered:
+        pair = time if np.ndim(time) else (time, time)
+        earliest, latest = map(as_number, pair) if len(pair) == 2 else (np.nan, np.nan)
+        possible = latest < np.inf or (name == "end" and earliest == np.inf)
+        if not (possible and 0.0 <= earliest <= latest):
             raise ValueError(f"{name} of {self} must be 0 s or more, or two such times in order, "
                              f"got {short_repr(time)}")  # fmt: skip
-        return float(pair[0]), float(pair[1])
+        return earliest, latest
 
 
 LOSS = 120.0

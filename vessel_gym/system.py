@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -11,6 +12,7 @@ from estimators.checks import finite_array, integer, short_repr
 from vessel_gym.checks import all_are, check_names, check_numbers, instance, one_of, options
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.models.state_space import StateSpace
+from vessel_gym.models.structure import readers
 from vessel_gym.sensor_faults import SensorFault, lost_fix
 from vessel_gym.sensors import SUITE_NAMES, SUITES, Sensor, Sensors
 from vessel_gym.tasks.task import Estimate, Task
@@ -143,8 +145,8 @@ class System:
     @property
     def _outage(self) -> tuple[SensorFault, ...]:
         """Loss of the position fix: of all sensors of x or, if none measures x, of psi."""
-        nominal = self.sensors_of("nominal")
-        fixes = nominal.measuring("x") or nominal.measuring("psi")
+        reading = partial(readers, self.vehicle, self.nominal_sensors)
+        fixes = reading("x") or reading("psi")
         if not fixes:
             raise ValueError(
                 f'{self.name} has no sensors="denied": none of its sensors measures a state x or'

@@ -22,12 +22,11 @@ def no_worse(one: Sensor, other: Sensor) -> bool:
 
 def _errors(sensor: Sensor) -> np.ndarray:
     """Sizes of a sensor's errors, without noise that depends on the measurement."""
-    sizes = np.zeros((5, len(sensor.channels)))
+    sizes = np.zeros((4, len(sensor.channels)))
     if not callable(sensor.sd):
         sizes[0] = sensor.sd
     if bias := sensor.bias:
-        slow = bias.start, bias.pace, bias.slope, bias.constant
-        sizes[1:, : len(bias.names)] = slow
+        sizes[1:, : len(bias.names)] = bias.start, bias.pace, bias.constant
     outliers = sensor.outliers, sensor.outliers * sensor.outlier_scale
     interval = 1.0 / sensor.rate if sensor.rate else 0.0
     return np.array([*sizes.flat, sensor.dropout, *outliers, sensor.latency, interval])

@@ -53,7 +53,7 @@ def test_the_measurements_of_a_step_can_be_had_by_themselves(env_id: str):
 @pytest.mark.parametrize("place", [0, 1])
 def test_one_sensor_more_moves_the_numbers_of_no_other(env_id: str, place: int):
     own = SUITES["degraded"].of(single_class(env_id).system.vehicle.sensors)
-    bias = Bias(("more bias",), start=(1.0,), pace=(0.1,), slope=(0.1,))
+    bias = Bias(("more bias",), start=(1.0,), pace=(0.1,))
     quality = {"sd": (1.0, 1.0), "dropout": 0.3, "outliers": 0.2, "bias": bias}
     more = Sensor(
         "one more", ("one", "other"), lambda x, _: np.zeros((*x.shape[:-1], 2)), **quality

@@ -65,7 +65,7 @@ def test_one_program_gives_the_bits_of_the_stages(env_id: str, estimator: str | 
         assert moment is not None
         together, apart = moment.record(), core._stages(action, None)
         core.now = apart
-        expected = core.happened()
+        expected = core.info()
         for name, shown in moment.info().items():
             array = expected[name][0] if rows == 1 else expected[name]
             np.testing.assert_array_equal(shown, array, name)

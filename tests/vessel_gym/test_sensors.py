@@ -192,9 +192,7 @@ def test_sensor_reads_within_its_range_alone():
 BIASES = {
     "constant": Bias(("b", "c"), start=(0.2, 3.0)),
     "walking": Bias(("b", "c"), start=(0.2, 0.0), pace=(0.05, 2.0)),
-    "drifting": Bias(("b", "c"), start=(0.2, 1.0), slope=(0.1, 0.0)),
     "correlated": Bias(("b", "c"), start=(0.2, 3.0), time=2.0),
-    "walking and drifting": Bias(("b", "c"), start=(0.2, 1.0), pace=(0.3, 0.1), slope=(0.1, 0.4)),
     "correlated beside a constant": Bias(
         ("b", "c"), start=(0.2, 3.0), time=2.0, constant=(0.5, 0.0)
     ),
@@ -203,9 +201,8 @@ every_bias = pytest.mark.parametrize("bias", BIASES.values(), ids=BIASES)
 
 
 def variance_of(bias: Bias, seconds: float) -> np.ndarray:
-    """Of each channel's bias, so long after the start: constant + walk + drift."""
-    pace, slope = bias.pace or (0.0, 0.0), bias.slope or (0.0, 0.0)
-    return np.square(bias.start) + np.square(pace) * seconds + np.square(slope) * seconds**2
+    """Of each channel's bias, so long after the start: constant + walk."""
+    return np.square(bias.start) + np.square(bias.pace) * seconds
 
 
 def moments(process: Process, steps: int) -> np.ndarray:
@@ -223,9 +220,8 @@ def test_a_bias_has_the_variance_that_it_says_at_every_time(bias: Bias):
             cov = moments(bias.process(dt), steps)
             np.testing.assert_allclose(np.diag(cov)[:2], variance_of(bias, steps * dt), rtol=1e-12)
             assert cov[0, 1] == 0.0
-    drifts = any(bias.slope)
     constants = ("constant b", "constant c") if any(bias.constant) else ()
-    assert bias.states == ("b", "c", *(("drift of b", "drift of c") if drifts else ()), *constants)
+    assert bias.states == ("b", "c", *constants)
     assert bias.process(0.1).size == len(bias.states)
 
 
@@ -249,20 +245,20 @@ def test_biases_of_episodes_scatter_as_they_say(bias: Bias):
 
 
 def test_a_bias_is_in_the_first_channels_and_in_no_other():
-    drifting = Bias(("bias u",), start=(1.0,), slope=(1.0,))
-    biased = Sensor("log", ("u", "v"), plain((0, 1)), (0.1, 0.1), bias=drifting)
+    both = Bias(("bias u",), start=(1.0,), constant=(1.0,))
+    biased = Sensor("log", ("u", "v"), plain((0, 1)), (0.1, 0.1), bias=both)
     constant = Bias(("bias x", "bias y"), start=(1.0, 1.0))
     other = Sensor("fix", ("x", "y"), plain((2, 3)), (0.1, 0.1), bias=constant)
     sensors = made([APART[0], biased, other])
-    assert sensors.bias_names == ("bias u", "drift of bias u", "bias x", "bias y")
+    assert sensors.bias_names == ("bias u", "constant bias u", "bias x", "bias y")
     read = sensors.exact(np.arange(6.0), np.zeros(1), np.array([0.1, 9.0, 0.3, 0.4]))
-    np.testing.assert_allclose(read, [0.0, 0.1, 1.0, 2.3, 3.4])
+    np.testing.assert_allclose(read, [0.0, 9.1, 1.0, 2.3, 3.4])
     np.testing.assert_array_equal(sensors.exact(np.arange(6.0), np.zeros(1)), [0, 0, 1, 2, 3])
 
 
-@pytest.mark.parametrize("slope", [(), (0.3, 0.1)], ids=["still", "drifting"])
-def test_constant_error_adds_to_moving_bias_and_never_changes(slope: tuple[float, ...]):
-    bias = Bias(("bias u", "bias v"), start=(1.0, 2.0), slope=slope, constant=(0.5, 3.0))
+@pytest.mark.parametrize("pace", [(), (0.3, 0.1)], ids=["still", "walking"])
+def test_constant_error_adds_to_moving_bias_and_never_changes(pace: tuple[float, ...]):
+    bias = Bias(("bias u", "bias v"), start=(1.0, 2.0), pace=pace, constant=(0.5, 3.0))
     process, n = bias.process(0.5), len(bias.states)
     assert not process.root[n - 2 :].any()
     np.testing.assert_allclose(moments(process, 40)[-2:, -2:], np.diag([0.25, 9.0]), rtol=1e-15)
@@ -362,7 +358,7 @@ MISDECLARED = [
     (of(), TypeError, r"sensors must be Sensor objects, one at least, got \[\]"),
     (of(fix(reads=plain((0,)))), ValueError, r"reads of fix must give 2 values for each state: \(2, 3, 6\) gave "
                                              r"\(2, 3, 1\), expected \(2, 3, 2\)"),
-    (lambda: Bias(("b",), (1.0,), time=10.0, slope=(0.1,)), ValueError, r"the bias .* is stationary: give it no .*"),
+    (lambda: Bias(("b",), (1.0,), time=10.0, pace=(0.1,)), ValueError, r"the bias .* is stationary: give it no .*"),
     (lambda: Bias(("b",), start=(1.0, 2.0)), ValueError, r"the bias .* needs a tuple of 1 values of start, got .*"),
 ]  # fmt: skip
 

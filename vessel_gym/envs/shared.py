@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import fields
-from inspect import signature
+from inspect import getfullargspec
 from typing import Any
 
 import gymnasium as gym
@@ -37,16 +37,13 @@ def check_arguments(env: Any, options: Mapping[str, Any], render_mode: str | Non
     known = [field.name for field in fields(Options)]
     for option in options:
         if option not in known:
-            own = [each for base in type(env).__mro__ if "__init__" in vars(base)
-                   for each in signature(vars(base)["__init__"]).parameters.values()]  # fmt: skip
-            named = dict.fromkeys(
-                each.name
-                for each in own
-                if each.kind in (each.POSITIONAL_OR_KEYWORD, each.KEYWORD_ONLY)
-            )
+            own: dict[str, None] = {}
+            for base in type(env).__mro__:
+                spec = getfullargspec(base.__init__)  # type: ignore[misc]
+                own |= dict.fromkeys(spec.args[1:] + spec.kwonlyargs)
             # Python's words, which other libraries look for
             python = f"{type(env).__name__}.__init__() got an unexpected"
-            raise TypeError(unknown("keyword argument", option, [*list(named)[1:], *known], python))
+            raise TypeError(unknown("keyword argument", option, [*own, *known], python))
     if render_mode is not None:
         one_of("render_mode", render_mode, env.metadata["render_modes"])
 

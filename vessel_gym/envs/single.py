@@ -110,7 +110,7 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
             self._renderer = None
 
     def _info(self) -> dict[str, Any]:
-        return _with_numbers({name: each[0] for name, each in self.core.happened().items()})
+        return _with_numbers({name: each[0] for name, each in self.core.info().items()})
 
     def _record(self, begin: bool = False) -> None:
         if self._renderer is None:

@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from estimators.checks import integer
+from vessel_gym.checks import one_of
 from vessel_gym.envs.shared import action_space, check_arguments, first_seed, observation_space
 from vessel_gym.simulation.core import Core
 from vessel_gym.system import System
@@ -62,7 +63,9 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         check_arguments(self, options, render_mode)
         if max_episode_steps is not None:
             integer("max_episode_steps", max_episode_steps, 1)
-        self.autoreset_mode = _autoreset_mode(autoreset_mode)
+        mode = getattr(autoreset_mode, "value", autoreset_mode)
+        modes = [each.value for each in AutoresetMode]
+        self.autoreset_mode = AutoresetMode(one_of("autoreset_mode", mode, modes))
         self.metadata = self.metadata | {"autoreset_mode": self.autoreset_mode}
         self.core = Core(self.system, num_envs, **options)
         self.num_envs = num_envs
@@ -110,7 +113,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if seed is not None:
             self._keep_seed()
         self._record(mask, np.zeros_like(mask))
-        return core.observe(), self._masked(core.info(None if mask.all() else mask), mask)
+        return core.observe(), self._masked(core.info(), mask)
 
     def step(
         self, actions: np.ndarray
@@ -139,7 +142,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 final, restarted = self._final(done), done
                 core.start(rows=np.flatnonzero(done))
         self._record(restarted, ~restarted)
-        info = self._masked(core.info(moment=moment))
+        info = self._masked(core.info(moment))
         return core.observe(), reward, terminated, truncated, info | final
 
     def step_without_info(
@@ -199,7 +202,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         final_observations = np.full(self.num_envs, None, dtype=object)
         for row in np.flatnonzero(done):
             final_observations[row] = observation[row]
-        final_info = self._masked(self.core.info(done), done)
+        final_info = self._masked(self.core.info(), done)
         return {
             "final_obs": final_observations, "_final_obs": done.copy(),
             "final_info": final_info, "_final_info": done.copy(),
@@ -239,16 +242,13 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _masked(
         self, info: dict[str, np.ndarray], rows: np.ndarray | None = None
     ) -> dict[str, Any]:
-        """Info in Gymnasium's form: every array with a ``_key`` mask of the rows that have it."""
+        """Info in Gymnasium's form: every array with a ``_key`` mask of the rows that have it.
+
+        Arrays are 0 in other rows.
+        """
         masks = np.ones((len(info), self.num_envs), bool)
-        if rows is not None:
+        if rows is not None and not rows.all():
             masks &= rows
+            for values in info.values():
+                values[~rows] = 0
         return info | {f"_{key}": mask for key, mask in zip(info, masks, strict=True)}
-
-
-def _autoreset_mode(mode: Any) -> AutoresetMode:
-    try:
-        return AutoresetMode(mode)
-    except ValueError:
-        known = ", ".join(repr(known.value) for known in AutoresetMode)
-        raise ValueError(f"unknown autoreset_mode {mode!r}: choose from {known}") from None

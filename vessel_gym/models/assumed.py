@@ -9,7 +9,7 @@ from estimators.checks import short_repr
 from vessel_gym.checks import one_of
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.models.state_space import StateSpace, force_names
-from vessel_gym.models.structure import reader, relevant
+from vessel_gym.models.structure import readers, relevant
 from vessel_gym.sensors import Sensors
 from vessel_gym.vehicles.vehicle import Vehicle
 
@@ -21,15 +21,6 @@ disturbance's ``inputs`` are the unknown input d, and further effective componen
 ``white-input``: the same model, and d is white noise of known variance. ``process-noise``: the
 disturbance's increments are process noise, and flows are not modelled.
 """
-
-
-def checked_assumption(how: object) -> str:
-    """A value of `ASSUMED`.
-
-    Raises:
-        ValueError: for any other value.
-    """
-    return one_of("way to assume a disturbance", how, ASSUMED)
 
 
 def assumed_space(
@@ -52,7 +43,8 @@ def assumed_space(
         ValueError: for an unknown way to assume it, a disturbance that was made for another
             vehicle, or a sensor that reads states which the filter does not estimate.
     """
-    assumed_as = checked_assumption(disturbance.assumed_as if assumed_as is None else assumed_as)
+    how = disturbance.assumed_as if assumed_as is None else assumed_as
+    assumed_as = one_of("way to assume a disturbance", how, ASSUMED)
     check_fit(vehicle, disturbance)
     whole = StateSpace.of_world(vehicle, disturbance, sensors)
     space = replace(whole, kind=kind, assumed_as=assumed_as)
@@ -63,7 +55,7 @@ def assumed_space(
         space = replace(space, inputs=tuple(increments if named is None else named))
     kept = np.zeros(0, int) if assumed_as == "process-noise" else relevant(space)
     unmodelled = (i for i in space.disturbed_increments if i not in space.unknown)
-    last = (i for i in unmodelled if reader(space, vehicle.increments[i]))
+    last = (i for i in unmodelled if readers(vehicle, sensors.each, vehicle.increments[i]))
     return replace(space, kept=kept, last=tuple(last))
 
 
@@ -75,9 +67,10 @@ def _check_sensors(space: StateSpace) -> None:
     """
     sensors, disturbance = space.sensors, space.disturbance
     for name in space.vehicle.state_names:
-        if name not in space.vehicle_states and (sensor := reader(space, name)):
+        unknown = name not in space.vehicle_states
+        if unknown and (who := readers(space.vehicle, sensors.each, name)):
             raise ValueError(
-                f"{sensor.name} reads {name}, which filters of this model do not estimate (they"
+                f"{who[0]} reads {name}, which filters of this model do not estimate (they"
                 f" estimate {', '.join(space.vehicle_states)}): leave it out, or choose another"
                 " model"
             )

@@ -10,7 +10,7 @@ from estimators import factory
 from estimators.checks import number
 from vessel_gym import checks
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.models.assumed import checked_assumption
+from vessel_gym.models.assumed import ASSUMED
 from vessel_gym.sensors import Sensors
 
 
@@ -57,7 +57,8 @@ class Assumptions:
             else:
                 given[key] = _factor(f"{key} of assume", given[key])
         if "as" in given:
-            given["how"] = checked_assumption(given.pop("as"))
+            how = given.pop("as")
+            given["how"] = checks.one_of("way to assume a disturbance", how, ASSUMED)
         return cls(**given)
 
     def scaled(self, model: Any, sensors: Sensors) -> Any:

@@ -142,15 +142,16 @@ def build(
         UserWarning: for a radius of ``robust-kf`` that is too large for the sensors' biases.
     """
     options = checks.options("estimator_options", options)
-    own = is_own(estimator)
-    if isinstance(estimator, str):
-        estimator, chosen = variant(estimator)
+    built = _built  # a user's function may change
+    if not is_own(estimator):
+        built = _cached
+        name, chosen = variant(str(estimator))
+        if name not in estimator_names():
+            raise ValueError(_unknown(estimator, accepted(system, sensors, disturbance)))
         assume = checks.options("assume", options.get("assume"))
         options = chosen | options | {"assume": chosen.get("assume", {}) | assume}
-    if not own and (not isinstance(estimator, str) or estimator not in estimator_names()):
-        raise ValueError(_unknown(estimator, accepted(system, sensors, disturbance)))
+        estimator = name
     assumptions = Assumptions.of(options.pop("assume", None))
-    built = _shared if isinstance(estimator, str) else _built  # a user's function may change
     items = (*((name, value, type(value)) for name, value in options.items()),)  # 1.0 is no 1
     return built(system, estimator, items, assumptions, sensors, disturbance)
 
@@ -185,7 +186,7 @@ def _built(
     return Estimation(made, space, assumptions.prior, inputs, late, sensors.horizon)
 
 
-_shared = cached(_built)
+_cached = cached(_built)
 
 
 def _unknown(estimator: object, known: tuple[str, ...]) -> str:
@@ -316,13 +317,7 @@ def _space(
     disturbance: Disturbance,
 ) -> StateSpace:  # fmt: skip
     """State space of a filter under its assumptions."""
-    if not isinstance(kind, str):
-        raise TypeError(
-            f"model must be the name of a filter model, such as {system.filter_model!r}, got"
-            f" {short_repr(kind)}"
-        )
-    if kind not in system.vehicle.kinds:
-        raise ValueError(factory.unknown("filter model", kind, system.vehicle.kinds))
+    kind = checks.one_of("filter model", kind, system.vehicle.kinds)
     if assumptions.disturbance is not None:
         disturbance = chosen_disturbance(system, assumptions.disturbance)
     elif disturbance.believed is not None:

@@ -12,7 +12,7 @@ from estimators import Filter, Gaussian, LinearModel, NonlinearModel
 from estimators.unknown_input import UnknownInputFilter
 from estimators.varying import resolve
 from vessel_gym.models.state_space import StateSpace
-from vessel_gym.models.structure import reader
+from vessel_gym.models.structure import readers
 from vessel_gym.vehicles.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -32,9 +32,9 @@ def check_causal(world: StateSpace) -> None:
         ValueError: naming the sensor and the mean.
     """
     for name in world.disturbance.averaged:
-        if sensor := reader(world, name):
+        if who := readers(world.vehicle, world.sensors.each, name):
             raise ValueError(
-                f"{sensor.name} reads {name}, a mean over the coming step: let it read states,"
+                f"{who[0]} reads {name}, a mean over the coming step: let it read states,"
                 " increments, currents or forces"
             )
 
@@ -48,9 +48,10 @@ def check_ambient_flows(space: StateSpace) -> None:
     if space.assumed_as != "process-noise":
         return
     for name in space.vehicle.ambient_flows:
-        if name in space.disturbance.forces and (sensor := reader(space, name)):
+        disturbed = name in space.disturbance.forces
+        if disturbed and (who := readers(space.vehicle, space.sensors.each, name)):
             raise ValueError(
-                f"{sensor.name} reads {name}, of which a filter knows nothing that assumes"
+                f"{who[0]} reads {name}, of which a filter knows nothing that assumes"
                 f' {type(space.disturbance).__name__} as "{space.assumed_as}": assume it with'
                 ' {"as": "states"}, or leave it out'
             )
@@ -83,8 +84,7 @@ def _undetermined(space: StateSpace, model: LinearModel | NonlinearModel) -> str
     """Reason why measurements do not determine the unknown input; empty if they do."""
     from estimators import input_conditions  # late, as only filters of an unknown input need it
 
-    periods = np.array([sensor.period(space.sensors.dt) for sensor in space.sensors.each])
-    often = np.flatnonzero(periods[space.sensors.owner] == 1)
+    often = np.flatnonzero(np.array(space.sensors.periods)[space.sensors.owner] == 1)
     if not len(often):
         return "no sensor reads in every step"
     own, u = nominal_flight(space.vehicle, space.vehicle_states)

@@ -105,12 +105,6 @@ class ZeroOrderHold(Filter[HeldBelief]):
         nothing = np.zeros(measurements.shape[:-1])
         return np.stack([known.get(name, nothing) for name in self._names], -1)
 
-    def _rates(self, held: np.ndarray, before: np.ndarray, seconds: np.ndarray) -> np.ndarray:
-        """Changes ``(..., p)`` from one measurement to the next, in a second."""
-        change = held - before
-        slopes: np.ndarray = np.where(self._turns, wrap(change), change) / seconds
-        return slopes
-
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
         n, shape = mean.shape[-1], mean.shape[:-1] + (self.model.p,)
         state, unknown = np.split(self._variance, [n])
@@ -141,7 +135,8 @@ class ZeroOrderHold(Filter[HeldBelief]):
         self, belief: Any, u: Any, e: Any, C: Any, R: Any, available: Any, *_: Any
     ) -> Changes:
         held = np.where(available, self.model.measurement(belief.mean, u) + e, belief.held)
-        slope = self._rates(held, belief.held, np.maximum(belief.age, 1.0) * self._dt)
+        change, seconds = held - belief.held, np.maximum(belief.age, 1.0) * self._dt
+        slope = np.where(self._turns, wrap(change), change) / seconds
         slope = np.where(available, np.where(belief.seen, slope, 0.0), belief.slope)
         derived, n = self._derived(held, slope), self.model.n
         return {

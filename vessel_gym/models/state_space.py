@@ -338,10 +338,8 @@ class StateSpace:
     @cached_property
     def Q(self) -> np.ndarray:
         """Covariance ``(n, n)`` of process noise."""
-        n, slow = (
-            len(self.vehicle_states),
-            slice(len(self.vehicle_states), len(self.vehicle_states) + self.slow.size),
-        )
+        n = len(self.vehicle_states)
+        slow = slice(n, n + self.slow.size)
         white = self.white.copy()
         white[self.unknown] = 0.0
         cov = self.cov if self.assumed_as == "process-noise" else white @ white.T
@@ -353,8 +351,8 @@ class StateSpace:
     @cached_property
     def R(self) -> Any:
         """Covariance ``(p, p)`` of measurement noise, which may depend on the state."""
-        cruise = np.zeros(len(self.incremented))
-        cruise[: len(self.vehicle_states)] = self.vehicle.cruise[0][: len(self.vehicle_states)]
+        cruise, n = np.zeros(len(self.incremented)), len(self.vehicle_states)
+        cruise[:n] = self.vehicle.cruise[0][:n]
         return self.sensors.noise(self.measurement, cruise, None)
 
     @cached_property

@@ -37,15 +37,14 @@ def steady_options(space: StateSpace, model: Model) -> dict[str, Any]:
     still = ~sensors.bias.root.any(-1)
     biases = sensors.bias.start_cov * np.outer(still, still)
     R = resolve(model.R, u) + congruence(sensors.bias_gain, biases)
-    steps = [sensor.period(sensors.dt) for sensor in sensors.each]
-    if (period := math.lcm(*steps)) > _LONGEST:
+    if (period := math.lcm(*sensors.periods)) > _LONGEST:
         raise ValueError(
             f"all sensors report together once in {period} steps, and a gain needs them within"
             f" {_LONGEST}: choose rates that divide each other"
         )
     return {
         "design": LinearModel(*_about_cruise(*parts), resolve(model.Q, u), R),
-        "measured": (np.arange(period)[:, None] % steps == 0)[:, sensors.owner],
+        "measured": (np.arange(period)[:, None] % sensors.periods == 0)[:, sensors.owner],
         "nuisance": [*map(space.names.index, sensors.bias_names)],
         "axes": path_axes(space.names),
         "names": space.names,

@@ -1,6 +1,6 @@
 """Structure of a state space, read from traces of its functions: what depends on what."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -46,14 +46,11 @@ def _used_by(reads: Callable[..., Any], vehicle: Vehicle) -> list[np.ndarray]:
     return used_entries(reads, cruising(vehicle), exogenous)
 
 
-def reader(space: StateSpace, name: str) -> Sensor | None:
-    """First sensor that depends on a state, increment or flow of the vehicle; None without one."""
-    vehicle = space.vehicle
+def readers(vehicle: Vehicle, sensors: Sequence[Sensor], name: str) -> list[str]:
+    """Names of the sensors that depend on a state, increment or flow of the vehicle."""
     names = *vehicle.state_names, *vehicle.increments, *vehicle.ambient_flows
-    for sensor in space.sensors.each:
-        if np.concatenate(_used_by(sensor.reads, vehicle))[names.index(name)]:
-            return sensor
-    return None
+    own = np.equal(names, name)
+    return [s.name for s in sensors if own[np.concatenate(_used_by(s.reads, vehicle))].any()]
 
 
 @cached
@@ -76,7 +73,7 @@ def relevant(space: StateSpace) -> np.ndarray:
     counts = np.ones(len(space.channels), bool)
     moving = _moving_flows(vehicle, len(space.vehicle_states))
     counts[space.flows] = [
-        moves or reader(space, name) is not None
+        moves or bool(readers(vehicle, space.sensors.each, name))
         for moves, name in zip(moving, vehicle.ambient_flows, strict=True)
     ]
     counts[space.unknown] = False

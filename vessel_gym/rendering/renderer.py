@@ -57,7 +57,7 @@ class Renderer:
         if begin:
             self._workspace = core.config.system.task.workspace(core.now.scenario[row])
             self._history = {key: [] for key in RECORDED}
-        present = core.happened()
+        present = core.info()
         for key, moments in self._history.items():
             moments.append(present[key][row].copy())
 

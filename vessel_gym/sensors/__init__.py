@@ -16,7 +16,6 @@ from vessel_gym.sensors.sensor import (
     Known,
     Sensor,
     SensorSuite,
-    columns,
     plain,
 )
 
@@ -29,6 +28,5 @@ __all__ = [
     "Sensor",
     "SensorSuite",
     "Sensors",
-    "columns",
     "plain",
 ]  # fmt: skip

@@ -30,6 +30,8 @@ class Sensors:
 
     Attributes:
         size: p, the number of channels.
+        own: Channels of each sensor, as a slice.
+        periods: Steps from one measurement of each sensor to the next.
         delays: Latency of each sensor in steps ``(sensors,)``.
         horizon: Largest of these delays.
         gives: State or component of the exogenous input that each channel measures directly.
@@ -60,8 +62,8 @@ class Sensors:
         self.owner = np.repeat(np.arange(len(self.each)), sizes)  # index of each channel's sensor
         self.size = len(self.owner)
         ends = np.cumsum(sizes).tolist()
-        self._own = [slice(end - k, end) for k, end in zip(sizes, ends, strict=True)]
-        self._periods = [sensor.period(dt) for sensor in self.each]
+        self.own = [slice(end - k, end) for k, end in zip(sizes, ends, strict=True)]
+        self.periods = [sensor.period(dt) for sensor in self.each]
         self.delays = np.array([sensor.delay(dt) for sensor in self.each])
         self.horizon = int(self.delays.max())
         self.faults = self._checked_faults(faults)
@@ -87,10 +89,8 @@ class Sensors:
     @cached_property
     def sd(self) -> np.ndarray:
         """Standard deviations ``(p,)``; NaN where they depend on the measurement."""
-        return np.concatenate([
-            np.full(len(s.channels), np.nan) if callable(s.sd) else np.asarray(s.sd, float)
-            for s in self.each
-        ])  # fmt: skip
+        sizes = [(np.nan,) * len(s.channels) if callable(s.sd) else s.sd for s in self.each]
+        return np.concatenate(sizes, dtype=float)
 
     @cached_property
     def _ranges(self) -> np.ndarray:
@@ -113,7 +113,7 @@ class Sensors:
 
     @property
     def reads_compiled(self) -> bool:
-        """True if all functions ``reads`` are compiled, and all noise is constant."""
+        """Are all functions ``reads`` compiled, and is all noise constant?"""
         return not self._varying and all(is_compiled(sensor.reads) for sensor in self.each)
 
     @cached_property
@@ -125,29 +125,14 @@ class Sensors:
         """Sensor to which a channel belongs."""
         return self.each[self.owner[channel]]
 
-    def measuring(self, name: str) -> tuple[str, ...]:
-        """Names of the sensors whose measurements depend on a state."""
-        if name not in self.state_names:
-            return ()
-        state = np.random.default_rng(0).standard_normal((3, len(self.state_names)))
-        moved, nothing = (
-            state + np.equal(self.state_names, name),
-            np.zeros((3, len(self.exogenous_names))),
-        )
-        differ = (self.exact(state, nothing) != self.exact(moved, nothing)).any(0)
-        return tuple(
-            dict.fromkeys(self.of_channel(channel).name for channel in np.flatnonzero(differ))
-        )
-
     @property
     def _owning(self) -> Iterator[tuple[Sensor, slice]]:
         """Sensors and their channels."""
-        return zip(self.each, self._own, strict=True)
+        return zip(self.each, self.own, strict=True)
 
     def _check(self) -> None:
-        state, exogenous = (
-            np.zeros((2, 3, len(names))) for names in (self.state_names, self.exogenous_names)
-        )
+        state = np.zeros((2, 3, len(self.state_names)))
+        exogenous = np.zeros((2, 3, len(self.exogenous_names)))
         for sensor in self.each:
             with np.errstate(all="ignore"):  # it may have no value at rest
                 shape, k = np.shape(sensor.reads(state, exogenous)), len(sensor.channels)
@@ -157,25 +142,24 @@ class Sensors:
                     f" gave {shape}, expected {(2, 3, k)}"
                 )
             for name in sensor.gives or ():
-                if name is not None and name not in self.state_names + self.exogenous_names:
-                    raise ValueError(
-                        unknown(f"state that {sensor.name} gives", name, self.state_names)
-                    )
+                if name not in (None, *self.state_names, *self.exogenous_names):
+                    what = f"state that {sensor.name} gives"
+                    raise ValueError(unknown(what, name, self.state_names))
 
     def _checked_faults(self, faults: Any) -> tuple[SensorFault, ...]:
-        names = [sensor.name for sensor in self.each]
+        channels = {sensor.name: len(sensor.channels) for sensor in self.each}
         if not all_are(SensorFault, faults):
             raise TypeError(
                 f"sensor_faults must be a list of SensorFault objects, got {short_repr(faults)}"
             )
         for fault in faults:
-            if fault.sensor not in names:
-                raise ValueError(unknown("sensor of sensor_faults", fault.sensor, names))
-            channels = len(self.each[names.index(fault.sensor)].channels)
-            if np.size(fault.size) not in (1, channels):
+            if fault.sensor not in channels:
+                raise ValueError(unknown("sensor of sensor_faults", fault.sensor, channels))
+            k = channels[fault.sensor]
+            if np.size(fault.size) not in (1, k):
                 raise ValueError(
-                    f"{fault.sensor} has {channels} channels, so size of {fault} must be one number"
-                    f" or {channels}, got {short_repr(fault.size)}"
+                    f"{fault.sensor} has {k} channels, so size of {fault} must be one number"
+                    f" or {k}, got {short_repr(fault.size)}"
                 )
         return tuple(faults)
 
@@ -231,12 +215,13 @@ class Sensors:
         for i, (sensor, own) in enumerate(self._owning):
             key, channels = keys[..., i, :], range(own.start, own.stop)
             size: np.ndarray | float = 1.0
-            bounds = [(*self._ranges[:, j], exact[..., j]) for j in channels]
-            arrives = reduce(
-                and_, [(least <= y) & (y <= greatest) for least, greatest, y in bounds]
-            )
-            if self._periods[i] > 1:
-                periods = steps / self._periods[i]
+            least, greatest = self._ranges
+            within = [
+                (least[j] <= exact[..., j]) & (exact[..., j] <= greatest[j]) for j in channels
+            ]
+            arrives = reduce(and_, within)
+            if self.periods[i] > 1:
+                periods = steps / self.periods[i]
                 arrives = arrives & (periods == np.floor(periods))
             if sensor.dropout > 0.0 or sensor.outliers > 0.0:
                 lost, far = threefry(np.uint64(0), (word << 16) | 1, key[..., 0], key[..., 1])
@@ -254,7 +239,7 @@ class Sensors:
         if not self._varying:
             return known
         varying = {own.start: spread(exact[..., own]) for own, spread in self._varying}
-        return np.concatenate([varying.get(own.start, known[..., own]) for own in self._own], -1)
+        return np.concatenate([varying.get(own.start, known[..., own]) for own in self.own], -1)
 
     def noise(
         self,
@@ -287,13 +272,10 @@ class Sensors:
         """States and exogenous inputs ``(...)`` by name, from measurements ``(..., p)``."""
         known: dict[str, np.ndarray] = {}
         for sensor, own in self._owning:
-            known.update(
-                (name, measurements[..., i])
-                for i, name in enumerate(sensor.gives or (), own.start)
-                if name
-            )
+            given = enumerate(sensor.gives or (), own.start)
+            known |= {name: measurements[..., i] for i, name in given if name}
             if sensor.inverse is not None:
-                known.update(sensor.inverse(measurements[..., own], known))
+                known |= sensor.inverse(measurements[..., own], known)
         return known
 
 

@@ -10,7 +10,7 @@ A TOML file has a table for each grade of each sensor, in the order from the bes
 
 ``sd`` is a number for all channels or one for each; ``rate`` [Hz] and ``latency`` [s] are rounded
 to whole steps of the vehicle; ``dropout`` is a probability. ``bias`` has ``start`` and possibly
-``pace``, ``slope``, ``time`` or ``constant``, see `vessel_gym.sensors.Bias`.
+``pace``, ``time`` or ``constant``, see `vessel_gym.sensors.Bias`.
 A missing figure is 0, and a missing rate is one measurement in every step. ``source`` names the
 document of the figures, and ``assumed`` lists the keys of figures that no document states. The
 grade ``nominal``, which every sensor has, is the vehicle's own sensor: its table has only
@@ -32,7 +32,7 @@ from vessel_gym.toml_file import TomlFile
 DATA = Path(__file__).with_name("data")
 NOMINAL = "nominal"
 _FIGURES = ("sd", "rate", "dropout", "latency", "bias")
-_BIAS = ("start", "pace", "slope", "time", "constant")
+_BIAS = ("start", "pace", "time", "constant")
 _TEXTS = ("source", "assumed")
 _MAY_BE_ASSUMED = ("sd", "rate", "dropout", "latency", *_BIAS)
 
@@ -112,9 +112,9 @@ class _GradesFile(TomlFile):
 
     def grades(self, own_alone: bool) -> Grades:
         """The grades; ``own_alone`` leaves out unknown sensors instead of refusing them."""
-        tables = {name: table for name, table in self.data.items() if name != "suites"}
+        tables = self.data
         for name in () if own_alone else tables:
-            if name not in self.own:
+            if name not in ("suites", *self.own):
                 raise self.fault((name,), unknown("sensor", name, self.own))
         sensors: dict[str, dict[str, Sensor]] = {}
         sources: dict[str, dict[str, str]] = {}
@@ -170,23 +170,16 @@ class _GradesFile(TomlFile):
             period = max(round(1.0 / (figures["rate"] * self.dt)), 1)
         bias = None
         if "bias" in figures:
-            if not isinstance(figures["bias"], dict) or not {"start"} <= set(
-                figures["bias"]
-            ) <= set(_BIAS):
+            table = figures["bias"]
+            if not isinstance(table, dict) or not {"start"} <= {*table} <= {*_BIAS}:
                 raise ValueError(
-                    f"bias of {own.name} must be a table of start, and pace, slope, time or"
-                    " constant"
+                    f"bias of {own.name} must be a table of start, and pace, time or constant"
                 )
-            given = {
-                key: _tuple(value, channels)
-                for key, value in figures["bias"].items()
-                if key != "time"
-            }
-            names = tuple(f"bias {channel.split(' [')[0]}" for channel in own.channels)[
-                : len(given["start"])
-            ]
-            scale = max((1e-9, *given["start"], *given.get("constant", ())))
-            bias = Bias(names, **given, scale=scale, time=figures["bias"].get("time"))
+            given = {key: _tuple(each, channels) for key, each in table.items() if key != "time"}
+            start = given["start"]
+            names = [f"bias {channel.split(' [')[0]}" for channel in own.channels]
+            scale = max((1e-9, *start, *given.get("constant", ())))
+            bias = Bias(tuple(names[: len(start)]), **given, scale=scale, time=table.get("time"))
         return replace(
             own, sd=_tuple(figures["sd"], channels),
             rate=None if period == 1 else 1.0 / (period * self.dt),
@@ -203,8 +196,8 @@ class _GradesFile(TomlFile):
             for name, grade in self._table(("suites", suite), table).items():
                 if name not in sensors and not own_alone:
                     raise self.fault(("suites", suite, name), unknown("sensor", name, sensors))
-                known = sensors.get(name)
-                if known is not None and (not isinstance(grade, str) or grade not in known):
+                known = sensors.get(name, ())
+                if known and (not isinstance(grade, str) or grade not in known):
                     raise self.fault(
                         ("suites", suite, name), unknown(f"grade of {name}", grade, known)
                     )

@@ -24,38 +24,32 @@ class Bias:
         names: Names of the filter's states, one for each of the channels with a bias.
         start: Standard deviations at the start.
         pace: Standard deviations of a random walk's increment in 1 s; 0 for a constant bias.
-        slope: Standard deviations of a constant, unknown drift [per s], which has states of its
-            own; 0 for none.
         scale: An agent that observes standard deviations receives those of the states divided by
             this number.
         time: Correlation time [s] of a stationary first-order Gauss-Markov process, instead of
-            ``pace`` and ``slope``. Its standard deviation is ``start`` at all times. None: no such
-            process.
+            ``pace``. Its standard deviation is ``start`` at all times. None: no such process.
         constant: Standard deviations of a constant error besides the moving bias, with states of
             its own, such as the static error of a compass beside its dynamic error; 0 for none.
 
     Raises:
         ValueError: for negative values, a number of values that differs from the number of names,
-            or a ``time`` together with a pace or slope.
+            or a ``time`` together with a pace.
     """
 
     names: tuple[str, ...]
     start: tuple[float, ...]
     pace: tuple[float, ...] = ()
-    slope: tuple[float, ...] = ()
     scale: float = 1.0
     time: float | None = None
     constant: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         names: Any = self.names
-        if (
-            not isinstance(names, tuple | list) or not names
-        ):  # a text's letters would pass for names
+        if not isinstance(names, tuple | list) or not names:  # letters of a text are no names
             raise ValueError(f"names of a bias must be a tuple of names, got {short_repr(names)}")
         check_names("names of a bias", names)
         object.__setattr__(self, "names", tuple(names))
-        for name in ("start", "pace", "slope", "constant"):
+        for name in ("start", "pace", "constant"):
             values = getattr(self, name)
             values = (0.0,) * len(names) if isinstance(values, tuple) and not values else values
             if not isinstance(values, tuple | list) or len(values) != len(names):
@@ -65,39 +59,33 @@ class Bias:
                 check_numbers(f"the bias {self.names}", {name: value}, not_negative=name)
             object.__setattr__(self, name, tuple(map(float, values)))
         check_numbers(self, positive="scale time?")
-        if self.time is not None and any(self.pace + self.slope):
+        if self.time is not None and any(self.pace):
             raise ValueError(
                 f"the bias {self.names} has a correlation time, so it is stationary: give it no"
-                " pace and no slope"
+                " pace"
             )
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of the states, first biases, then drifts and constants if there are any."""
-        drifts = tuple(f"drift of {name}" for name in self.names) if any(self.slope) else ()
+        """Names of the states, first biases, then constants if there are any."""
         constants = tuple(f"constant {name}" for name in self.names) if any(self.constant) else ()
-        return self.names + drifts + constants
+        return self.names + constants
 
     @property
     def gain(self) -> np.ndarray:
         """Matrix ``(channels, states)`` that adds the states to the measurement."""
-        k, n = len(self.names), len(self.states)
-        return np.eye(k, n) + (np.eye(k, n, k=n - k) if any(self.constant) else 0.0)
+        k = len(self.names)
+        return np.tile(np.eye(k), len(self.states) // k)
 
     def process(self, dt: float) -> Process:
         """Process of the states over a step of ``dt`` [s]."""
-        constants = self.constant if any(self.constant) else ()
-        return Process.joined(
-            self._moving(dt), Process.walk(constants, (0.0,) * len(constants), dt)
-        )
-
-    def _moving(self, dt: float) -> Process:
-        """Process of the states without the constants."""
-        if self.time is not None:
-            return Process.wandering(self.start, self.time, dt)
-        slope = self.slope if any(self.slope) else ()
-        walk = Process.walk(self.start + slope, self.pace + (0.0,) * len(slope), dt)
-        return replace(walk, transition=walk.transition + dt * np.eye(walk.size, k=len(self.names)))
+        if self.time is None:
+            moving = Process.walk(self.start, self.pace, dt)
+        else:
+            moving = Process.wandering(self.start, self.time, dt)
+        if not any(self.constant):
+            return moving
+        return Process.joined(moving, Process.walk(self.constant, (0.0,) * len(self.names), dt))
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,13 +161,10 @@ class Sensor:
             values = getattr(self, name)
             if callable(values) if name == "sd" else values is None:
                 continue
-            several = isinstance(values, tuple | list) or (
-                isinstance(values, np.ndarray) and values.ndim > 0
-            )
+            several = isinstance(values, tuple | list) or np.ndim(values) > 0
             if not (several and len(values) == k):
-                hint = (
-                    f": write ({values!r},)" if k == 1 and isinstance(values, int | float) else ""
-                )
+                single = k == 1 and isinstance(values, int | float)
+                hint = f": write ({values!r},)" if single else ""
                 raise ValueError(
                     f"{title} has {k} channels, so {name} must have {k} entries, got"
                     f" {short_repr(values)}{hint}"
@@ -209,7 +194,6 @@ class Sensor:
         """
         if self.rate is None:
             return 1
-        check_numbers("a sensor's period", {"dt": dt}, positive="dt")
         steps = 1.0 / max(self.rate * dt, 1e-300)
         if not 0.5 <= steps <= SLOWEST or abs(steps - round(steps)) > 1e-6 * steps:
             raise ValueError(
@@ -224,7 +208,6 @@ class Sensor:
         Raises:
             ValueError: if the latency is not a whole number of steps, or exceeds 1000 steps.
         """
-        check_numbers("a sensor's delay", {"dt": dt}, positive="dt")
         steps = self.latency / dt
         if abs(steps - np.rint(steps)) > 1e-6 * max(steps, 1.0):
             raise ValueError(
@@ -294,14 +277,6 @@ SUITE_NAMES = (*SUITES, "budget", "denied")
 ``budget`` is a choice of grades (`vessel_gym.sensors.grades`). ``denied`` is the nominal suite
 without the position fix for a time (`vessel_gym.sensor_faults.lost_fix`).
 """
-
-
-def columns(indices: Sequence[int]) -> Any:
-    """Indices of components; a slice if they are consecutive, so that indexing gives a view."""
-    chosen = list(indices)
-    if chosen and chosen == list(range(chosen[0], chosen[-1] + 1)):
-        return slice(chosen[0], chosen[-1] + 1)
-    return chosen
 
 
 def plain(components: Sequence[int]) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:

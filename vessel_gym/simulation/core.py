@@ -7,23 +7,21 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 
 from estimators import Gaussian, RandomKeys
-from estimators.checks import short_repr
+from estimators.checks import integer
 from estimators.linalg import shared_root
 from vessel_gym.checks import (
     checked_action,
     is_compiled,
-    is_integer,
     refuse_not_finite,
     refuse_other_ends,
 )
 from vessel_gym.checks import options as checked_options
 from vessel_gym.simulation.configuration import Configuration, Options
 from vessel_gym.simulation.draws import DRAWN, filter_prior, next_episodes, start_numbers
-from vessel_gym.simulation.mission import estimate_of, standard_deviations
+from vessel_gym.simulation.mission import estimate_of
 from vessel_gym.simulation.state import State
 from vessel_gym.simulation.whole_step import Moment
 from vessel_gym.system import System
-from vessel_gym.tasks.task import Estimate
 
 _FEW = 64
 """Rows up to which one program is faster than its stages, whose code stays in the first cache."""
@@ -59,11 +57,7 @@ class Core:
     """
 
     def __init__(self, system: System, num_envs: int = 1, *arguments: Any, **named: Any) -> None:
-        if not is_integer(num_envs) or num_envs < 1:
-            raise ValueError(
-                f"num_envs must be a positive whole number, got {short_repr(num_envs)}"
-            )
-        self.num_envs = int(num_envs)
+        self.num_envs = integer("num_envs", num_envs, 1)
         self.config = Configuration(system, Options(*arguments, **named))
         self.action_shape = self.num_envs, self.config.action_size
         self._together = bool(self.config.whole_steps) and num_envs <= _FEW
@@ -258,24 +252,16 @@ class Core:
             parts = [task.observe_measurements(config.sensors, *given), mission]
             if config.raw is None:
                 return parts
-            estimate = self._estimate(now.raw, config.raw.space)
+            estimate = estimate_of(config.raw.space, now.raw)
             reference = task.reference(now.scenario, now.steps, estimate.state)
             return [task.observe(estimate, now.scenario, reference, now.actuators), *parts]
-        estimate = self._estimate(now.belief, config.estimation.space)
+        std = "std" in config.observe_mode
+        estimate = estimate_of(config.estimation.space, now.belief, std)
         if config.options.guidance:
             parts = [task.observe(estimate, now.scenario, now.reference, now.actuators)]
         else:
             parts = [task.observe_state(estimate, now.scenario), mission]
-        return [*parts, task.observe_std(estimate)] if "std" in config.observe_mode else parts
-
-    def _estimate(self, belief: Any, space: Any) -> Estimate:
-        """The part of a belief that the task observes."""
-        estimate = estimate_of(space, belief.mean, belief.input_mean)
-        if "std" in self.config.observe_mode:
-            estimate.sd, estimate.scale = standard_deviations(belief.cov), space.scale
-            if estimate.input_mean is not None and belief.input_cov is not None:
-                estimate.input_sd = standard_deviations(belief.input_cov)
-        return estimate
+        return [*parts, task.observe_std(estimate)] if std else parts
 
     # --- what is scored ---------------------------------------------------------------------------
 
@@ -295,36 +281,18 @@ class Core:
             raise ResetNeeded("call reset() before asking for the truth")
         return self.config.true_state.values(self.now)
 
-    def info(
-        self, rows: np.ndarray | None = None, moment: Moment | None = None
-    ) -> dict[str, np.ndarray]:
+    def info(self, moment: Moment | None = None) -> dict[str, np.ndarray]:
         """The last step's record in arrays of the caller's, one row for each environment.
 
         Args:
-            rows: Mask ``(B,)`` of the rows to copy; other rows hold 0. None for all.
             moment: What `advance` has just returned, whose arrays nobody else has.
         """
-        if moment is None:
-            info = self.happened()
-        else:
+        if moment is not None:
             info = moment.info()
-            if self.num_envs == 1:
-                info = {name: values[None] for name, values in info.items()}
-        if rows is None:
-            return info
-        return {name: _only(rows, values) for name, values in info.items()}
-
-    def happened(self) -> dict[str, np.ndarray]:
-        """The last step's record in arrays of the caller's, one row for each environment."""
+            several = self.num_envs > 1
+            return info if several else {name: values[None] for name, values in info.items()}
         config, now = self.config, self.now
-        happened = config.info.changes(now)
+        info = config.info.changes(now)
         if now.faults is not None:
-            happened["sensor_faults"] = config.delivery.active(now)
-        return happened
-
-
-def _only(rows: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Copy of the values of some rows, with 0 in the others."""
-    only = np.zeros(values.shape, values.dtype)
-    only[rows] = values[rows]
-    return only
+            info["sensor_faults"] = config.delivery.active(now)
+        return info

@@ -4,7 +4,7 @@ import numpy as np
 
 from estimators import RandomKeys
 from vessel_gym.sensor_faults import SensorFault
-from vessel_gym.sensors import Sensors, columns
+from vessel_gym.sensors import Sensors
 from vessel_gym.simulation.state import State
 
 _ROUNDING = 1e-6
@@ -27,8 +27,7 @@ class Delivery:
         self.sensors, self.ages = sensors, sensors.horizon + 1
         names = [sensor.name for sensor in sensors.each]
         self._sensor_index = [names.index(fault.sensor) for fault in sensors.faults]
-        channels = (np.flatnonzero(sensors.owner == i).tolist() for i in self._sensor_index)
-        self._channels = [columns(each) for each in channels]  # of each fault
+        self._channels = [sensors.own[i] for i in self._sensor_index]  # of each fault
         self._due = sensors.delays[sensors.owner] == np.arange(self.ages)[:, None]  # (ages, p)
 
     def begin(self, now: State) -> None:

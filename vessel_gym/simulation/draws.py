@@ -1,6 +1,5 @@
 """The start of episodes: seeds, random numbers and priors."""
 
-import math
 from functools import lru_cache
 from itertools import chain
 from typing import Any, NamedTuple
@@ -29,15 +28,16 @@ def seeds_of(seed: Any, num_envs: int, rows: list[int]) -> list[int]:
         ValueError: for a seed that is not a whole number, a wrong number of seeds, or a negative
             seed in ``rows``.
     """
-    if type(seed) is int and seed >= 0:  # the usual case, without checks
-        return list(range(seed, seed + num_envs))
     if seed is None:
         seed = int(np.random.SeedSequence().generate_state(1)[0])
     if isinstance(seed, np.ndarray):
         seed = seed.tolist()
-    if not is_integer(seed) and not isinstance(seed, list | tuple):
+    if is_integer(seed):
+        seeds = [*range(int(seed), int(seed) + num_envs)]
+    elif isinstance(seed, list | tuple):
+        seeds = [*seed]
+    else:
         raise ValueError(f"seed must be a whole number or a list of them, got {short_repr(seed)}")
-    seeds = [int(seed) + i for i in range(num_envs)] if is_integer(seed) else list(seed)
     if len(seeds) != num_envs:
         raise ValueError(f"got {len(seeds)} seeds for {num_envs} environments")
     if not all(is_integer(seeds[row]) and seeds[row] >= 0 for row in rows):
@@ -139,17 +139,17 @@ def start_numbers(
 
 def filter_prior(prior: Gaussian, space: StateSpace) -> Gaussian:
     """Prior of the states that a filter estimates."""
-    start, n = _start(prior.cov.tobytes(), space), len(space.vehicle_states)
+    start, n = _start(prior.cov.tobytes(), len(prior.cov), space), len(space.vehicle_states)
     mean = np.zeros((len(prior.mean), len(start.cov)))
     mean[:, :n] = prior.mean[:, :n]
     return start.about(mean)
 
 
 @lru_cache(maxsize=16)
-def _start(cov: bytes, space: StateSpace) -> Gaussian:
+def _start(cov: bytes, n: int, space: StateSpace) -> Gaussian:
     """Prior of a filter about 0, given the covariance ``(n, n)`` of the vehicle."""
-    whole = space.joint_prior(_square(cov))
-    n, bias = len(_square(cov)), np.arange(len(whole) - space.sensors.bias.size, len(whole))
+    whole = space.joint_prior(np.frombuffer(cov).reshape(n, n))
+    bias = np.arange(len(whole) - space.sensors.bias.size, len(whole))
     kept = np.concatenate([np.arange(len(space.vehicle_states)), n + space.kept, bias])
     known = whole[np.ix_(kept, kept)]
     if space.stacked:
@@ -157,8 +157,3 @@ def _start(cov: bytes, space: StateSpace) -> Gaussian:
     if space.last:  # nothing acted before the start: a negligible, not singular variance
         known = block_diagonal(known, 1e-6 * space.cov[np.ix_(space.last, space.last)])
     return Gaussian(np.zeros(len(known)), known)
-
-
-def _square(matrix: bytes) -> np.ndarray:
-    flat = np.frombuffer(matrix)
-    return flat.reshape(2 * (math.isqrt(len(flat)),))

@@ -87,18 +87,24 @@ class Mission:
         """The reference and, if ``guided``, the observation of mode ``"mean"``, clipped."""
         if not self.guided:
             return {"reference": reference}
-        belief, task = now.belief, self.task
+        task = self.task
         with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
-            estimate = estimate_of(self.space, belief.mean, belief.input_mean)
+            estimate = estimate_of(self.space, now.belief)
             seen = task.observe(estimate, now.scenario, reference, now.actuators)
             seen = np.clip(seen, -task.BOUND, task.BOUND)
         return {"reference": reference, "observation": seen}
 
 
-def estimate_of(space: StateSpace, mean: np.ndarray, input_mean: np.ndarray | None) -> Estimate:
-    """Estimate for the task, from means ``(..., n)`` of the state and ``(..., q)`` of d."""
-    known = input_mean if input_mean is not None and input_mean.shape[-1] else None
-    return Estimate(mean[..., : len(space.vehicle_states)], space.flow(mean, known), known)
+def estimate_of(space: StateSpace, belief: Any, std: bool = False) -> Estimate:
+    """Part of a belief that the task observes, with standard deviations if asked."""
+    mean, d = belief.mean, belief.input_mean
+    d = d if d is not None and d.shape[-1] else None
+    estimate = Estimate(mean[..., : len(space.vehicle_states)], space.flow(mean, d), d)
+    if std:
+        estimate.sd, estimate.scale = standard_deviations(belief.cov), space.scale
+        if d is not None and belief.input_cov is not None:
+            estimate.input_sd = standard_deviations(belief.input_cov)
+    return estimate
 
 
 def standard_deviations(cov: np.ndarray) -> np.ndarray:

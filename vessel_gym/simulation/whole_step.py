@@ -116,10 +116,6 @@ class Layout:
         *starts, self.size = accumulate(map(prod, shapes.values()), initial=0)
         self.first = dict(zip(shapes, starts, strict=True))
 
-    def joined(self, arrays: Sequence[np.ndarray]) -> np.ndarray:
-        """Arrays in one."""
-        return np.concatenate([each.reshape(len(each), -1) for each in arrays], 1)
-
     def parts(self, numbers: np.ndarray) -> dict[str, np.ndarray]:
         """The arrays, read-only and in C order."""
         parts = {}
@@ -206,9 +202,9 @@ class WholeStep:
     def _values(self, last: State) -> list[np.ndarray]:
         """Arguments of a step from a record, but for the action."""
         arrays = arrays_of(last)
-        numbers = self.layout.joined([arrays[name] for name in self.layout.first])
+        numbers = [arrays[name].reshape(len(last.steps), -1) for name in self.layout.first]
         fixed, others = ([arrays[name] for name in each] for each in (self._fixed, self.others))
-        return [*fixed, numbers, *others]
+        return [*fixed, np.concatenate(numbers, 1), *others]
 
     def _trace(self, last: State) -> None:
         """Trace the stages for rows of the record."""
