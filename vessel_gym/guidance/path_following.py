@@ -37,11 +37,11 @@ def _pieces(segments: np.ndarray) -> tuple[np.ndarray, ...]:
     """Pieces ``(..., k + 2)`` of a path ``(..., 5 k)``, with straights at both ends.
 
     Returns:
-        x, y and heading of each piece's origin, curvature, progress at the origin, first and last
-        arc length from the origin, and a mask of existing pieces.
+        x, y and heading of each piece's origin, curvature, progress at the origin, and first and
+        last arc length from the origin, which are equal for rows of length 0.
     """
     x, y, heading, curvature, length = (segments[..., i::COLUMNS] for i in range(COLUMNS))
-    zero, mask = np.zeros_like(length[..., :1]), length > 0.0
+    zero = np.zeros_like(length[..., :1])
     ends = end_pose(segments)
     origins = (
         np.concatenate([first[..., :1], first, end[..., None]], -1)
@@ -53,7 +53,6 @@ def _pieces(segments: np.ndarray) -> tuple[np.ndarray, ...]:
         np.concatenate([zero, zero, length.cumsum(-1)], -1),
         np.concatenate([zero - LEAD, np.zeros_like(length), zero], -1),
         np.concatenate([zero, length, zero + LEAD], -1),
-        np.concatenate([zero == 0.0, mask, zero == 0.0], -1),
     )
 
 
@@ -86,27 +85,25 @@ def locate(
         distance from the path [m].
     """
     x, y = (np.clip(pose[..., i], -_FAR, _FAR) for i in range(2))
-    rx, ry, angle, curvature, begin, first, last, exists = _pieces(segments)
+    *arc, begin, first, last = _pieces(segments)
     low = np.maximum(first, window[..., 0, None] - begin)
     high = np.minimum(last, window[..., 1, None] - begin)
-    arc = rx, ry, angle, curvature
-    s, ax, ay, at = nearest(x[..., None], y[..., None], arc, low, high)
+    s, ax, ay, at = nearest(x[..., None], y[..., None], tuple(arc), low, high)
     turned = 1.0 - np.cos(pose[..., 2, None] - at)
     off = (x[..., None] - ax) ** 2 + (y[..., None] - ay) ** 2
     cost = off + 2.0 * window[..., 2, None] ** 2 * turned
-    cost = np.where(exists & (low <= high), cost, np.inf)
+    cost = np.where((first < last) & (low <= high), cost, np.inf)
     points = np.stack([begin + s, ax, ay, at], -1)
-    least = cost[..., 0]
-    start = np.concatenate([np.zeros_like(begin[..., :1]), segments[..., :3]], -1)
-    point = np.where((least < np.inf)[..., None], points[..., 0, :], start)
-    for k in range(1, cost.shape[-1]):
+    least = np.full_like(x, np.inf)
+    point = np.concatenate([np.zeros_like(begin[..., :1]), segments[..., :3]], -1)  # the start
+    for k in range(cost.shape[-1]):
         closer = cost[..., k] < least
         least = np.where(closer, cost[..., k], least)
         point = np.where(closer[..., None], points[..., k, :], point)
     progress, px, py, heading = (point[..., i] for i in range(4))
     near, far = progress + ahead[..., 0], progress + ahead[..., 1]
-    soon = _mean_curvature(begin, curvature, progress, near)
-    later = _mean_curvature(begin, curvature, near, far)
+    soon = _mean_curvature(begin, arc[3], progress, near)
+    later = _mean_curvature(begin, arc[3], near, far)
     _, across = ahead_and_aside(x - px, y - py, heading)
     return np.stack([progress, across, heading, soon, later, np.hypot(x - px, y - py)], -1)
 

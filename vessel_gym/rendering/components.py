@@ -17,6 +17,8 @@ _WORDS = {
     "north": ("speed north", "m/s"), "east": ("speed east", "m/s"), "climb": ("climb rate", "m/s"),
     "unknown yaw increment": ("yaw increment", "mrad"),
 }  # fmt: skip
+_FACTORS = {"°": float(np.rad2deg(1.0)), "°/s": float(np.rad2deg(1.0)), "mrad": 1e3}
+"""Factors from SI to the displayed units; others are 1."""
 
 
 def pose(states: np.ndarray, names: Sequence[str]) -> np.ndarray:
@@ -47,11 +49,7 @@ def in_words(name: str, angles: Sequence[str]) -> tuple[str, str, float]:
         angles: Names of the components that are angles.
     """
     words, unit = _WORDS.get(name, (name, "°" if name in angles else ""))
-    return (
-        words,
-        unit,
-        float(np.rad2deg(1.0)) if unit.startswith("°") else 1e3 if unit == "mrad" else 1.0,
-    )
+    return words, unit, _FACTORS.get(unit, 1.0)
 
 
 class Components:

@@ -150,9 +150,7 @@ class Scene:
         self.core, self.workspace, self.history = core, workspace, history
         config = core.config
         names = config.estimation.space.vehicle_states
-        self.estimated = sorted(
-            names, key=lambda name: _FIRST.index(name) if name in _FIRST else len(_FIRST)
-        )
+        self.estimated = sorted(names, key=(*_FIRST, *names).index)
         states = history["truth"].copy()
         self.time = np.arange(len(states)) * config.system.vehicle.dt
         true_names = config.true_state.names

@@ -172,8 +172,8 @@ class Channel(Track):
 
     def on_track(self, scenario: np.ndarray, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances along and to starboard of the axes [m], of states ``(T, B, n)``."""
-        found = np.array([self._nearest(scenario, now)[..., :2] for now in state])
-        return found[..., 0], found[..., 1]
+        place = self._nearest(scenario, state)
+        return place[..., 0], place[..., 1]
 
     def observe_mission(
         self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray

@@ -106,17 +106,16 @@ class Dive(Task):
         angle, length, depth = arc_to(goal)
         farthest = 0.8 * self.horizon * self.dt * self.auv.cruise_speed
         least, turn = self.tightest * self.auv.length, abs(angle)
-        limits: dict[str, tuple[float, float, float, str]] = {
-            "turn": (np.rad2deg(turn), 0.0, np.rad2deg(self.widest), "deg"),
-            "length": (length, least, farthest, "m"),
-            "radius": (length / max(turn, 1e-9), least, np.inf, "m"),
-            "depth": (depth, 0.0, length * np.tan(self.steepest) / 1.5, "m"),
-        }
-        for what, (value, low, high, unit) in limits.items():
-            if not low <= value <= high:
+        for what, size, low, high, unit in (
+            ("turn", np.rad2deg(turn), 0.0, np.rad2deg(self.widest), "deg"),
+            ("length", length, least, farthest, "m"),
+            ("radius", length / max(turn, 1e-9), least, np.inf, "m"),
+            ("depth", depth, 0.0, length * np.tan(self.steepest) / 1.5, "m"),
+        ):
+            if not low <= size <= high:
                 raise ValueError(
                     f"the {what} of the path to the goal must be {low:.1f} to {high:.1f} {unit},"
-                    f" got {value:.1f} {unit}"
+                    f" got {size:.1f} {unit}"
                 )
         return goal
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from estimators import Gaussian
 from estimators.checks import numbers, short_repr
-from estimators.factory import unknown
+from vessel_gym.checks import one_of
 from vessel_gym.sensors import Sensors
 from vessel_gym.tasks.workspace import Workspace
 from vessel_gym.vehicles.vehicle import Vehicle
@@ -99,7 +99,7 @@ class Task:
             ValueError: for an option that the task does not have.
         """
         for option in options:
-            raise ValueError(unknown("reset option", option, ()))
+            one_of("reset option", option, ())
         return uniforms
 
     @cached_property
