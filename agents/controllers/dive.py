@@ -75,14 +75,13 @@ def steady_motions(vehicle: AUV, lateral: bool) -> SteadyMotions:
     else:
         plane, rate, fin, side = ["w", "q", "theta"], 1, -2, -1.0
         command = np.deg2rad(np.linspace(-45.0, 45.0, 91))
-    index = [names.index(name) for name in plane]
-    surge, tilt, balanced = names.index("u"), index[rate + 1], index[:2]
+    surge, *index = (names.index(name) for name in ("u", *plane))
 
     def motion(z: np.ndarray, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         state = np.zeros((*z.shape[:-1], len(names)))
         actuators = np.zeros((*z.shape[:-1], len(vehicle.action_names)))
         state[..., surge] = speed
-        state[..., [index[0], tilt]], actuators[..., [fin, -1]] = z[..., :2], z[..., 2:]
+        state[..., [index[0], index[rate + 1]]], actuators[..., [fin, -1]] = z[..., :2], z[..., 2:]
         if lateral:
             state[..., index[rate]] = command[..., 0]
         return state, actuators
@@ -90,16 +89,15 @@ def steady_motions(vehicle: AUV, lateral: bool) -> SteadyMotions:
     def residual(z: np.ndarray, command: np.ndarray) -> np.ndarray:
         state, actuators = motion(z, command)
         rates = (_after(vehicle, state, actuators) - state) / vehicle.dt
+        balance = rates[..., [surge, *index[: rate + 1]]]
         climb = z[..., 1:2] - np.arctan2(z[..., :1], speed)
-        last = rates[..., [index[rate]]] if lateral else climb - command
-        return np.concatenate([rates[..., [surge, *balanced]], last], -1)
+        return balance if lateral else np.concatenate([balance, climb - command], -1)
 
     guess = np.tile([0.0, 0.0, 0.0, vehicle.body.cruise_thrust], (len(command), 1))
     table = root(residual, guess, command[:, None])
     if np.isnan(table).any():
         raise RuntimeError("the vehicle has no steady motion for some commands of its autopilot")
-    middle = len(command) // 2
-    state, actuators = motion(table[middle], command[middle : middle + 1])
+    state, actuators = motion(table[len(command) // 2], np.zeros(1))  # straight ahead
 
     def step(x: np.ndarray) -> np.ndarray:
         state[index], actuators[fin] = x[:-1], x[-1]
@@ -107,9 +105,8 @@ def steady_motions(vehicle: AUV, lateral: bool) -> SteadyMotions:
 
     AB, direction = jacobian(step, np.append(state[index], actuators[fin])), np.zeros(len(index))
     direction[[0, -1]] = side / speed, 1.0
-    return SteadyMotions(
-        command, table[:, 0], table[:, 2], table[:, 3], AB[:, :-1], AB[:, -1:], direction
-    )
+    drift, _, fins, thrust = table.T
+    return SteadyMotions(command, drift, fins, thrust, AB[:, :-1], AB[:, -1:], direction)
 
 
 def _after(vehicle: AUV, state: np.ndarray, actuators: np.ndarray) -> np.ndarray:

@@ -52,6 +52,11 @@ class Journal:
         with replacing(path) as temporary:
             temporary.write_text(text, encoding="utf-8")
 
+    @property
+    def finite(self) -> list[tuple[list[float], float]]:
+        """Evaluations that did not fail."""
+        return [each for each in self.points if math.isfinite(each[1])]
+
     def score(self, point: np.ndarray, evaluate: Callable[[], float]) -> float:
         """The score of a point: as kept, or else evaluated and kept."""
         place, asked = len(self.points), point.tolist()
@@ -121,9 +126,9 @@ def search(
     def loss(point: np.ndarray) -> float:
         point = np.clip(point, 0.0, 1.0)
         found = journal.score(point, lambda: score(values(point)))
-        finite = [each for _, each in journal.points if math.isfinite(each)]
-        progress(len(journal.points), max(finite, default=math.nan))
-        return -found if math.isfinite(found) else 1.0 - min(finite, default=0.0)
+        scores = [each for _, each in journal.finite]
+        progress(len(journal.points), max(scores, default=math.nan))
+        return -found if math.isfinite(found) else 1.0 - min(scores, default=0.0)
 
     start = np.array([r.to_unit(parameters[name].value) for name, r in ranges.items()])
     if seed:
@@ -138,14 +143,13 @@ def search(
                 )  # fmt: skip
             start = _best(journal)
     except KeyboardInterrupt:
-        if not journal.points:
+        if not journal.finite:
             raise
     return values(_best(journal))
 
 
 def _best(journal: Journal) -> np.ndarray:
     """The point with the highest finite score so far."""
-    finite = [each for each in journal.points if math.isfinite(each[1])]
-    if not finite:
+    if not journal.finite:
         raise ValueError("no candidate has a finite score: evaluate the arm before you tune it")
-    return np.array(max(finite, key=lambda each: each[1])[0])
+    return np.array(max(journal.finite, key=lambda each: each[1])[0])

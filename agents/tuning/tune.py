@@ -45,7 +45,8 @@ def tune(
 
     All candidates meet the same ``episodes`` tuning seeds in each condition. Then Q and R are
     multiplied by one factor such that the NEES of the position is 1 per component in the median
-    episode, if that hardly changes the score. Tuned and delivered parameters are compared on other seeds.
+    episode, if that hardly changes the score. Tuned and delivered parameters are compared on other
+    seeds.
 
     Args:
         arm: What is tuned, and for which conditions.
