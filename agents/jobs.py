@@ -27,7 +27,6 @@ from typing import Any
 import vessel_gym
 from agents.files import replacing
 from agents.source import source_digest
-from vessel_gym.extras import require
 
 _PATIENCE = 30  # seconds for a Dask scheduler or its first worker to answer
 
@@ -140,7 +139,6 @@ def run(
         OSError: if the run cannot go on, as on a full disk or when a process is killed; what was
             finished is kept.
     """
-    require("joblib", *(("dask", "distributed") if scheduler else ()))
     folder = Path(folder).resolve() / "jobs"
     folder.mkdir(parents=True, exist_ok=True)
     wanted = {job.key: job for last in jobs for job in (*last.needs, last)}

@@ -117,7 +117,7 @@ def ship() -> None:
 
 
 def shipped() -> str:
-    """What the files that come with the package change, on seeds that no tuning has used."""
+    """Scores with the files that come with the package, on seeds that no tuning has used."""
     rows, seeds = [], tuning_seeds(200, first=FRESH + 2000)
     for environment in MIX:
         tuned = load_tuned(environment)

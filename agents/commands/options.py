@@ -131,10 +131,12 @@ def _parser(main: Callable[..., Any], name: str | None) -> tuple[_Parser, list[s
                     group.add_argument(_flag(each), **_keywords(kind, argparse.SUPPRESS, text))
             continue
         keywords = _keywords(hints[key], parameter.default, helps.get(key, ""))
+        if "type" in keywords:
+            keywords.setdefault("metavar", key.rstrip("_").upper())
         if parameter.kind is parameter.POSITIONAL_ONLY:
             if "default" in keywords:
                 keywords["nargs"] = "*" if "nargs" in keywords else "?"
-            parser.add_argument(key, metavar=key.upper(), **keywords)
+            parser.add_argument(key, **keywords)
             positional.append(key)
         else:
             parser.add_argument(_flag(key), dest=key, **keywords)

@@ -17,12 +17,12 @@ import pandas as pd
 
 from agents.statistics import Interval
 from agents.studies.ranking import interval
-from agents.studies.records import Condition
+from agents.studies.records import TUNED, Condition
 from agents.studies.results import Results
 from agents.studies.worlds import AT_RATE
 from vessel_gym.sensors.grades import NOMINAL
 
-ESTIMATOR, AGENT, TUNED, RUN = "estimator", "agent", "tuned", "run"
+ESTIMATOR, AGENT, RUN = "estimator", "agent", "run"
 
 
 class Effect(NamedTuple):
@@ -99,7 +99,7 @@ def _varying(conditions: list[Condition]) -> pd.DataFrame:
 
 
 def cells(results: Results, environment: str) -> pd.DataFrame:
-    """Scores of the classical agent on filters, a row for each cell and run, a column for a seed."""
+    """Scores of the classical agent on filters, a row for each cell and run, a column a seed."""
     study, score = results.plan.study, results.score.loc[[environment]]
     factors = _varying([c for c in study.conditions if c.is_in(environment)])
     of = score.index.get_level_values
@@ -119,7 +119,7 @@ def contrasts(table: pd.DataFrame, factor: str, reference: str) -> dict[str, pd.
 
 
 Contrasts = dict[str, tuple[str, dict[str, pd.DataFrame]]]
-"""Reference of each factor, and the differences of its other levels, a row for each cell and run."""
+"""Reference of each factor, and differences of its other levels, a row for each cell and run."""
 
 
 def _by_cell(results: Results, environment: str) -> Contrasts:
@@ -141,7 +141,7 @@ def _policies(results: Results, environment: str) -> Contrasts:
     score, classical = results.score.loc[[environment]], results.classical
     found: Contrasts = {}
     for policy in score.index.unique("policy").drop(classical, errors="ignore"):
-        tuned = policy == f"{classical}, {TUNED}"
+        tuned = policy == results.compared
         names = results.filters(environment) if tuned else [results.home(environment, policy)]
         own = score[score.index.get_level_values(ESTIMATOR).isin(names)].droplevel("environment")
         ours, theirs = (own[own.index.get_level_values("policy") == p] for p in (policy, classical))

@@ -21,7 +21,7 @@ _COLUMNS = 2
 
 
 def conditions_figure(results: Results) -> "Figure":
-    """Normalised score of the classical agent in each condition, a panel an environment.
+    """Normalised score of `Results.compared` in each condition, a panel an environment.
 
     The ends of the scale are left out: they are 0 and 1 in every condition.
     """
@@ -53,7 +53,7 @@ def _points(panel: "Axes", results: Results, environment: str, names: list[str])
     """
     conditions, handles = results.conditions(environment), {}
     for k, (name, colour, mark) in enumerate(zip(names, cycle(PALETTE), cycle(_MARKS))):
-        at = [(environment, condition, results.classical, name) for condition in conditions]
+        at = [(environment, condition, results.compared, name) for condition in conditions]
         scores = [crossed_interval(results.values(results.normalised, *place)) for place in at]
         ends = np.array([(s.mean, s.half) if s else (np.nan, np.nan) for s in scores])
         places = np.arange(len(conditions)) + 0.6 * ((k + 0.5) / len(names) - 0.5)

@@ -127,6 +127,7 @@ def _ranked(results: Results) -> list[Block]:
 def _environment(results: Results, environment: str) -> list[Block]:
     """The tables of an environment: tunings, conditions, costs and consistency."""
     first = results.conditions(environment)[0]
+    who = results.who + ", tuned" * bool(results.plan.study.tune)
     chosen = [SCORE, *(m for m in metrics(system_of(environment)) if m.cost)]
     meanings = " ".join(f"{m.label}: {m.meaning}" for m in chosen)
     return [
@@ -141,12 +142,12 @@ def _environment(results: Results, environment: str) -> list[Block]:
         table(
             heading(results, environment),
             conditions_table(results, environment),
-            f"Of {results.who}.",
+            f"Of {who}.",
         ),
         table(
             f"{environment}: secondary metrics, {first}",
             costs(results, environment, chosen),
-            f"Of {results.who} on {ORACLE}, and on the others the differences from that, paired by"
+            f"Of {who} on {ORACLE}, and on the others the differences from that, paired by"
             f" evaluation seed. {meanings}",
         ),
         table(
@@ -159,8 +160,8 @@ def _environment(results: Results, environment: str) -> list[Block]:
 
 
 def costs(results: Results, environment: str, chosen: Sequence[Metric]) -> pd.DataFrame:
-    """Score and costs of the classical agent in the first condition, minus those on the truth."""
-    columns, place = {}, (environment, results.conditions(environment)[0], results.classical)
+    """Score and costs of `Results.compared` in the first condition, minus those on the truth."""
+    columns, place = {}, (environment, results.conditions(environment)[0], results.compared)
     for m in chosen:
         wide = results.wide(m.key)
         truth = results.values(wide, *place, ORACLE)

@@ -95,19 +95,19 @@ class Results:
         return [c.name for c in self.plan.study.conditions if c.is_in(environment)]
 
     def estimators(self, environment: str | None = None) -> list[str]:
-        """Estimators that the classical agent was steered on, in the order of the study."""
-        own = self.table[self.table.policy == self.classical]
+        """Estimators on which `compared` was steered, in the order of the study."""
+        own = self.table[self.table.policy == self.compared]
         there = own if environment is None else own[own.environment == environment]
         return list(there.estimator.unique())
 
     def filters(self, environment: str) -> list[str]:
-        """Filters among the estimators of the classical agent in an environment."""
+        """Filters among the `estimators` of an environment."""
         study = self.plan.study
         others = {each.name for each in study.estimators}.difference(study.filters)
         return [name for name in self.estimators(environment) if name not in others]
 
     def curves(self, environment: str) -> dict[str, list[Any]]:
-        """Steps and returns of the runs of each policy, see `agents.studies.training.train_agent`."""
+        """Steps and returns of the runs of each policy, see `train_agent`."""
         found: dict[str, dict[str, Any]] = {}
         for flight in self.plan.flights:
             for need in flight.job.needs if flight.environment == environment else ():

@@ -16,7 +16,7 @@ from agents.statistics import (
     share_interval,
 )
 from agents.studies.answer import answer
-from agents.studies.effects import effects
+from agents.studies.effects import Effect, effects
 from agents.studies.ranking import Ranking, rankings
 from agents.studies.results import Results
 
@@ -39,15 +39,9 @@ def legend(results: Results) -> str:
 
 def effects_table(results: Results) -> pd.DataFrame:
     """Factors with their reference, best and worst levels, and what these change in the score."""
-    rows = {
-        e.factor: {
-            "best": e.best, "gain": text(e.gain, 3, True),
-            "worst": e.worst, "loss": text(e.loss, 3, True),
-            "reference": e.reference,
-        }
-        for e in effects(results)
-    }  # fmt: skip
-    return _table(rows, "factor")
+    table = pd.DataFrame(effects(results), columns=Effect._fields).set_index("factor")
+    changes = table[["gain", "loss"]].map(lambda change: text(change, 3, True))
+    return table.assign(gain=changes.gain, loss=changes.loss)
 
 
 def tuned_table(results: Results, environment: str) -> pd.DataFrame:
@@ -139,9 +133,9 @@ def summary(ranking: Ranking) -> pd.DataFrame:
     return _table(rows)
 
 
-def _table(rows: dict[str, dict[str, str]], head: str = "estimator") -> pd.DataFrame:
-    """A table of texts, by default with a row for each estimator."""
-    return pd.DataFrame.from_dict(rows, orient="index").rename_axis(head)
+def _table(rows: dict[str, dict[str, str]]) -> pd.DataFrame:
+    """A table of texts with a row for each estimator."""
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("estimator")
 
 
 def heading(results: Results, environment: str) -> str:
@@ -151,23 +145,16 @@ def heading(results: Results, environment: str) -> str:
 
 
 def conditions_table(results: Results, environment: str) -> pd.DataFrame:
-    """Normalised score of the classical agent on each estimator in each condition.
+    """Normalised score of `Results.compared` on each estimator in each condition.
 
     Both are in the file's order. Without a scale it is the score.
     """
-    wide, agent = (
-        results.normalised if environment in rankings(results) else results.score,
-        results.classical,
-    )
-    rows = {
-        estimator: {
-            condition: text(
-                crossed_interval(results.values(wide, environment, condition, agent, estimator)), 3
-            )
-            for condition in results.conditions(environment)
-        }
-        for estimator in results.estimators(environment)
-    }
+    wide = results.normalised if environment in rankings(results) else results.score
+    rows = {}
+    for name in results.estimators(environment):
+        places = [(environment, c, results.compared, name) for c in results.conditions(environment)]
+        scores = {place[1]: crossed_interval(results.values(wide, *place)) for place in places}
+        rows[name] = {condition: text(score, 3) for condition, score in scores.items()}
     return _table(rows)
 
 

@@ -212,7 +212,7 @@ def test_differences_of_a_ranking_hold_for_all_pairs_at_once(small, monkeypatch,
     values = np.random.default_rng(40).normal(size=(1, 20))
     half = crossed_interval(values, comb(len(ranking.scores), 2)).half
     values += times * half - values.mean()
-    monkeypatch.setattr(Ranking, "_differences", lambda *_: values)
+    monkeypatch.setattr(Ranking, "differences", lambda *_: values)
     assert ranking.gap("ekf", "kf").excludes_zero == decided
     assert (ranking.verdict("ekf", "kf") != "undecided") == decided
 

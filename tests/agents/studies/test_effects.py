@@ -163,7 +163,8 @@ def test_agents_are_compared_at_home_over_their_runs(runs):
 def test_tuning_is_a_factor():
     tuned = plan(study((CORVETTE,), episodes=20))
     again = tuple(replace(f, policy="autopilot, tuned") for f in tuned.flights)
-    both = replace(tuned, flights=(*tuned.flights, *again))
+    asked = replace(tuned.study, tune=Tuning())
+    both = replace(tuned, study=asked, flights=(*tuned.flights, *again))
     made = results(tuned)
     table = made.table.assign(policy="autopilot, tuned")
     table["score"] += 0.05 * (~table.estimator.isin(["truth", "dead-reckoning"]))
