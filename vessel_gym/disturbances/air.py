@@ -70,9 +70,7 @@ class Air(Disturbance):
     @cached_property
     def white(self) -> np.ndarray:  # type: ignore[override]
         """Root of the covariance of a step's increments of velocities [m/s] and bank [rad]."""
-        return np.sqrt(self.dt) * np.diag(
-            [self.increment, self.increment, self.increment, self.roll]
-        )
+        return np.sqrt(self.dt) * np.diag([*[self.increment] * 3, self.roll])
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Wind north, east and down [m/s]."""

@@ -78,12 +78,10 @@ class Seaway(Disturbance):
     def __post_init__(self) -> None:
         instance("ship of Seaway", self.ship, CorvetteParameters)
         instance("spectrum of Seaway", self.spectrum, WaveSpectrum)
-        kinds = {
-            "positive": "dt current_time",
-            "not_negative": "wind current",
-            "direction": "wind_direction",
-        }
-        check_numbers("a seaway", vars(self), **kinds)
+        check_numbers(
+            "a seaway", vars(self), positive="dt current_time", not_negative="wind current",
+            direction="wind_direction",
+        )  # fmt: skip
         if self.response is not None:
             instance("response of Seaway", self.response, WaveResponse)
             low, high = self.spectrum.frequency_at(np.array([0.01, 0.99]))
@@ -169,13 +167,12 @@ class Seaway(Disturbance):
 
         Rudder and surge speed are those of the equilibrium.
         """
-        heading, moving = STATE.index("psi"), [STATE.index("u"), STATE.index("v")]
 
         def accelerations(balance: np.ndarray, _: None) -> np.ndarray:
             """Surge, sway and yaw; ``balance``: rudder [rad], relative surge and sway."""
             state = np.zeros((*balance.shape[:-1], len(STATE)))
-            state[..., heading] = self.wind_direction + 0.5 * np.pi
-            state[..., moving] = balance[..., 1:] * self.ship.speed
+            state[..., 2] = self.wind_direction + 0.5 * np.pi
+            state[..., 3:5] = balance[..., 1:] * self.ship.speed
             around = self.effect(np.zeros_like(state), state)[..., 1:]  # in water at rest
             rates = corvette_rates(state, balance[..., :1], around, self.ship.vector())
             return rates[..., 3:6] * [1.0, 1.0, self.ship.length]

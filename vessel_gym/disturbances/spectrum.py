@@ -72,22 +72,17 @@ class WaveSystem:
         tabled = jonswap(own, self.height, self.period, self.peakedness)
         return np.interp(frequency, own, tabled, left=0.0, right=0.0)
 
-    @property
-    def directions(self) -> np.ndarray:
-        """Directions [rad] relative to the mean, between which energy is tabled."""
-        return np.array([-1e-9, 1e-9]) if self.spreading == "long-crested" else _EDGES
-
     def share(self, direction: np.ndarray) -> np.ndarray:
         """Share of the energy that runs to directions [rad] below these, of the mean +- pi."""
         off = direction - self.direction
         turns = np.floor(off / TURN + 0.5)
-        return turns + np.interp(off - TURN * turns, *self._shares)
+        return turns + np.interp(off - TURN * turns, *self.shares)
 
     @cached_property
-    def _shares(self) -> tuple[np.ndarray, np.ndarray]:
-        """Directions relative to the mean, and the share of the energy below them."""
+    def shares(self) -> tuple[np.ndarray, np.ndarray]:
+        """Directions [rad] relative to the mean, and the share of the energy below them."""
         if self.spreading == "long-crested":
-            return self.directions, np.array([0.0, 1.0])
+            return np.array([-1e-9, 1e-9]), np.array([0.0, 1.0])
         if self.spreading == "cos2":
             inside = np.clip(_EDGES, -0.5 * np.pi, 0.5 * np.pi)
             return _EDGES, 0.5 + (inside + 0.5 * np.sin(2.0 * inside)) / np.pi
@@ -135,7 +130,7 @@ class WaveSpectrum:
         equal = np.full_like(energies, 1 / len(systems))
         parts = np.divide(energies, total, out=equal, where=total > 0.0)
         near = [
-            mean + (each.direction + each.directions - mean + np.pi) % TURN - np.pi
+            mean + (each.direction + each.shares[0] - mean + np.pi) % TURN - np.pi
             for each in systems
         ]
         edges = np.unique(np.concatenate([[mean - np.pi, mean + np.pi], *near]))

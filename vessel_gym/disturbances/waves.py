@@ -151,11 +151,10 @@ class WaveBands:
     @cached_property
     def cells(self) -> tuple[np.ndarray, np.ndarray]:
         """Frequencies [rad/s] and directions [rad] of equal energy in each band ``(2, 144)``."""
-        along = across = (np.arange(12) + 0.5) / 12.0
-        shares = _EDGES[:-1, None] + np.diff(_EDGES)[:, None] * along
-        w = self.spectrum.frequency_at(shares)
-        theta = np.array([[self.spectrum.directions_at(each, across) for each in row] for row in w])
-        return np.repeat(w, len(across), axis=1), theta.reshape(BANDS, -1)
+        middles = (np.arange(12) + 0.5) / 12.0
+        w = self.spectrum.frequency_at(_EDGES[:-1, None] + np.diff(_EDGES)[:, None] * middles)
+        theta = [[self.spectrum.directions_at(each, middles) for each in row] for row in w]
+        return np.repeat(w, len(middles), axis=1), np.reshape(theta, (BANDS, -1))
 
     @cached_property
     def frequencies(self) -> np.ndarray:

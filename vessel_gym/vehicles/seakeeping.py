@@ -78,7 +78,7 @@ def wave_loads(
         beta: Direction of the wave relative to the heading [rad].
         speed: Speed of the ship [m/s].
     """
-    inertia, body, damping = sway_yaw_matrices(ship, speed)
+    inertia, body, damping, _ = sway_yaw_matrices(ship, speed)
     met = encounter_frequency(frequency, beta, speed)
     water = at_rest[..., :2]
     accelerated = 1j * (
@@ -99,9 +99,7 @@ def wave_response(
     encounter; the growing free motion is part of manoeuvring. Arguments as `wave_loads`.
     """
     side, turning, roll = np.moveaxis(wave_loads(ship, at_rest, frequency, beta, speed), -1, 0)
-    inertia, body, damping = sway_yaw_matrices(ship, speed)
-    # with the Coriolis force of the ship's own mass
-    moving = damping + speed * np.outer(body[:, 0], [0.0, 1.0])
+    inertia, _, _, moving = sway_yaw_matrices(ship, speed)
     rotating = 1j * encounter_frequency(frequency, beta, speed)
     parts = zip(moving.flat, inertia.flat, strict=True)
     a, b, c, d = (each + inertial * rotating for each, inertial in parts)
@@ -137,17 +135,20 @@ def wind_loads(
 
 def sway_yaw_matrices(
     ship: CorvetteParameters, speed: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Inertia of sway and yaw with and without added mass, and damping ``(2, 2)``.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Inertia of sway and yaw with and without added mass, and damping, each ``(2, 2)``.
 
-    The damping is for a ``speed`` [m/s].
+    The damping is for a ``speed`` [m/s]. The last matrix is the damping with the Coriolis force of
+    the ship's own mass.
     """
     c = ship.values()
     inertia = np.array([[c.sway_inertia, c.sway_yaw_inertia], [c.yaw_sway_inertia, c.yaw_inertia]])
     turning = ship.mass * ((ship.yaw_radius * ship.length) ** 2 + ship.x_g**2)
     body = np.array([[ship.mass, c.mass_x_g], [c.mass_x_g, turning]])
     A, _ = sway_yaw_jacobian(np.array([speed, 0.0, 0.0]), np.array(0.0), ship)
-    return inertia, body, -inertia @ A - speed * np.outer(body[:, 0], [0.0, 1.0])
+    coriolis = speed * np.outer(body[:, 0], [0.0, 1.0])
+    damping = -inertia @ A - coriolis
+    return inertia, body, damping, damping + coriolis
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,11 +166,8 @@ class StripTheory:
     @cached_property
     def _table(self) -> np.ndarray:
         """M by speed ``(26, 4)``: sway force and yaw moment per unit of sway and yaw."""
-        tabled = []
-        for speed in self.ship.speed * _SPEEDS:
-            _, body, damping = sway_yaw_matrices(self.ship, speed)
-            tabled.append((damping + speed * np.outer(body[:, 0], [0.0, 1.0])).ravel())
-        return np.array(tabled)
+        speeds = self.ship.speed * _SPEEDS
+        return np.array([sway_yaw_matrices(self.ship, speed)[3].ravel() for speed in speeds])
 
     def motion(self, frequency: np.ndarray, beta: np.ndarray, speed: float) -> np.ndarray:
         """Complex response ``(..., 3)``, see `wave_response`."""
@@ -186,7 +184,7 @@ class StripTheory:
         place = (len(_SPEEDS) - 1) / _SPEEDS[-1] / self.ship.speed * speed
         table = interpolated(self._table, np.clip(place, 0.0, len(_SPEEDS) - 1.0))
         M = [[table[..., 2 * i + j] for j in range(2)] for i in range(2)]
-        inertia, body, _ = sway_yaw_matrices(self.ship, 0.0)
+        inertia, body, _, _ = sway_yaw_matrices(self.ship, 0.0)
         (a, b), (c, d) = inertia
         cross = M[0][0] * d + M[1][1] * a - M[0][1] * c - M[1][0] * b
         determinants = M[0][0] * M[1][1] - M[0][1] * M[1][0], cross, a * d - b * c
