@@ -288,16 +288,12 @@ class Emitter:
     def block(self, instructions: Sequence[Instruction]) -> None:
         """Instructions in order."""
         for each in instructions:
-            if hasattr(self, f"_emit_{each.opcode}"):
-                self.special(each)
+            if (emit := getattr(self, f"_emit_{each.opcode}", None)) is not None:
+                emit(each)
                 continue
             operands = [self._own_value(value) for value in each.operands]  # type: ignore[arg-type]
             kind = self.program.kinds[each.result]
             self.scalars[each.result] = self.own.add(each.opcode, operands, kind)
-
-    def special(self, instruction: Instruction) -> None:
-        """Emit an instruction other than a scalar operation, by the method of its name."""
-        getattr(self, f"_emit_{instruction.opcode}")(instruction)
 
     def gather(self, one: Callable[[int], str], kind: str = "f") -> str:
         """A vector of a function's values for each lane."""

@@ -1,22 +1,17 @@
 """Products, factorisations and solutions of matrices as loops in LLVM IR."""
 
-import math
 from collections.abc import Callable, Sequence
-from hashlib import sha256
 from operator import add
 from typing import Any
 
 import numpy as np
 
-from estimators.engine.emit import type_of
 from estimators.engine.matrix_emit import CHUNK, Index, Matrix, MatrixEmitter
-from estimators.engine.program import LOOPS, Instruction, Program, View
+from estimators.engine.program import Instruction, View
 from estimators.engine.tracer import Tracer, cast, constant, where
 
 # columns of a product that are summed at a time: as many vectors as processors have registers for
 _ACROSS = 48
-_OUTLINED = LOOPS - {"columns"}
-_INLINED = 16  # entries of the operands up to which there is no call
 _EPS = float(np.finfo(float).eps)
 _SWEEPS = 30
 
@@ -30,56 +25,6 @@ class LinearEmitter(MatrixEmitter):
     def _operands(self, instruction: Instruction) -> list[Matrix]:
         views: Any = instruction.operands
         return [Matrix(self, view) for view in views]
-
-    # --- functions --------------------------------------------------------------------------------
-
-    def special(self, instruction: Instruction) -> None:
-        """An instruction of matrices, as a call of a function where it is long."""
-        views = [each for each in instruction.operands if isinstance(each, View)]
-        entries = sum(math.prod(each.shape) for each in views)
-        if instruction.opcode not in _OUTLINED or entries <= _INLINED:
-            super().special(instruction)
-            return
-        name, T = self._outlined(instruction), type_of("f", self.width)
-        given = [
-            f"ptr {self.address(each.value, each.start)}" if isinstance(each, View)
-            else f"{T} {self.own.name(self.load(each))}"
-            for each in instruction.operands
-        ]  # fmt: skip
-        given.append(f"ptr {self.address(instruction.result, 0)}")
-        self.lines.append(f"  call void {name}({', '.join(given)})")
-
-    def _outlined(self, instruction: Instruction) -> str:
-        """Name of the function of an instruction, shared by all with such shapes and steps."""
-        program = Program()
-        emitter = LinearEmitter(program, self.module, self.width, {})
-        operands: list[int | View] = []
-        parameters: list[str] = []
-        places: dict[tuple[int, int], int] = {}
-        for i, each in enumerate(instruction.operands):
-            if isinstance(each, View):
-                value = places.setdefault((each.value, each.start), program.new("f"))
-                operands.append(each._replace(value=value, start=0))
-                emitter.pointers[value] = f"%p{i}"
-                if each.value in self.program.tables:
-                    program.tables[value] = self.program.tables[each.value]
-                parameters.append(f"ptr %p{i}")
-            else:
-                operands.append(program.new("f"))
-                emitter.scalars[i] = emitter.own.value(f"%p{i}").value
-                parameters.append(f"{type_of('f', self.width)} %p{i}")
-        result = program.new("f")
-        emitter.pointers[result] = "%r"
-        own = instruction._replace(operands=tuple(operands), result=result)
-        name = f"@outlined.{sha256(f'{own} {list(program.tables)}'.encode()).hexdigest()[:16]}"
-        if name not in self.module.functions:
-            MatrixEmitter.special(emitter, own)
-            head = (
-                f"define internal void {name}({', '.join(parameters)}, ptr noalias %r)"
-                " noinline nounwind {\nentry:"
-            )
-            self.module.functions[name] = "\n".join([head, *emitter.lines, "  ret void\n}"])
-        return name
 
     # --- products ---------------------------------------------------------------------------------
 

@@ -70,10 +70,9 @@ class MatrixEmitter(Emitter):
 
     def address(self, value: int, entry: Index) -> str:
         """Address of an entry of a matrix."""
-        table = value in self.program.tables
-        if value in self.pointers:
-            return self.at(self.pointers[value], entry * (1 if table else self.width))
-        if table:
+        if value in self.pointers:  # of a row alone
+            return self.at(self.pointers[value], entry)
+        if value in self.program.tables:
             return self.constant(value, entry)
         return self.at("%scratch", (entry + self.places_of[value]) * self.width)
 

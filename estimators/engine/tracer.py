@@ -1,6 +1,6 @@
 """Tracers, which stand for scalars while a function is traced and record the operations on them."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from functools import partial
 from operator import attrgetter
 from typing import Any, ClassVar, NoReturn
@@ -179,28 +179,7 @@ def operation(opcode: str, *operands: Any) -> Any:
     if opcode not in ELEMENTARY and None not in values:
         exact = [KINDS[x.kind].type(value) for x, value in zip(traced, values, strict=True)]
         return constant(program, operation(opcode, *exact))
-    if (simple := _simplified(opcode, traced, values)) is not None:
-        return simple
     return Tracer(program, program.add(opcode, (*map(attrgetter("value"), traced),), kind))
-
-
-_IDENTITIES = {
-    "multiply": 1, "add": -0.0, "subtract": 0, "divide": 1, "bitwise_and": True,
-    "bitwise_or": False, "bitwise_xor": False,
-}  # fmt: skip
-
-
-def _simplified(opcode: str, operands: Sequence[Tracer], values: Sequence[Any]) -> Tracer | None:
-    """Simplify an operation with an identity element, bit for bit: for sums -0.0, not 0.0."""
-    if opcode not in _IDENTITIES or (opcode in _BITWISE and operands[0].kind != "b"):
-        return None
-    identity = KINDS[operands[0].kind].type(_IDENTITIES[opcode])
-    sides = (1,) if opcode in ("subtract", "divide") else (0, 1)
-    for side in sides:
-        value = values[side]
-        if value is not None and value == identity and np.signbit(value) == np.signbit(identity):
-            return operands[1 - side]
-    return None
 
 
 def where(mask: Any, chosen: Any, other: Any) -> Any:

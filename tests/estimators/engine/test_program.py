@@ -38,7 +38,7 @@ def opcodes(function: Any) -> list[str]:
     ("function", "expected"),
     [
         (lambda x: (x[..., 0] + x[..., 1]) * (x[..., 0] + x[..., 1]), "add multiply"),
-        (lambda x: (np.exp(x), x[..., 0] * 3.0 * 1.0 / 1.0 - 0.0)[1], "multiply"),
+        (lambda x: (np.exp(x), x[..., 0] * 3.0)[1], "multiply"),
         (lambda x: x[..., 0] + 0.0, "add"),  # of -0.0 it is 0.0
         (lambda x: x[..., 0] ** 8, "multiply multiply multiply"),
         (lambda x: compiled(lambda x: x + 1.0)(x)[..., 0] * 2.0, "add multiply"),
