@@ -2,7 +2,7 @@
 
 Hypothesis draws the same examples every time; ``--hypothesis-profile thorough`` draws ten thousand.
 Of a test's cases ``make test`` runs so many that every value of every parameter occurs, of a slow
-test's one, elsewhere for every test. Environments and their estimators take turns: three cases do,
+test's one, elsewhere for every test. Environments and their estimators take turns: one case does,
 if other parameters have no more values. ``make quick`` runs one of each test that is not slow,
 ``make nightly`` all, and optimises what it compiles.
 """
@@ -23,7 +23,7 @@ settings.load_profile("default")
 
 gc.set_threshold(20_000)  # tracing makes many objects and little garbage
 CASES = 1
-IN_TURNS, TURNS = {"env_id", "estimator"}, 3
+IN_TURNS = {"env_id", "estimator"}
 os.environ.setdefault(
     "VESSEL_GYM_OPTIMISE", "0"
 )  # of other processes, too: compiling took half of the time
@@ -65,7 +65,7 @@ def covering(cases: Sequence[Mapping[str, Any]], names: Sequence[str]) -> set[in
         best = max(left, key=lambda i: len(values[i] - seen))
         kept.add(best)
         seen |= values[best]
-        if len(kept) == TURNS and "env_id" in cases[best]:
+        if "env_id" in cases[best]:
             seen |= {each for case in values for each in case if each[0] in IN_TURNS}
     return kept
 

@@ -3,14 +3,11 @@
 import ast
 import io
 import re
-import sys
 import tokenize
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
-from typing import Any
 
-import gymnasium as gym
 import pytest
 
 import vessel_gym  # noqa: F401, registers the environments
@@ -86,45 +83,6 @@ def test_engine_is_imported_by_its_public_names() -> None:
         if node.module != "estimators.engine" or name.name not in engine.__all__
     ]
     assert inside == []
-
-
-@pytest.mark.parametrize("num_envs", [1, 3])
-@pytest.mark.parametrize(
-    "env_id", ["SigmaCorvette-v0", "SegorogeniAUV-v0", "PunaUAV-v0", "ThesisCorvette-v0"]
-)
-def test_a_step_passes_each_module_once(env_id: str, num_envs: int) -> None:
-    """No module is called again by one that it called, but for inherited methods of the same object."""
-    env: Any = gym.make_vec(env_id, num_envs) if num_envs > 1 else gym.make(env_id).unwrapped
-    env.reset(seed=0)
-    action = env.action_space.sample()
-    env.step(action)  # what is compiled at the first step is
-    stack: list[tuple[str, Any]] = []
-    again = set()
-
-    def trace(frame: Any, event: str, _: Any) -> None:
-        if event == "call":
-            module, owner = frame.f_globals.get("__name__", ""), frame.f_locals.get("self")
-            last = stack[-1] if stack else ("", None)
-            if not module.startswith(FLOORS):
-                stack.append(last)
-                return
-            inside = [each for each, _ in stack]
-            if (
-                module != last[0]
-                and module in inside
-                and not (owner is not None and owner is last[1])
-            ):
-                again.add(" > ".join([*inside[inside.index(module) :], module]))
-            stack.append((module, owner))
-        elif event == "return" and stack:
-            stack.pop()
-
-    sys.setprofile(trace)
-    try:
-        env.step(action)
-    finally:
-        sys.setprofile(None)
-    assert not again
 
 
 def identifiers(path: Path) -> Iterator[str]:

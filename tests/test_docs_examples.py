@@ -10,28 +10,45 @@ from agents.seeds import evaluation_seeds
 ELSEWHERE = {
     "engine",
     "recipes/capytaine",
-    "recipes/error-state",
-    "recipes/several-models",
     "studies",
     "training",
     "vehicles",
 }
 """Pages whose examples other tests run."""
-AT_NIGHT = {"any-environment", "recipes/differential-drive", "recipes/own-measurements"}
-"""Pages that take as long as all others together; by day other tests run what they show."""
-FILES = *sorted(DOCS.glob("*.md")), *sorted(DOCS.glob("recipes/*.md"))
+AT_NIGHT = {
+    "any-environment",
+    "recipes/differential-drive",
+    "recipes/error-state",
+    "recipes/own-measurements",
+    "recipes/several-models",
+}
+"""Pages that take as long as all others together, as do those on estimators.
+
+By day other tests run what they show.
+"""
+FILES = [
+    path for part in (".", "recipes", "estimators") for path in sorted(DOCS.glob(f"{part}/*.md"))
+]
 PAGES = [
     page
     for page in (file.relative_to(DOCS).with_suffix("").as_posix() for file in FILES)
     if blocks(page, "python")
 ]
-LIBRARIES = {"InvertedPendulum": "mujoco", "LunarLander": "Box2D", "pandas": "pandas"}
+
+
+def at_night(page: str) -> bool:
+    return page in AT_NIGHT or page.startswith("estimators/")
+
+
+LIBRARIES = {"InvertedPendulum": "mujoco", "LunarLander": "Box2D"} | {
+    name: name for name in ("pandas", "filterpy", "pykalman", "dapper")
+}
 
 
 @pytest.mark.parametrize(
     "page",
     [
-        pytest.param(page, marks=pytest.mark.nightly if page in AT_NIGHT else ())
+        pytest.param(page, marks=pytest.mark.nightly if at_night(page) else ())
         for page in PAGES
         if page not in ELSEWHERE
     ],

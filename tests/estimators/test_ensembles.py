@@ -7,13 +7,11 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from estimators import Gaussian, LinearModel, NonlinearModel, RandomKeys, make, nees, wrap
+from estimators import Gaussian, LinearModel, NonlinearModel, RandomKeys, make, wrap
 from tests.estimators.cases import (
     assert_close,
     assert_same,
     kalman_system,
-    simulate,
-    track,
 )
 
 NAMES = ["enkf", "etkf"]
@@ -132,21 +130,6 @@ def test_members_suffice_for_exact_draws_and_fewer_are_warned_of(name: str):
         few = make(name, system.model, members=9)
     plain = make(name, system.model, members=9, **INDEPENDENT)
     assert_same(*(each.init(system.rows(1), rng=_numbers(1)) for each in (few, plain)))
-
-
-@pytest.mark.slow
-@both
-def test_errors_are_as_large_as_an_ensemble_says(name: str):
-    """A sample covariance's inverse is too large by (N - 1) / (N - n - 2): Anderson (2003), 7.7."""
-    system, runs, members = kalman_system(1), 400, 100
-    n, record = system.model.n, simulate(system, 20, runs, 5)
-    filter = make(name, system.model, members=members, **INDEPENDENT)
-    final = track(filter, system.rows(runs), record, np.random.default_rng(0))[-1]
-    squares = nees(final.mean, final.cov, record.x[-1])
-    mean = squares.mean() * (members - n - 2) / (members - 1)
-    # Mean of 400 values of about chi-square law: standard deviation sqrt(2 n / 400); four of them,
-    # and 3 % for the gain's own error, which the factor leaves out.
-    assert abs(mean / n - 1.0) < 4.0 * np.sqrt(2.0 / (n * runs)) + 0.03
 
 
 # --- members outside the model's domain -----------------------------------------------------------

@@ -171,23 +171,10 @@ def test_a_lost_row_keeps_its_values_for_a_step_and_goes_on(case: Case):
         assert_same(one[2:3], other)
     np.testing.assert_array_equal(odd[1].healthy, [True, True, False, True])
     np.testing.assert_array_equal(odd[1].mean[2], begun.mean[2])
+    assert not odd[2].healthy[2]  # an update tells of its step's prediction, too
     for row in np.flatnonzero(~odd[2].healthy & odd[1].healthy):
         np.testing.assert_array_equal(odd[2].mean[row], odd[1].mean[row])
     assert odd[-1].healthy[[0, 2, 3]].all()
-
-
-@one_of_each("deterministic")
-def test_a_single_row_without_axes_is_recovered_too(case: Case):
-    system = case.system(0)
-    filter, u = case.make(system.model), np.full(system.m, np.nan)
-    begun = filter.init(system.prior)
-    with np.errstate(all="ignore"):
-        predicted = filter.predict(begun, u)
-    assert not predicted.healthy
-    np.testing.assert_array_equal(predicted.mean, begun.mean)
-    updated = filter.update(predicted, np.zeros(system.model.p), u=np.zeros(system.m))
-    assert updated.mean.shape == (system.model.n,)
-    _assert_finite(updated)
 
 
 @some_cases("kf", "kf-umv-ui")
@@ -227,11 +214,6 @@ class _Textbook(Filter):
         return {"mean": belief.mean + np.matvec(K, e), "cov": belief.cov - K @ C @ belief.cov}
 
 
-class _Broken(_Textbook):
-    def _update(self, belief, *arguments):
-        return super()._update(belief, *arguments) | {"mean": np.nan * belief.mean}
-
-
 def test_textbook_formulas_are_healthy_and_the_kalman_filter():
     system = kalman_system(3)
     record, beliefs = simulate(system, 0, 5, 200), []
@@ -254,14 +236,3 @@ def test_inverting_a_singular_matrix_loses_that_row_alone():
     np.testing.assert_array_equal(updated.mean, [[0.0, 0.0], [2.0, 0.0], [0.0, 0.0]])
     np.testing.assert_array_equal(updated.cov[0], predicted.cov[0])
     assert_same(filter.update(predicted[1], [2.0, np.nan]), updated[1])
-
-
-def test_a_filter_that_always_fails_keeps_its_prediction():
-    filter = _Broken(LinearModel(I3, I3, 0.0 * I3, I3))
-    belief = filter.init(Gaussian(np.tile(KNOWN, (2, 1)), I3))
-    for _ in range(3):
-        belief = filter.update(filter.predict(belief), np.zeros(3))
-        np.testing.assert_array_equal(belief.mean, np.tile(KNOWN, (2, 1)))
-        np.testing.assert_array_equal(belief.cov, np.tile(I3, (2, 1, 1)))
-        assert not belief.healthy.any()
-        assert not belief.available.any()

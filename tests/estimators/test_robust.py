@@ -4,17 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import chi2
 
-from estimators import Gaussian, LinearModel, make, nees
+from estimators import Gaussian, LinearModel, make
 from estimators.robust import least_favourable_covariance
 from tests.estimators.cases import (
-    System,
     assert_close,
     assert_same,
     kalman_system,
-    simulate,
-    track,
 )
 
 GAMMA = 1.345
@@ -111,23 +107,3 @@ def test_a_robust_prediction_has_the_worst_covariance():
         expected = plain.predict(plain.update(expected, np.ones(3)), np.ones(2))
         expected = expected.replace(cov=least_favourable_covariance(expected.cov, 0.1))
         assert_same(belief, expected, 1e-12)
-
-
-def _constant_velocity(intensity: float = 0.01) -> System:
-    """Position and velocity under white acceleration; the position is measured every second."""
-    A = np.array([[1.0, 1.0], [0.0, 1.0]])
-    Q = intensity * np.array([[1.0 / 3.0, 0.5], [0.5, 1.0]])
-    return System(
-        LinearModel(A, [[1.0, 0.0]], Q, [[1.0]], B=np.zeros((2, 1))), np.zeros(2), np.eye(2), 1
-    )
-
-
-def test_the_robust_filter_is_conservative_on_a_true_model():
-    """Only the upper side of the chi-square band: it is conservative by design."""
-    system, runs, steps = _constant_velocity(), 400, 60
-    record = simulate(system, 0, runs, steps)
-    beliefs = track(make("robust-kf", system.model, radius=0.1), system.rows(runs), record)
-    means = [nees(b.mean, b.cov, x).mean() for b, x in zip(beliefs, record.x, strict=True)]
-    # False alarm of 0.1 % over all steps together (Bonferroni), were it no more than consistent.
-    assert max(means) < chi2.ppf(1.0 - 1e-3 / steps, system.model.n * runs) / runs
-    assert np.mean(means[10:]) < 0.98 * system.model.n

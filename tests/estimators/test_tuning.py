@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import minimize, minimize_scalar
-from scipy.stats import binom, chi2, multivariate_normal
+from scipy.stats import multivariate_normal
 
 from estimators import Filter, Fit, Gaussian, LinearModel, fit, make, run, sampled
 
@@ -74,21 +74,6 @@ def test_estimates_and_errors_are_those_of_the_joint_density():
     errors = np.sqrt(np.diagonal(cov))
     relative = [found.standard_errors[name] / found.estimates[name] for name in found.estimates]
     np.testing.assert_allclose(relative, errors, rtol=1e-3)
-
-
-# --- the promise ----------------------------------------------------------------------------------
-
-
-@pytest.mark.nightly
-def test_an_interval_of_a_variance_covers_as_theory_says():
-    """Its estimate is chi-square: 94.1 % for 20 measurements."""
-    trials, inside = 200, 0
-    for seed in range(trials):
-        low, high = fit(noise, {"r": 2.0}, random_walk(seed, 20, 0.0, 2.0)).intervals["r"]
-        inside += low <= 2.0 <= high
-    ends = 20.0 * np.exp(np.array([-1.0, 1.0]) * 1.959964 * np.sqrt(2.0 / 20.0))
-    low, high = binom.interval(0.999, trials, np.diff(chi2.cdf(ends, 20))[0])
-    assert low <= inside <= high
 
 
 # --- what measurements cannot tell ----------------------------------------------------------------

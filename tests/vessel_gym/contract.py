@@ -293,24 +293,6 @@ def assert_apart(distance: dict[str, np.ndarray]) -> None:
     assert distance["state"][1:].min() > 1e-3
 
 
-def copy_tree(tree: Any) -> Any:
-    """A deep copy of tuples, dictionaries and arrays."""
-    if isinstance(tree, tuple):
-        return tuple(copy_tree(value) for value in tree)
-    if isinstance(tree, dict):
-        return {key: copy_tree(value) for key, value in tree.items()}
-    if isinstance(tree, np.ndarray) and tree.dtype == object:
-        copied = np.empty_like(tree)
-        copied[:] = [copy_tree(value) for value in tree]
-        return copied
-    return tree.copy() if isinstance(tree, np.ndarray) else tree
-
-
-def row_of(tree: dict[str, Any], row: int) -> dict[str, Any]:
-    """One environment's info out of a batch's, without the masks."""
-    return {key: value[row] for key, value in tree.items() if not key.startswith(("_", "final_"))}
-
-
 def assert_sound(
     core: Core, observation: np.ndarray, reward: np.ndarray | None, info: dict[str, np.ndarray]
 ) -> None:

@@ -13,7 +13,6 @@ from contract import (
     every_environment,
     make_batch,
     random_walk,
-    row_of,
     single_class,
 )
 from gymnasium.error import ResetNeeded
@@ -91,7 +90,7 @@ def test_a_reset_of_some_leaves_the_others_untouched(env_id: str, mode: Autorese
         last = out[0]
         for one, other in zip(out[:4], unmasked[:4], strict=True):
             np.testing.assert_array_equal(one[others], other[others])
-        for key in row_of(out[4], 0):
+        for key in (key for key in out[4] if not key.startswith(("_", "final_"))):
             np.testing.assert_array_equal(out[4][key][others], unmasked[4][key][others], key)
         changed |= bool((out[0] != unmasked[0])[mask].any())
     assert changed

@@ -6,13 +6,9 @@ import numpy as np
 import pytest
 from test_routes import DOGLEG, every_route
 
-from agents.controllers import make_controller
 from vessel_gym.envs import SigmaChannelEnv
-from vessel_gym.envs.ship import channel_system
 from vessel_gym.guidance.dubins import pose_along
-from vessel_gym.guidance.geodesy import local
 from vessel_gym.guidance.routes import route
-from vessel_gym.simulation.core import Core
 from vessel_gym.tasks.channel import ALONG, ERROR, LENGTH, OFFSET, Channel
 from vessel_gym.tasks.track import HEADING, OFF, RATE_AHEAD, RATE_NOW
 
@@ -107,20 +103,6 @@ def test_room_for_more_waypoints_leaves_a_route_as_it_is() -> None:
             for task in (TASK, roomy)
         )
         np.testing.assert_allclose(one, other, rtol=1e-12)
-
-
-@pytest.mark.nightly
-def test_a_route_of_thirty_waypoints_in_degrees_is_followed() -> None:
-    k, system = np.arange(30), channel_system(SHIP, "Fairway-v0", waypoints=30)
-    degrees = np.stack([54.0 + 0.003 * (k % 2), 8.0 + 0.011 * k], -1)
-    core = Core(system, estimator="truth", disturbance="calm")
-    controller, steps = make_controller("autopilot", system), 0
-    core.start(0, {"waypoints": local(degrees, degrees[0])})
-    while core.now.end[0] == 0 and steps < 4000:
-        core.step(controller.act(core.observe()))
-        steps += 1
-    assert system.task.end_reasons[core.now.end[0]] == "arrived"
-    assert core.now.scenario[0, LENGTH] > 20e3
 
 
 def test_observed_mission_is_waypoints_in_the_first_leg_frame() -> None:

@@ -99,9 +99,9 @@ FAULTS: dict[str, tuple[Callable[..., Any], str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("env_id", OURS)
-def test_systems_of_the_package_pass(env_id: str) -> None:
-    check_system(single_class(env_id).system)
+@pytest.mark.parametrize("name", OURS)  # each of them, by day too
+def test_systems_of_the_package_pass(name: str) -> None:
+    check_system(single_class(name).system)
 
 
 def test_the_toy_system_passes_and_runs() -> None:

@@ -1,6 +1,7 @@
 """The contract that every registered environment keeps, whatever its vehicle and task."""
 
 import re
+from copy import deepcopy
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,6 @@ from contract import (
     assert_apart,
     assert_same_tree,
     assert_sound,
-    copy_tree,
     every_environment,
     make_batch,
     make_core,
@@ -106,17 +106,6 @@ def test_a_list_of_seeds_seeds_each_environment(env_id: str):
 
 
 @every_environment
-def test_a_second_reset_without_a_seed_begins_another_episode(env_id: str):
-    one, other = gym.make(env_id), gym.make(env_id)
-    first, _ = one.reset(seed=4)
-    second, _ = one.reset()
-    assert not np.array_equal(first, second)
-    other.reset(seed=4)
-    np.testing.assert_array_equal(second, other.reset()[0])
-    np.testing.assert_array_equal(first, one.reset(seed=4)[0])
-
-
-@every_environment
 def test_environments_that_nobody_seeded_differ(env_id: str):
     batch = make_batch(env_id, 3)
     first, _ = batch.reset()
@@ -161,15 +150,6 @@ def test_guidance_and_ends_do_not_leak_truth(env_id: str, options: dict[str, Any
 
 
 @every_environment
-def test_the_oracle_alone_follows_the_altered_truth(env_id: str):
-    one, other, _ = observations_when_truth_is_altered(
-        env_id, estimator="truth", sensors="degraded"
-    )
-    for mode in ("mean", "mean+std"):
-        assert (one[mode] != other[mode]).any(-1).mean() > 0.95, mode
-
-
-@every_environment
 def test_a_belief_follows_without_the_truth_in_the_record(env_id: str):
     core = make_core(env_id, 2, seed=0)
     core.reset()
@@ -209,7 +189,7 @@ def test_results_are_the_caller_s_own(env_id: str, estimator: str, rows: int | N
         out, record = env.reset(seed=1), []
         walk = random_walk(1, rows or 1, env.unwrapped.core.config.action_size)
         for _ in range(50):
-            record.append(copy_tree(out) if vandal else out)
+            record.append(deepcopy(out) if vandal else out)
             actions = next(walk) if rows else next(walk)[0]
             if vandal:
                 for part in (*out, env.unwrapped.truth):

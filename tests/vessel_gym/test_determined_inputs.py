@@ -2,15 +2,14 @@
 
 from typing import Any
 
-import numpy as np
 import pytest
 
 from estimators import make
 from tests.vessel_gym.contract import make_core
 from vessel_gym.disturbances import Fault
-from vessel_gym.envs import PunaUAVEnv, SegorogeniAUVEnv
+from vessel_gym.envs import PunaUAVEnv
 from vessel_gym.envs.auv import PLANE_WATERS, WATERS
-from vessel_gym.models.input_conditions import VAGUEST, nominal_flight
+from vessel_gym.models.input_conditions import VAGUEST
 
 AUV, PLANE, AIRCRAFT, SHIP = "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0", "SigmaCorvette-v0"
 AIR = PunaUAVEnv.system.disturbances["moderate"]
@@ -74,18 +73,3 @@ def test_a_step_tells_what_is_unknown_relative_to_its_size(size: float):
         ),
     ):
         make_core(AUV, 1, estimator="ekf-ui-wdf", **world)
-
-
-def test_the_nominal_flight_turns_about_cruising():
-    vehicle = SegorogeniAUVEnv.system.vehicle
-    x, u = nominal_flight(vehicle, vehicle.state_names)
-    cruising = vehicle.cruise
-    assert x.shape == (3, 12)
-    assert u.shape == (3, 6)
-    np.testing.assert_allclose(
-        u[0, :3], cruising[1][:3] * [1.0, 1.0, u[0, 2] / cruising[1][2]], atol=0.09
-    )
-    assert np.abs(x[1:, 3:6] - x[:1, 3:6]).max() > 0.05  # the others turn
-    assert (x[:, 0] > 0.5 * cruising[0][0]).all()
-    part, _ = nominal_flight(vehicle, ("q", "u"))
-    np.testing.assert_array_equal(part, x[:, [4, 0]])

@@ -128,28 +128,6 @@ def test_effect_of_fault_is_G_times_it_to_first_order(env_id: str):
         assert errors[1] < 0.3 * errors[0] + 1e-9
 
 
-@every_vehicle
-def test_fault_assumed_as_random_walk_is_found(env_id: str):
-    actuator = SEEN[env_id][0]
-    walk = {
-        "assume": {
-            "disturbance": faulty(env_id, actuator, start=5.0 * DEG, walk=0.5 * DEG),
-            "as": "states",
-        }
-    }
-    options: dict[str, Any] = {
-        "disturbance": faulty(env_id, actuator, bias=5.0 * DEG),
-        "estimator": "ekf",
-    }
-    core = make_core(env_id, 20, seed=5, estimator_options=walk, **options)
-    core.reset()
-    at = core.config.estimation.space.names.index(f"{actuator} offset")
-    moved(core, 60)
-    error = (core.now.belief.mean[:, at] - 5.0 * DEG) / np.sqrt(core.now.belief.cov[:, at, at])
-    assert np.abs(error).max() < 4.5
-    assert np.sqrt(core.now.belief.cov[:, at, at]).max() < 2.5 * DEG
-
-
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [

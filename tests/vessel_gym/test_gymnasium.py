@@ -29,13 +29,6 @@ every_estimator = pytest.mark.parametrize(("env_id", "estimator"), CARRIED)
 every_mode = pytest.mark.parametrize("mode", list(AutoresetMode))
 
 
-# --- wrappers of batches --------------------------------------------------------------------------
-
-
-def same(value: Any) -> Any:
-    return value
-
-
 # --- pictures -------------------------------------------------------------------------------------
 
 
@@ -118,7 +111,7 @@ def test_a_copy_goes_on_bit_for_bit(env_id: str, estimator: str):
     ):
         size = env.action_space.shape[-1]
         rows = env.num_envs if isinstance(env, gym.vector.VectorEnv) else 1
-        shaped = same if rows > 1 else lambda actions: actions[0]
+        shaped = lambda actions, rows=rows: actions if rows > 1 else actions[0]  # noqa: E731
         for made in (pickled, copy.deepcopy):
             walk = random_walk(2, rows, size)
             fresh = made(env)

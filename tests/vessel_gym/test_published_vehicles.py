@@ -273,11 +273,3 @@ def test_remus_turns_and_dives_as_its_published_equations_do(
     if rudder:
         turns = [figures(*track[:, [6, 7, 11]].T) for track in (published, ours)]
         np.testing.assert_allclose(turns[1], turns[0], rtol=0.01)
-
-
-def test_remus_amidships_dives_as_its_file_says():
-    """And as Prestero's equations do."""
-    for track in both(0.0, 0.0, 200.0):
-        assert track[-1, 8] > 20.0
-        assert track[-1, 10] / DEG == pytest.approx(-26.0, abs=0.5)
-        assert track[-1, 0] == pytest.approx(0.67, abs=0.01)

@@ -1,8 +1,6 @@
 """The record of environments, and the program that fills it in as the stages one by one do."""
 
-import pickle
 import sys
-from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
@@ -110,15 +108,3 @@ def test_no_warm_step_takes_the_slow_call(env_id: str, rows: int):
     for _ in range(4):
         batch.unwrapped.core.step(actions)
     assert Function.computed == before
-
-
-@pytest.mark.parametrize("copied", [deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_a_copy_after_a_step_goes_on_to_the_same_bits(copied: Any):
-    env: Any = gym.make("SigmaCorvette-v0").unwrapped
-    env.reset(seed=3)
-    env.step(np.full(1, 0.3, np.float32))
-    twin = copied(env)
-    one, other = (each.step(np.full(1, -0.2, np.float32)) for each in (env, twin))
-    np.testing.assert_array_equal(one[0], other[0])
-    assert one[1] == other[1]
-    assert twin.core.config.whole_steps[1] is env.core.config.whole_steps[1]

@@ -5,7 +5,6 @@ from contextlib import closing
 import gymnasium as gym
 import numpy as np
 import pytest
-from heading_ship import HEADING_SHIP
 
 import vessel_gym  # noqa: F401
 
@@ -18,7 +17,7 @@ from vessel_gym.rendering.hulls import HULLS  # noqa: E402
 from vessel_gym.rendering.maps import STYLES, Map, views  # noqa: E402
 from vessel_gym.rendering.palette import LIGHT  # noqa: E402
 from vessel_gym.rendering.renderer import SIZE, Renderer  # noqa: E402
-from vessel_gym.rendering.scene import nice, ticks  # noqa: E402
+from vessel_gym.rendering.scene import ticks  # noqa: E402
 from vessel_gym.tasks import workspace  # noqa: E402
 
 CORVETTE, THESIS, SPATIAL, VERTICAL, FLIGHT = (
@@ -84,19 +83,13 @@ def words(monkeypatch):
 
 
 @pytest.mark.parametrize("env_id", EVERY)
-def test_rgb_array_is_a_picture_and_opens_no_display(env_id):
-    pixels = drawn(env_id)
-    assert pixels.shape == (*SIZE[::-1], 3)
-    assert pixels.dtype == np.uint8
-    assert len(np.unique(pixels.reshape(-1, 3), axis=0)) > 100
-    assert not pygame.display.get_init()
-
-
-@pytest.mark.parametrize("env_id", EVERY)
 def test_picture_depends_on_seed_and_step_alone(env_id):
-    assert (drawn(env_id, seed=1) == drawn(env_id, seed=1)).all()
-    assert (drawn(env_id, seed=1) != drawn(env_id, seed=2)).any()
-    assert (drawn(env_id, seed=1) != drawn(env_id, seed=1, steps=4)).any()
+    pixels = drawn(env_id, seed=1)
+    assert (pixels.shape, pixels.dtype) == ((*SIZE[::-1], 3), np.uint8)
+    assert (pixels == drawn(env_id, seed=1)).all()
+    assert (pixels != drawn(env_id, seed=2)).any()
+    assert (pixels != drawn(env_id, seed=1, steps=4)).any()
+    assert not pygame.display.get_init()
 
 
 @pytest.mark.parametrize("env_id", EVERY)
@@ -267,7 +260,7 @@ def test_an_end_that_is_no_success_is_red(env_id, words):
     [
         *((env_id, {"steps": 40}) for env_id in EVERY),
         (CORVETTE, {"estimator": "dead-reckoning", "mismatch": 0.25, "sensors": "degraded", "steps": 60}),
-        (HEADING_SHIP.name, {"estimator": "kf", "options": {"radius": -5000.0}}),
+        (CORVETTE, {"options": {"radius": -5000.0}}),
         (SPATIAL, {"options": {"goal": (10.0, -18.0, 6.0)}, "steps": 60}),
         (SPATIAL, {"options": {"goal": (4.0, 0.0, 0.0)}}),
         (VERTICAL, {"estimator": "truth", "options": {"goal": (10.0, 0.0, 2.0)}}),
@@ -346,11 +339,6 @@ def test_hull_points_where_vehicle_does_and_fin_is_on_top(yaw, pitch):
     assert seen[fin, 0] - hull.aside[fin, 0] * nose[0] > 0.0
 
 
-def test_nice_numbers_are_round_and_never_too_small():
-    for value in np.geomspace(1e-4, 1e4, 97):
-        assert value * 0.999 <= nice(value) <= 2.5 * value
-
-
 def test_ticks_are_few_round_and_inside():
     for size in np.geomspace(1e-3, 1e4, 50):
         for low in (-0.3 * size, 0.0, 7.7 * size):
@@ -358,12 +346,3 @@ def test_ticks_are_few_round_and_inside():
             assert 3 <= len(found) <= 8
             assert low - 1e-5 * size <= found[0] < found[-1] <= low + 1.00001 * size
             assert np.ptp(np.diff(found)) < 1e-6 * size
-
-
-def test_a_line_of_one_point_draws_nothing():
-    canvas = Canvas(32, 32)
-    canvas.clear()
-    before = canvas.pixels()
-    canvas.line(np.array([[5.0, 5.0]]), "ink")
-    canvas.dashes(np.array([[5.0, 5.0]]), "ink")
-    assert (canvas.pixels() == before).all()

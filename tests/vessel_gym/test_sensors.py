@@ -225,25 +225,6 @@ def test_a_bias_has_the_variance_that_it_says_at_every_time(bias: Bias):
     assert bias.process(0.1).size == len(bias.states)
 
 
-@pytest.mark.slow
-@every_bias
-def test_biases_of_episodes_scatter_as_they_say(bias: Bias):
-    """In an environment: chi-square bands of 2000 rows at three times, false alarm 1e-6 each."""
-    vehicle = single_class("SegorogeniAUV-v0").system.vehicle
-    gauge = replace(vehicle.sensors[2], bias=bias)
-    core = make_core("SegorogeniAUV-v0", 2000, seed=22, estimator="truth", sensors=[gauge])
-    core.reset()
-    for step in range(41):
-        if step in (0, 1, 40):
-            drawn = core.now.slow[:, core.config.world.size :]
-            for values, variance in zip(drawn.T, variance_of(bias, 0.1 * step), strict=False):
-                if variance:
-                    assert_variance(values, variance)
-                else:
-                    np.testing.assert_array_equal(values, 0.0)
-        core.step(np.zeros((2000, 3)))
-
-
 def test_a_bias_is_in_the_first_channels_and_in_no_other():
     both = Bias(("bias u",), start=(1.0,), constant=(1.0,))
     biased = Sensor("log", ("u", "v"), plain((0, 1)), (0.1, 0.1), bias=both)

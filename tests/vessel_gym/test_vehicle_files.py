@@ -190,19 +190,6 @@ def test_a_given_rudder_force_replaces_area_and_aspect_ratio(write):
     assert c["rudder"] * 1.2**2 == pytest.approx(0.5 * 1025.0 * 60.0**2 * 3e-3)  # per u^2 and angle
 
 
-def test_default_cross_flow_drag_falls_with_beam_over_draught(write):
-    drags = []
-    for draught in (2.0, 3.0, 4.5, 6.0):
-        text = SHIP.replace("draught = 3.0", f"draught = {draught}")
-        c = dict(zip(COEFFICIENTS, load(write(text)).vector(), strict=True))
-        drags.append(c["cross_flow"] / (0.5 * 1025.0 * draught))
-    assert drags == sorted(drags)
-    assert drags[0] > 0.55
-    assert drags[-1] < 1.0
-    given = load(write(SHIP + "[derivatives]\ndrag_coefficient = 0.0\n"))
-    assert given.vector()[COEFFICIENTS.index("cross_flow")] == 0.0
-
-
 @pytest.mark.parametrize("name", [each.name for each in fields(Coefficients)])
 def test_given_auv_coefficient_replaces_only_itself(write, name):
     partner = {"Y_rdot": "N_vdot", "N_vdot": "Y_rdot", "Z_qdot": "M_wdot", "M_wdot": "Z_qdot"}.get(
@@ -274,7 +261,6 @@ WRONG = [  # file, what is replaced by what, the line, the sentence
 def test_mistake_is_said_in_one_sentence_with_its_line(write, text, old, new, line, sentence):
     assert old in text
     said = complaint(write(text.replace(old, new, 1)))
-    print(said)
     assert re.match(rf"my\.toml, line {r'[0-9]+' if line is None else line}: ", said), said
     assert sentence is None or re.search(sentence, said), said
     assert "\n" not in said

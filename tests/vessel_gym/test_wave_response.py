@@ -4,7 +4,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from own_environment import ROOT, packages, run_script
@@ -115,28 +114,6 @@ def test_filters_assume_the_waves_of_the_table() -> None:
     assert (np.abs(own - expected) < 0.02 * expected.max(0)).all()
     double = replace(own_table([0.0]), **{"yaw": 2.0 * own_table([0.0]).yaw})
     assert replace(SEA, response=double).input_sd[0] > 1.5 * SEA.input_sd[0]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("estimator", "assume"),
-    [("truth", None), ("ekf", {}), ("ekf", {"as": "states"})],
-    ids=["truth", "ekf", "ekf-waves"],
-)
-def test_an_environment_takes_a_sea_of_your_own_hull(estimator: str, assume: Any) -> None:
-    """Headings after ten seconds, and estimates of them, nearly as by strip theory."""
-    found = []
-    for sea in (replace(SEA, response=own_table([0.0])), SEA):
-        options = {} if assume is None else {"assume": assume | {"disturbance": sea}}
-        with gym.make(
-            "SigmaCorvette-v0", estimator=estimator, estimator_options=options, disturbance=sea
-        ) as env:
-            env.reset(seed=4)
-            for _ in range(20):
-                *_, info = env.step(np.zeros(1))
-            found.append([info["truth"][2], info["estimate"][2]])
-    assert found[0] == pytest.approx(found[1], abs=2e-3)
-    assert found[0] != found[1]
 
 
 GOOD: dict[str, Any] = dict(
