@@ -145,8 +145,8 @@ class System:
     @property
     def _outage(self) -> tuple[SensorFault, ...]:
         """Loss of the position fix: of all sensors of x or, if none measures x, of psi."""
-        reading = partial(readers, self.vehicle, self.nominal_sensors)
-        fixes = reading("x") or reading("psi")
+        sensors_of = partial(readers, self.vehicle, self.nominal_sensors)
+        fixes = sensors_of("x") or sensors_of("psi")
         if not fixes:
             raise ValueError(
                 f'{self.name} has no sensors="denied": none of its sensors measures a state x or'

@@ -18,8 +18,7 @@ from agents.page import iframe
 from agents.plotting import KINDS, save_figure
 from vessel_gym.rendering.hulls import HULLS
 from vessel_gym.rendering.palette import DARK, LIGHT
-from vessel_gym.rendering.scene import Chart
-from vessel_gym.tasks.workspace import Workspace
+from vessel_gym.rendering.scene import Chart, Scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -126,14 +125,16 @@ def curves(charts: Sequence[Chart]) -> dict[str, Any]:
     return {"charts": [packed({n: getattr(c, n) for n in names}) for c in charts]}
 
 
-def drawn(around: Workspace, tracks: Sequence[np.ndarray]) -> dict[str, Any]:
-    """The map of a workspace and tracks ``(T, 6)``, from its least to its most coordinates [m]."""
-    points = np.concatenate([around.path, *(track[:, :3] for track in tracks)])
+def drawn(scenes: Sequence[Scene]) -> dict[str, Any]:
+    """The map of a workspace and true tracks, from its least to its most coordinates [m]."""
+    around, states = scenes[0].workspace, scenes[0].core.config.system.vehicle.state_names
+    points = np.concatenate([around.path, *(scene.true[:, :3] for scene in scenes)])
     place, radius = around.obstacles[:, :2], around.obstacles[:, 2:]
     level = np.concatenate([points[:, :2], place - radius, place + radius])
     low, high = ([*end(level, 0).tolist(), float(end(points[:, 2]))] for end in (np.min, np.max))
     hull = HULLS[around.hull]
     return packed(vars(around)) | {
+        "space": bool({"z", "h"} & {*states}),
         "outline": hull.above.tolist(),
         "least": hull.least,
         "low": low,

@@ -148,17 +148,16 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
         return page | without | {"flights": charts}
     around = system.task.workspace(first.scenario[0])
     scenes = [Scene(each.core, around, history) for each, _, history in episodes]
-    position, states = scenes[0].position, {*system.vehicle.state_names}
+    position = scenes[0].position
     return page | {
         "conditions": [*scenes[0].conditions, *page["conditions"]],
-        "placed": bool({"x", "y", "z", "h"} & states),
+        "placed": bool({"x", "y", "z", "h"} & set(system.vehicle.state_names)),
         "located": scenes[0].located,
         "focus": [
             {"name": name, "unit": unit, "axis": axis}
             for (name, unit, _), axis in zip(position.words, position.axes.tolist(), strict=True)
         ],
-        "scene": drawn(around, [scene.true for scene in scenes])
-        | {"space": bool({"z", "h"} & states)},
+        "scene": drawn(scenes),
         "waves": packed(waves_of(first.core, first.constants[0])),
         "flights": [_flight(*each) for each in zip(flown, names, scenes, strict=True)],
     }

@@ -178,7 +178,7 @@ class CircleTrack(Track):
 
     @compiled(axes=(1, 0))
     def track(self, scenario: np.ndarray, along: np.ndarray) -> np.ndarray:
-        """Positions [m] and directions [rad] ``(..., 3)`` at distances ``along (...)`` of tracks."""
+        """Positions [m] and directions [rad] ``(..., 3)`` at distances ``along (...)`` [m]."""
         curvature = scenario[..., CURVATURE]
         lead, ramp = self._lengths(scenario)
         forward, sideways, turned = _clothoid(np.clip(along - lead, 0.0, ramp), ramp, curvature)

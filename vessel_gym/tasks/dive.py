@@ -148,6 +148,7 @@ class Dive(Task):
         progress, cross, depth, heading, slope, *ahead = (reference[..., i] for i in range(8))
         u, v, w, p, q, r, _, _, _, roll, pitch, yaw = self.motion(estimate.state)
         zero, flow = np.zeros_like(u), estimate.flow
+        angle, length = scenario[..., 0], scenario[..., 1]
         vectors = {
             "path": (cross * np.sin(heading), -cross * np.cos(heading), -depth),
             "look": ahead,
@@ -155,7 +156,7 @@ class Dive(Task):
         }
         seen = {
             "heading error": wrapped(heading - yaw), "pitch error": -np.arctan(slope) - pitch,
-            "remaining": scenario[..., 1] - progress, "curvature": scenario[..., 0] / scenario[..., 1],
+            "remaining": length - progress, "curvature": angle / length,
             "surge error": u - self.auv.cruise_speed, "sway": v, "heave": w,
             "roll rate": p, "pitch rate": q, "yaw rate": r, "roll": roll, "pitch": pitch,
         }  # fmt: skip
@@ -169,7 +170,7 @@ class Dive(Task):
         self, estimate: Estimate, scenario: np.ndarray, reference: np.ndarray,
         actuators: np.ndarray,
     ) -> np.ndarray:  # fmt: skip
-        """Observation ``(..., k)`` of mode ``"mean"``: what ``observed`` names, and the actuators."""
+        """Observation ``(..., k)`` of mode ``"mean"``: errors by name, and the actuators."""
         errors = self.errors(estimate, scenario, reference)
         seen = [errors[name] / scale for name, scale in self.observed.items()]
         return np.concatenate([np.stack(seen, -1), self.scaled(actuators)], -1)
@@ -187,7 +188,7 @@ class Dive(Task):
         return np.concatenate([mission, self.scaled(actuators)], -1)
 
     components: ClassVar[tuple[int | None, ...]]
-    """Indices in a state of u, v, w, p, q, r, x, y, z, phi, theta, psi; None: it lacks the component."""
+    """Indices in a state of u, v, w, p, q, r, x, y, z, phi, theta, psi; None where it lacks one."""
 
     def motion(self, state: np.ndarray) -> list[np.ndarray]:
         """The twelve ``components`` of states in SI, ``(...)`` each; 0 where a state lacks one."""

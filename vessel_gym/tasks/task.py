@@ -206,7 +206,7 @@ class Task:
         return np.concatenate([scenario, actuators], -1)
 
     def workspace(self, scenario: np.ndarray) -> Workspace:
-        """What images and pages show around the vehicle; default: nothing.
+        """Workspace that images and pages show; default: the vehicle alone.
 
         Args:
             scenario: ``(k,)``, of one episode.
