@@ -105,6 +105,16 @@ def test_oscillation_has_its_amplitude_period_and_random_phase():
     )  # of random phases above with probability exp(-9)
 
 
+def test_a_walking_offset_has_its_start_and_its_pace():
+    """Within four standard errors."""
+    walk = faulty(PLANE, "stern plane", start=0.2, walk=0.05)
+    core = make_core(PLANE, 400, seed=3, disturbance=walk, estimator="truth")
+    core.reset()
+    d = np.stack([step["d"][:, 0] for step in moved(core, 20)])
+    assert d[0].std() == pytest.approx(0.2, rel=4.0 / np.sqrt(2 * 400))
+    assert np.diff(d, axis=0).std() == pytest.approx(0.05 * np.sqrt(0.1), rel=0.03)
+
+
 @every_vehicle
 def test_effect_of_fault_is_G_times_it_to_first_order(env_id: str):
     told = faulty(env_id, *SEEN[env_id])
