@@ -13,8 +13,7 @@ from estimators.checks import short_repr
 from vessel_gym import checks
 from vessel_gym.caching import cached
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.models.assumed import assumed_space
-from vessel_gym.models.assumptions import Assumptions
+from vessel_gym.models.assumed import Assumptions, assumed_space
 from vessel_gym.models.input_conditions import check_ambient_flows, check_input, check_own
 from vessel_gym.models.linear import filter_model
 from vessel_gym.models.reference_filters import DeadReckoning, Oracle, ZeroOrderHold

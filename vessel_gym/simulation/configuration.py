@@ -62,7 +62,7 @@ class Options:
             or a function of the model that returns a filter, also serves.
         estimator_options: Options of the estimator, which override the environment's tuning.
             ``model`` selects one of several models. ``assume`` sets the filter's assumptions about
-            the world (see `vessel_gym.models.assumptions.Assumptions`). ``late`` sets the use of
+            the world (see `vessel_gym.models.assumed.Assumptions`). ``late`` sets the use of
             late measurements: ``"fused"`` at the time when they were taken (the default), ``"as
             new"`` or ``"discarded"``.
         sensors: ``"clean"``, ``"nominal"``, ``"degraded"`` (10 % of the nominal measurements are
