@@ -322,7 +322,7 @@ def smoothness(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Factor of a reward ``(...)`` for steady actuators, and the next ``kept`` ``(..., 2 k)``.
 
-    The factor is 1 / (1 + price (TRAVEL |rate| + REVERSALS |rate - last rate| / 2)), with means
+    The factor is `1 / (1 + price (TRAVEL |rate| + REVERSALS |rate - last rate| / 2))`, with means
     over the actuators. The terms are linear, so that their sum over an episode counts the travel,
     and the reversals times their size. The factor has no lower bound but 0: more effort always
     costs more.
