@@ -47,7 +47,8 @@ class Arms:
         self.once = episodes(STUDY, environment, TUNED)
         first = next(iter(self.once))[0]
         own = {at: each for at, each in self.once.items() if at[0] == first}
-        self.each = own | episodes(EACH, environment, TUNED)
+        known = environment in read_study(STUDIES[EACH]).environments
+        self.each = own | (episodes(EACH, environment, TUNED) if known else {})
         self.likely = episodes(LIKELIHOOD, environment, TUNED)
         self.conditions = list(dict.fromkeys(condition for condition, _ in self.once))
         self.names = list(dict.fromkeys(name for _, name in self.once))
