@@ -7,9 +7,9 @@ import pytest
 from estimators import make
 from tests.vessel_gym.contract import make_core
 from vessel_gym.disturbances import Fault
-from vessel_gym.envs import PunaUAVEnv
+from vessel_gym.envs import PunaUAVEnv, SegorogeniAUVEnv
 from vessel_gym.envs.auv import PLANE_WATERS, WATERS
-from vessel_gym.models.input_conditions import VAGUEST
+from vessel_gym.models.input_conditions import VAGUEST, nominal_flight
 
 AUV, PLANE, AIRCRAFT, SHIP = "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0", "SigmaCorvette-v0"
 AIR = PunaUAVEnv.system.disturbances["moderate"]
@@ -73,3 +73,12 @@ def test_a_step_tells_what_is_unknown_relative_to_its_size(size: float):
         ),
     ):
         make_core(AUV, 1, estimator="ekf-ui-wdf", **world)
+
+
+def test_the_nominal_flight_turns_about_cruising():
+    vehicle = SegorogeniAUVEnv.system.vehicle
+    x, _ = nominal_flight(vehicle, vehicle.state_names)
+    assert abs(x[1:, 3:6] - x[:1, 3:6]).max() > 0.05  # the others turn
+    assert (x[:, 0] > 0.5 * vehicle.cruise[0][0]).all()
+    part, _ = nominal_flight(vehicle, ("q", "u"))
+    assert (part == x[:, [4, 0]]).all()

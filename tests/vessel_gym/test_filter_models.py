@@ -1,4 +1,4 @@
-"""Models of filters are composed of a toy system as laws say."""
+"""Models of filters are the recorded ones, and are composed of a toy system as laws say."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -8,6 +8,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from contract import OURS, make_core
+from golden.models import ENVIRONMENTS, recorded, table
 from heading_ship import HEADING_SHIP
 from refusals import refused
 from scipy.stats import chi2
@@ -24,6 +25,16 @@ from vessel_gym.processes import Process
 from vessel_gym.sensors import Bias, Sensor, plain
 from vessel_gym.simulation.core import Core
 from vessel_gym.tasks.task import Task
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_models_of_filters_are_the_recorded_ones(env_id: str):
+    found, expected = table(env_id), recorded()[env_id]
+    assert {name: names for name, (names, _) in found.items()} == {
+        name: names for name, (names, _) in expected.items()
+    }
+    for name, (_, sums) in found.items():
+        np.testing.assert_allclose(sums, expected[name][1], rtol=1e-9, atol=1e-9, err_msg=name)
 
 
 @pytest.mark.parametrize("env_id", OURS)

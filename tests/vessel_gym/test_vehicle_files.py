@@ -190,6 +190,14 @@ def test_a_given_rudder_force_replaces_area_and_aspect_ratio(write):
     assert c["rudder"] * 1.2**2 == pytest.approx(0.5 * 1025.0 * 60.0**2 * 3e-3)  # per u^2 and angle
 
 
+@pytest.mark.parametrize(("ratio", "drag"), [(0.988, 0.828), (1.639, 0.691)])
+def test_cross_flow_drag_is_that_of_hoerners_curve(write, ratio, drag):
+    draught = 5.0 / ratio
+    text = SHIP.replace("draught = 3.0", f"draught = {draught!r}")
+    found = load(write(text)).vector()[COEFFICIENTS.index("cross_flow")]
+    assert found == pytest.approx(0.5 * 1025.0 * draught * drag)
+
+
 @pytest.mark.parametrize("name", [each.name for each in fields(Coefficients)])
 def test_given_auv_coefficient_replaces_only_itself(write, name):
     partner = {"Y_rdot": "N_vdot", "N_vdot": "Y_rdot", "Z_qdot": "M_wdot", "M_wdot": "Z_qdot"}.get(
