@@ -4,7 +4,7 @@ from agents.page import listed, text
 from agents.statistics import CLEARLY_WORSE, EQUIVALENT, SLIGHTLY_WORSE, UNDECIDED, Interval
 from agents.studies.effects import AGENT, effects, interactions, mean, significant
 from agents.studies.ranking import ALL, Ranking, rankings
-from agents.studies.records import beyond_the_truth
+from agents.studies.records import ENDS, beyond_the_truth
 from agents.studies.results import Results
 
 
@@ -97,13 +97,13 @@ def _standing(ranking: Ranking) -> str:
     if not found:
         return "No other estimator was compared."
     sentences = []
-    for word in (EQUIVALENT, UNDECIDED, SLIGHTLY_WORSE):
+    for word in (EQUIVALENT, UNDECIDED, SLIGHTLY_WORSE, CLEARLY_WORSE):
         if names := [name for name in found if found[name] == word]:
             more = max(map(ranking.episodes_to_decide, names))
             needed = f" (at most about {more:.0f} more episodes needed)" * (word == UNDECIDED)
             sentences.append(f"{word.capitalize()}: {listed(names)}{needed}.")
-    if CLEARLY_WORSE in found.values():
-        sentences.append("All other estimators are clearly worse.")
+    if partial := [*set(ranking.results.estimators()).difference(ranking.scores, ENDS)]:
+        sentences.append(f"Not used in all environments: {listed(sorted(partial))}.")
     return " ".join(sentences)
 
 
