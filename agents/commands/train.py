@@ -56,9 +56,7 @@ def main(
     out = npz_path(out or Path("results") / algorithm)
     with asked():
         if out.exists() and not (resume or force):
-            raise ValueError(
-                f"{out} is there already: give --force to replace it, or another --out"
-            )
+            raise ValueError(f"{out} exists: give --force to replace it, or another --out")
         env_id = environment_id(env_id)
         if "tuned" in options:
             options = load_tuned(options.pop("tuned")).options_for(env_id, options)

@@ -17,12 +17,14 @@ import pandas as pd
 
 from agents.statistics import Interval
 from agents.studies.ranking import interval
-from agents.studies.records import TUNED, Condition
+from agents.studies.records import Condition
 from agents.studies.results import Results
 from agents.studies.worlds import AT_RATE
 from vessel_gym.sensors.grades import NOMINAL
 
 ESTIMATOR, AGENT, RUN = "estimator", "agent", "run"
+_TUNING = "tuning", "delivered parameters", "tuned parameters"
+"""The factor, its reference and its other level."""
 
 
 class Effect(NamedTuple):
@@ -148,7 +150,7 @@ def _policies(results: Results, environment: str) -> Contrasts:
         ours, theirs = ours.droplevel("policy"), theirs.droplevel(["policy", RUN])
         base = theirs.reindex(ours.index.droplevel(RUN)).to_numpy()
         if len(gaps := (ours - base).dropna()):
-            of = ("tuning", "delivered", TUNED) if tuned else (AGENT, classical, policy)
+            of = _TUNING if tuned else (AGENT, classical, policy)
             found.setdefault(of[0], (of[1], {}))[1][of[2]] = gaps
     return found
 

@@ -149,7 +149,8 @@ class _EnvironmentPlan:
         name, home = f"{agent.name}, {TUNED}", self.system.estimator
         for estimator in (each for each in self.estimators.values() if each.name != FLOOR):
             try:
-                Arm(self.environment, **self._arm(agent, tuning, estimator, once)).parameters  # noqa: B018
+                arm = Arm(self.environment, **self._arm(agent, tuning, estimator, once))
+                arm.parameters  # noqa: B018
             except ValueError as error:
                 self._skip(f"{name} on {estimator.name}", str(error))
                 continue

@@ -132,7 +132,7 @@ class Arm:
         return {name: each for name, each in found.items() if name in chosen}
 
     def _of_likelihood(self) -> dict[str, Parameter]:
-        """Factors on Q and R of a filter that has a likelihood, and whose candidates share a batch."""
+        """Factors on Q and R, if the filter has a likelihood and its candidates share a batch."""
         noise = {name: each for name, each in self._of_estimator().items() if is_noise(name)}
         if not noise or not self.by_rows or self.estimator in NO_LIKELIHOOD:
             raise ValueError(

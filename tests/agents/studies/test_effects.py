@@ -169,7 +169,7 @@ def test_tuning_is_a_factor():
     table = made.table.assign(policy="autopilot, tuned")
     table["score"] += 0.05 * (~table.estimator.isin(["truth", "dead-reckoning"]))
     effect = of(Results(both, pd.concat([made.table, table], ignore_index=True)), "tuning")
-    assert (effect.reference, effect.best) == ("delivered", "tuned")
+    assert (effect.reference, effect.best) == ("delivered parameters", "tuned parameters")
     assert (effect.gain.mean, effect.gain.half) == pytest.approx((0.05, 0.0), abs=1e-9)
 
 
