@@ -95,7 +95,7 @@ def choices_table(results: Results) -> pd.DataFrame:
 
 
 def code(results: Results) -> list[str]:
-    """A line for each environment that makes it with the best estimator, and its tuned file."""
+    """A line for each environment that makes it with its best estimator, as tuned if it is."""
     lines = []
     for environment, ranking in rankings(results).items():
         own = [
@@ -103,16 +103,16 @@ def code(results: Results) -> list[str]:
             for f in results.plan.flights
             if (f.environment, f.estimator) == (environment, ranking.best)
         ]
-        if own:
+        needs = [need.key + need.artifact for job in own for need in job.needs]
+        if tuned := [name for name in needs if name.endswith(".toml")]:
+            options = f'**agents.load_tuned("jobs/{tuned[0]}").env_options'
+            lines.append(f'gym.make("{environment}", {options})  # {ranking.best}')
+        elif own:
             made = own[0].arguments["options"]
             _, module, name = made["estimator"].rpartition(":")
             kind, chosen = name if module else f'"{name}"', made.get("estimator_options")
             options = f", estimator_options={chosen}" if chosen else ""
             lines.append(f'gym.make("{environment}", estimator={kind}{options})')
-        tuned = [need.key + need.artifact for job in own for need in job.needs]
-        tuned = [name for name in tuned if name.endswith(".toml")]
-        if tuned:
-            lines.append(f"vessel-gym evaluate {environment} --tuned jobs/{tuned[0]}")
     return lines
 
 
@@ -173,7 +173,7 @@ def ranking_table(results: Results) -> pd.DataFrame:
 def _verdict(ranking: Ranking, name: str) -> str:
     """The verdict against the best; with it, about how many more episodes would decide."""
     word = ranking.verdicts.get(name, "best")
-    more = f" ({ranking.episodes_to_decide(name):.2g})" if word == UNDECIDED else ""
+    more = f" ({ranking.episodes_to_decide(name):.0f} more)" if word == UNDECIDED else ""
     return word + more
 
 
