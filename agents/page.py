@@ -45,7 +45,10 @@ def text(value: Interval | float | None, decimals: int, signed: bool = False) ->
 
 def interval(of: Interval | None, decimals: int = 3) -> str:
     """A mean and half of its interval; a dash without an interval."""
-    return "–" if of is None else f"{of.mean:,.{decimals}f} ± {of.half:.{decimals}f}"
+    if of is None:
+        return "–"
+    mean = round(of.mean, decimals) + 0.0  # no minus zero
+    return f"{mean:,.{decimals}f} ± {of.half:.{decimals}f}"
 
 
 def mean_and_half(values: np.ndarray, decimals: int = 3) -> str:

@@ -142,15 +142,15 @@ def _file(name: str, found: pd.DataFrame) -> str:
 
 
 ROWS = {
-    "perfect state knowledge": (ORACLE,),
-    "EKF": ("ekf",),
-    "EKF with waves as states": ("ekf-waves",),
-    "KF-UMV-UI": ("kf-umv-ui",),
-    "UKF": ("ukf",),
-    "EnKF, EnKF-SR": ("enkf", "enkf-sr"),
-    "Huber's filter": ("huber-kf-nonlinear", "huber-kf"),
-    "constant gain": ("steady-kf",),
-    "raw measurements": ("measurement",),
+    "perfect state knowledge (`truth`)": (ORACLE,),
+    "`ekf`": ("ekf",),
+    "`ekf-waves` (waves as states)": ("ekf-waves",),
+    "`kf-umv-ui`": ("kf-umv-ui",),
+    "`ukf`": ("ukf",),
+    "`enkf`, `enkf-sr`": ("enkf", "enkf-sr"),
+    "`huber-kf-nonlinear`, `huber-kf`": ("huber-kf-nonlinear", "huber-kf"),
+    "`steady-kf` (constant gain)": ("steady-kf",),
+    "raw measurements (`measurement`)": ("measurement",),
 }
 """Estimators of a row of the table of all environments."""
 
