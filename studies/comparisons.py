@@ -222,7 +222,7 @@ def packaged_agents() -> str:
     for env_id in (CORVETTE, "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"):
         tuned = load_tuned(env_id)
         plain, ppo = (arm_metrics("default", env_id, agent=name) for name in ("autopilot", "ppo"))
-        best = arm_metrics("default", env_id, agent=str(SHIPPED[env_id]), tuned=env_id)
+        best = arm_metrics("default", env_id, agent=str(SHIPPED[env_id]), **tuned.env_options)
         pairs = [ppo["score"] - other["score"] for other in (plain, best)]
         told, made = description(packaged(env_id)) or {}, tuned.made_by
         flown = made["evaluations"] * made["episodes"] * len(tuned.arm.conditions)

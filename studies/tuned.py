@@ -102,8 +102,10 @@ def everything() -> str:
     return _file("tuned.csv", pd.DataFrame(rows))
 
 
-SUITES: list[dict[str, Any]] = [{"sensors": name} for name in ("nominal", "budget", "denied")]
-SHIPS = [*SUITES, {"disturbance": "rough"}, {"mismatch": 0.2}]
+SUITES: dict[str, dict[str, Any]] = {
+    name: {"sensors": name} for name in ("nominal", "budget", "denied")
+}
+SHIPS = SUITES | {"rough": {"disturbance": "rough"}, "mismatch .2": {"mismatch": 0.2}}
 MIX = {
     "SigmaCorvette-v0": SHIPS, "SigmaChannel-v0": SHIPS, "SegorogeniAUV-v0": SUITES,
     "ItsunusaAUV-v0": SUITES, "PunaUAV-v0": SUITES,
@@ -114,7 +116,7 @@ MIX = {
 def ship() -> None:
     """Tune the default estimator and the autopilot of each environment anew, for the package."""
     for environment, mix in MIX.items():
-        tune(Arm(environment, conditions=tuple(mix))).write(SHIPPED[environment])
+        tune(Arm(environment, conditions=tuple(mix.values()))).write(SHIPPED[environment])
 
 
 def shipped() -> str:
@@ -131,8 +133,7 @@ def shipped() -> str:
         cells += [NONE] * (len(SHIPS) - len(cells))
         nees = f"{tuned.found['position_nees']:.2f}"
         rows.append([f"`{environment}`", f"`{tuned.arm.estimator}`", *cells, nees])
-    names = [" ".join(map(str, each.values())) for each in SHIPS]
-    return table(["delivered → tuned (gain)", "estimator", *names, "NEES of the position"], rows)
+    return table(["delivered → tuned (gain)", "estimator", *SHIPS, "NEES of the position"], rows)
 
 
 def _file(name: str, found: pd.DataFrame) -> str:
