@@ -139,7 +139,7 @@ class Ranking:
         They show that the estimators differ, or that they are equivalent, which takes a least
         number of episodes (`verdict`).
         """
-        gap = self.differences(name, self.best).mean(axis=0)
+        gap = (self.scores[name].mean() - self.scores[self.best].mean()).to_numpy()
         margin, size = self.results.plan.study.margin, abs(gap.mean())
         needed = episodes_for(gap, max(size, margin - size), self.pairs)
         least = 3.0 * self.span / margin if size < margin - size else 0.0

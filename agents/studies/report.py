@@ -22,7 +22,7 @@ from agents.page import (
     write_page,
 )
 from agents.plotting import data_uri, learning_figure
-from agents.statistics import mean_interval
+from agents.statistics import crossed_interval
 from agents.studies.answer import answer
 from agents.studies.figures import conditions_figure
 from agents.studies.ranking import ALL, policy_score, rankings
@@ -160,16 +160,21 @@ def _environment(results: Results, environment: str) -> list[Block]:
 
 
 def costs(results: Results, environment: str, chosen: Sequence[Metric]) -> pd.DataFrame:
-    """Score and costs of `Results.compared` in the first condition, minus those on the truth."""
+    """Score and costs of `Results.compared` in the first condition, minus those on the truth.
+
+    Differences are of the tunings that both have, with crossed intervals. Empty without the truth.
+    """
     columns, place = {}, (environment, results.conditions(environment)[0], results.compared)
     for m in chosen:
         wide = results.wide(m.key)
-        truth = results.values(wide, *place, ORACLE)
-        column = columns[m.title] = {ORACLE: text(mean(m, truth), m.decimals)}
+        truth = results.runs(wide, *place, ORACLE)
+        if truth.empty:
+            break
+        column = columns[m.title] = {ORACLE: text(mean(m, truth.to_numpy()), m.decimals)}
         for name in results.estimators(environment):
             if name != ORACLE:
-                more = results.values(wide, *place, name) - truth
-                column[name] = text(mean_interval(more), m.decimals, True)
+                more = (results.runs(wide, *place, name) - truth).dropna(how="all").dropna(axis=1)
+                column[name] = text(crossed_interval(more.to_numpy()), m.decimals, True)
     return pd.DataFrame(columns).rename_axis("estimator")
 
 

@@ -133,9 +133,13 @@ class Results:
         own = wide[(of("estimator") == estimator) & (of("policy") == policy)]
         return own.droplevel(["policy", "estimator"])
 
+    def runs(self, wide: pd.DataFrame, *flight: str) -> pd.DataFrame:
+        """Rows of a frame such as `wide` at the first four of `FLIGHT`, by run."""
+        return wide[wide.index.droplevel("run").isin([flight])].droplevel(FLIGHT[:4])
+
     def values(self, wide: pd.DataFrame, *flight: str) -> np.ndarray:
-        """Values ``(runs, seeds)`` of a frame such as `wide` at the first four of `FLIGHT`."""
-        return wide[wide.index.droplevel("run").isin([flight])].to_numpy()
+        """Values ``(runs, seeds)`` of `runs`."""
+        return self.runs(wide, *flight).to_numpy()
 
     @cached_property
     def scales(self) -> pd.DataFrame:

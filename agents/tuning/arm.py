@@ -49,8 +49,8 @@ class Arm:
         picked: Names of the parameters to tune, or beginnings of them such as ``"estimator"``.
             Empty: all but the factor on Q, of which the filter's gain depends only through its
             ratio to R.
-        by: What is maximised. By "likelihood", it is that of the measurements, and Q and R of the
-            estimator are tuned alone: the controller stays as delivered.
+        by: What is maximised. By "likelihood", it is that of the measurements, and factors on Q and
+            R are tuned alone, all of them unless some are picked: the controller stays as delivered.
 
     Raises:
         ValueError: for parameters that are not there, or an arm that has nothing to tune.
@@ -117,13 +117,14 @@ class Arm:
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
         """Parameters that are tuned, by name."""
-        found = self.every
         one_of("by", self.by, (SCORE, LIKELIHOOD))
+        by_score = self.by == SCORE
+        found = self.every if by_score else self._of_likelihood()
         if not found:
             raise ValueError(f"{self.agent} on {self.estimator} has nothing that can be tuned")
-        if self.by == LIKELIHOOD:
-            return self._of_likelihood()
-        chosen: set[str] = set() if self.picked else {*found} - {"estimator.Q"}
+        chosen: set[str] = set() if self.picked else {*found}
+        if by_score and not self.picked:
+            chosen.discard("estimator.Q")
         for name in self.picked:
             matching = {each for each in found if f"{each}.".startswith(f"{name}.")}
             if not matching:

@@ -126,16 +126,19 @@ def _scores(
     for agent in agents:
         agent.reset(len(seeds))
     alive, score = np.ones(core.num_envs, bool), np.full(core.num_envs, np.nan)
-    density, likelihood = np.zeros(core.num_envs), core.config.estimation.filter.log_likelihood
+    density, filter = np.zeros(core.num_envs), core.config.estimation.filter
     horizon = core.config.system.task.horizon
     while alive.any():
         observations = core.observe()
         actions = np.concatenate(
             [a.act(observations[own]) for a, own in zip(agents, rows, strict=True)]
         )
+        before = core.now.belief
         core.advance(actions, core.action_shape, ended=~alive, info=False)
         if by == LIKELIHOOD:
-            density += np.where(alive, likelihood(core.now.belief, core.now.belief), 0.0)
+            after = core.now.belief
+            predicted = after if filter.random else filter.predict(before, after.u)
+            density += np.where(alive, filter.log_likelihood(predicted, after), 0.0)
         done = alive & ((core.last.end != 0) | (core.last.steps >= horizon))
         if done.any():
             found = density / core.last.steps if by == LIKELIHOOD else core.score

@@ -74,7 +74,7 @@ def tune(
         "seed": seed,
         "own": digests(arm.env_id, arm.agent, *(each for each in given if isinstance(each, str))),
     }  # fmt: skip
-    described = [made_by, arm.env_id, arm.agent, str(arm.options), str(arm.conditions)]
+    described = [made_by, arm.env_id, arm.agent, str(arm.options), str(arm.conditions), arm.by]
     kept = Journal(journal, [*described, sorted(arm.parameters)])
     values = search(
         lambda values: float(trials.scores([values]).mean()), arm.parameters, evaluations, seed,

@@ -117,6 +117,31 @@ def test_likelihood_is_that_of_the_innovations_of_a_step():
     assert found.item() == pytest.approx(np.mean(densities), rel=1e-9)
 
 
+def test_likelihood_of_an_unknown_input_is_that_of_the_prediction():
+    options = {"estimator": "kf-umv-ui"}
+    env: Any = gym.make(CORVETTE, **options)
+    agent, (observation, _) = load_agent("autopilot", env), env.reset(seed=SEEDS[0])
+    core, densities, over = env.unwrapped.core, list[float](), False
+    filter, belief = core.config.estimation.filter, core.now.belief
+    while not over:
+        observation, _, terminated, truncated, _ = env.step(agent.act(observation[None])[0])
+        now = core.now
+        predicted = filter.predict(belief, now.belief.u)
+        belief = filter.update(predicted, now.y, available=now.available, u=now.belief.u)
+        densities.append(filter.log_likelihood(predicted, belief).item())
+        over = terminated or truncated
+    found = Trials(Arm(CORVETTE, options=options, by="likelihood"), SEEDS[:1]).scores([{}])
+    assert found.item() == pytest.approx(np.mean(densities), rel=1e-6)
+
+
+def test_by_likelihood_the_picked_factors_are_tuned_alone():
+    arm = Arm(CORVETTE, picked=("estimator.R.receiver",), by="likelihood")
+    assert [*arm.parameters] == ["estimator.R.receiver"]
+    assert "estimator.Q" in Arm(CORVETTE, by="likelihood").parameters
+    with refused(ValueError, "unknown parameter 'agent'.*estimator.Q"):
+        Arm(CORVETTE, picked=("agent",), by="likelihood").parameters  # noqa: B018
+
+
 @pytest.mark.parametrize("estimator", ["huber-kf", "steady-kf", "truth"])
 def test_what_has_no_likelihood_is_refused_in_a_sentence(estimator: str):
     arm = Arm(CORVETTE, options={"estimator": estimator}, by="likelihood")
@@ -374,3 +399,7 @@ def test_a_journal_of_another_tuning_is_refused(tmp_path: Path):
     Journal(tmp_path / "a.jsonl", {"seed": 0})
     with pytest.raises(ValueError, match="the journal of another tuning"):
         Journal(tmp_path / "a.jsonl", {"seed": 1})
+    arm = Arm(CORVETTE, picked=("estimator",))
+    tune(arm, 1, 1, fresh=2, journal=tmp_path / "b.jsonl")
+    with pytest.raises(ValueError, match="the journal of another tuning"):
+        tune(replace(arm, by="likelihood"), 1, 1, fresh=2, journal=tmp_path / "b.jsonl")

@@ -9,7 +9,7 @@ import invented
 import numpy as np
 import pandas as pd
 import pytest
-from invented import CORVETTE, ENDS, QUALITY, SEGOROGENI, results, study, without
+from invented import CONDITIONS, CORVETTE, ENDS, QUALITY, SEGOROGENI, results, study, without
 from matplotlib.text import Text
 
 from agents.metrics import NEES, SCORE, metrics
@@ -18,10 +18,12 @@ from agents.plotting import learning_figure, styled
 from agents.statistics import crossed_interval
 from agents.studies.answer import answer
 from agents.studies.figures import conditions_figure
-from agents.studies.records import Condition, Estimator
+from agents.studies.records import Condition, Estimator, Tuning
 from agents.studies.report import consistency, costs, write_report
 from agents.studies.tables import conditions_table, effects_table, markdown, ranking_table
 from agents.studies.worlds import system_of
+
+TUNED = "autopilot, tuned"
 
 
 @pytest.fixture(scope="module")
@@ -82,6 +84,30 @@ def test_costs_are_beyond_those_on_the_truth_at_the_same_seeds(small):
         )
         assert table.loc["kf", head] == text(crossed_interval(ours - truth), metric.decimals, True)
         assert table.loc["truth", head].startswith(text(float(truth.mean()), metric.decimals))
+
+
+def test_costs_of_tuned_arms_pair_the_tunings_that_both_have():
+    asked = replace(study((CORVETTE,), conditions=CONDITIONS[:1]), tune=Tuning(tunings=3))
+    found = results(asked)
+    cut = without(found, lambda f: (f.policy, f.estimator, f.run) == (TUNED, "ekf", 1))
+    wide = cut.wide(SCORE.key)
+    ours, truth = (
+        wide.loc[[(CORVETTE, "nominal", TUNED, name, run) for run in (0, 2)]].to_numpy()
+        for name in ("ekf", "truth")
+    )
+    table = costs(cut, CORVETTE, [SCORE])
+    expected = text(crossed_interval(ours - truth), SCORE.decimals, True)
+    assert table.loc["ekf", SCORE.title] == expected
+    assert costs(without(found, lambda f: f.estimator == "truth"), CORVETTE, [SCORE]).empty
+
+
+def test_arms_without_a_tuning_in_common_are_undecided_by_a_number():
+    asked = replace(study((CORVETTE,), conditions=CONDITIONS[:1]), tune=Tuning(tunings=2))
+    lost = (TUNED, "kf-umv-ui", 0), (TUNED, "enkf", 1)
+    apart = without(results(asked), lambda f: (f.policy, f.estimator, f.run) in lost)
+    sentences = " ".join(answer(apart))
+    assert "Undecided: enkf" in sentences
+    assert "nan" not in sentences
 
 
 def test_consistency_is_of_first_condition_and_filters_alone(small):
