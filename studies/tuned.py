@@ -129,11 +129,11 @@ def shipped() -> str:
             trials = Trials(replace(tuned.arm, conditions=(condition,)), seeds)
             before, after = trials.scores([{}, tuned.values])
             gain = paired_difference(after, before, comparisons=len(tuned.arm.conditions))
-            cells.append(f"{before.mean():.3f} → {after.mean():.3f} ({interval(gain)})")
+            cells.append(interval(gain))
         cells += [NONE] * (len(SHIPS) - len(cells))
         nees = f"{tuned.found['position_nees']:.2f}"
         rows.append([f"`{environment}`", f"`{tuned.arm.estimator}`", *cells, nees])
-    return table(["delivered → tuned (gain)", "estimator", *SHIPS, "NEES of the position"], rows)
+    return table(["gain of score", "estimator", *SHIPS, "NEES of the position"], rows)
 
 
 def _file(name: str, found: pd.DataFrame) -> str:
