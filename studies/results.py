@@ -96,7 +96,7 @@ def columns(study: str) -> Iterator[Column]:
         yield from (Column(environment, at, scores, pairs) for at, scores in each.items())
 
 
-def by_suite(study: str, environment: str, sea: str, agent: str = "autopilot") -> str:
+def by_suite(study: str, environment: str, sea: str = "", agent: str = "autopilot") -> str:
     """Score and steering travel of estimators in a sea with each suite, by the score in the first.
 
     95 % hold for all scores at once. Estimators whose scores are alike in every suite share a row,
@@ -105,7 +105,7 @@ def by_suite(study: str, environment: str, sea: str, agent: str = "autopilot") -
     score, travel = (
         episodes(study, environment, agent, key) for key in ("score", "steering_travel")
     )
-    places = [f"{sea}, {suite}" for suite in SUITE]
+    places = [f"{sea}, {suite}" if sea else suite for suite in SUITE]
     names = dict.fromkeys(name for place, name in score if place in places)
 
     def cell(*at: Any) -> str:
