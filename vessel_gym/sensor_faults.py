@@ -88,7 +88,7 @@ class SensorFault:
                 numbers.
         """
         time = getattr(self, name)
-        pair = time if np.ndim(time) else (time, time)
+        pair = time if isinstance(time, list | tuple) or np.ndim(time) else (time, time)
         earliest, latest = map(as_number, pair) if len(pair) == 2 else (np.nan, np.nan)
         possible = latest < np.inf or (name == "end" and earliest == np.inf)
         if not (possible and 0.0 <= earliest <= latest):

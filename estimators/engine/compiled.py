@@ -123,7 +123,7 @@ class Compiled:
         if instance is None:  # the class' own: plain, with the object as an argument
             return self.function
         own, bound = vars(instance), self.function.__get__(instance)
-        place = self.function.__qualname__
+        place = f"{self.function.__module__}.{self.function.__qualname__}"
         if place not in own or own[place].function != bound:  # a copy has those of its original
             own[place] = Compiled(bound, self._axes, **self._options)
         return own[place]

@@ -15,7 +15,7 @@ import numpy as np
 
 from estimators.checks import number, short_repr
 from estimators.factory import unknown
-from vessel_gym.checks import LARGEST, RANGES, instance, one_of
+from vessel_gym.checks import LARGEST, RANGES, all_are, one_of
 from vessel_gym.toml_file import TomlFile
 
 P = TypeVar("P")
@@ -237,7 +237,12 @@ class Particulars:
             value = getattr(self, each.name)
             if each.name != "given" and value is not each.default:
                 _value(each.name, each.name, value)
-        instance("given, pairs (name, number),", given, tuple)
+        if not isinstance(given, tuple) or not all(
+            all_are(object, p) and len(p) == 2 for p in given
+        ):
+            raise ValueError(
+                f"given must be a tuple of pairs (name, number), got {short_repr(given)}"
+            )
         names = {name for table in cls.TABLES.values() for name in table}
         for name, value in given:
             one_of("name in given", name, sorted(names - set(cls.__dataclass_fields__)))

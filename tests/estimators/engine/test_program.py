@@ -183,6 +183,21 @@ class Spring:
         return -0.5 * (self.force(x) * x).sum(-1)
 
 
+class Namesake(Spring):
+    """A subclass with the name of its base, as one in another module may have."""
+
+    @compiled
+    def force(self, x: np.ndarray) -> np.ndarray:
+        return 0.0 * x
+
+    def both(self, x: np.ndarray) -> np.ndarray:
+        return self.force(x) + super().force(x)
+
+
+Namesake.__dict__["force"].function.__qualname__ = "Spring.force"
+Namesake.__dict__["force"].function.__module__ = "another"
+
+
 def _scaled(factor: float, x: np.ndarray) -> np.ndarray:
     return factor * x
 
@@ -196,6 +211,11 @@ def test_methods_are_compiled_for_their_object_and_its_copies():
     for again in (hard, pickle.loads(pickle.dumps(hard)), copy.deepcopy(hard)):
         assert_array_equal(again.energy(x), [7.5, 7.5])
     assert pickle.loads(pickle.dumps(moved)) is moved
+    namesake = Namesake(5.0)
+    assert_array_equal(namesake.both(x), -5.0 * x)
+    kept = dict(vars(namesake))
+    assert_array_equal(namesake.both(x), -5.0 * x)
+    assert all(vars(namesake)[name] is each for name, each in kept.items())  # none is traced anew
     function = compiled(partial(_scaled, 2.5))  # which has no name
     for again in (hard.force, function):
         pickled = pickle.loads(pickle.dumps(again))
