@@ -42,6 +42,7 @@ from agents.studies.tables import (
     tuned_table,
 )
 from agents.studies.worlds import system_of
+from agents.tuning.arm import LIKELIHOOD
 
 
 def write_report(
@@ -127,15 +128,18 @@ def _ranked(results: Results) -> list[Block]:
 def _environment(results: Results, environment: str) -> list[Block]:
     """The tables of an environment: tunings, conditions, costs and consistency."""
     first = results.conditions(environment)[0]
-    who = results.who + ", tuned" * bool(results.plan.study.tune)
+    who = results.who + ", tuned" * bool(tuning := results.plan.study.tune)
+    how = "estimator and controller tuned together"
+    if tuning and tuning.by == LIKELIHOOD:
+        how = "Q and R tuned for likely measurements"
     chosen = [SCORE, *(m for m in metrics(system_of(environment)) if m.cost)]
     meanings = " ".join(f"{m.label}: {m.meaning}" for m in chosen)
     return [
         table(
             f"{environment}: tuned for {first}",
             tuned_table(results, environment),
-            "Score with everything as delivered, and with estimator and controller tuned together,"
-            " each estimator with equal effort. The gain's interval is crossed over tunings and"
+            f"Score with everything as delivered, and with {how}, each estimator with equal"
+            " effort. The gain's interval is crossed over tunings and"
             " evaluation seeds. Overfitting: the gain on tuning seeds minus that on other seeds. At"
             " a bound: parameters at an end of their range in some tuning.",
         ),
@@ -164,16 +168,18 @@ def costs(results: Results, environment: str, chosen: Sequence[Metric]) -> pd.Da
 
     Differences are of the tunings that both have, with crossed intervals. Empty without the truth.
     """
-    columns, place = {}, (environment, results.conditions(environment)[0], results.compared)
+    columns, place = {}, (environment, results.conditions(environment)[0])
     for m in chosen:
         wide = results.wide(m.key)
-        truth = results.runs(wide, *place, ORACLE)
+        truth = results.runs(wide, *place, results.reference_policy, ORACLE)
         if truth.empty:
             break
         column = columns[m.title] = {ORACLE: text(mean(m, truth.to_numpy()), m.decimals)}
+        tuned = results.reference_policy == results.compared
         for name in results.estimators(environment):
             if name != ORACLE:
-                more = (results.runs(wide, *place, name) - truth).dropna(how="all").dropna(axis=1)
+                ours = results.runs(wide, *place, results.compared, name)
+                more = (ours - (truth if tuned else truth.iloc[0])).dropna(how="all").dropna(axis=1)
                 column[name] = text(crossed_interval(more.to_numpy()), m.decimals, True)
     return pd.DataFrame(columns).rename_axis("estimator")
 

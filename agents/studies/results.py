@@ -14,6 +14,7 @@ from agents.statistics import normalise
 from agents.studies.plan import Flight, Plan
 from agents.studies.records import DEFAULT, FLOOR, ORACLE, TUNED
 from agents.studies.worlds import system_of
+from agents.tuning.arm import LIKELIHOOD
 
 FLIGHT = ["environment", "condition", "policy", "estimator", "run"]
 """Columns of a table that name a flight; with the seed they name an episode."""
@@ -72,6 +73,12 @@ class Results:
     def compared(self) -> str:
         """The policy by which estimators are compared: tuned with each, if the study tunes."""
         return f"{self.classical}, {TUNED}" if self.plan.study.tune else self.classical
+
+    @cached_property
+    def reference_policy(self) -> str:
+        """The policy whose score on the truth is 1: `compared`, if it can be tuned on the truth."""
+        tuning = self.plan.study.tune
+        return self.classical if tuning and tuning.by == LIKELIHOOD else self.compared
 
     @cached_property
     def who(self) -> str:
@@ -146,10 +153,10 @@ class Results:
         """Score on the truth minus that on dead reckoning, a row for each place with a scale.
 
         A place is an environment in a condition. It has a scale if the classical agent was steered
-        on both ends there, and scored higher on the truth, on which it is tuned if the study tunes.
+        on both ends there, and scored higher on the truth, see `reference_policy`.
         """
         low = self.rows(self.score, FLOOR, self.classical).droplevel("run")
-        high = self.rows(self.score, ORACLE, self.compared)
+        high = self.rows(self.score, ORACLE, self.reference_policy)
         scales = (high.groupby(FLIGHT[:2], sort=False).mean() - low).dropna()
         return scales[scales.mean(axis=1) > 0.0]
 

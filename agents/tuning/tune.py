@@ -82,6 +82,8 @@ def tune(
     )  # fmt: skip
     searched, (values, nees) = values, _scaled(arm, trials, values)
     best = np.fmax.accumulate([score for _, score in kept.points]).tolist()
+    if arm.by == LIKELIHOOD:
+        trials = Trials(replace(arm, by=SCORE), trials.seeds, processes)
     found = {
         "before": float(trials.scores([{}]).mean()),
         "after": float(trials.scores([values]).mean()), "best_so_far": best,

@@ -134,6 +134,14 @@ def test_likelihood_of_an_unknown_input_is_that_of_the_prediction():
     assert found.item() == pytest.approx(np.mean(densities), rel=1e-6)
 
 
+def test_scores_before_and_after_are_of_the_task_also_by_likelihood():
+    arm = Arm(CORVETTE, picked=("estimator.R.receiver",), by="likelihood")
+    found = tune(arm, 2, 1, fresh=2).found
+    scores = Trials(replace(arm, by="score"), tuning_seeds(1)).scores([{}])
+    assert found["before"] == scores.mean()
+    assert 0.0 < found["after"] < 1.0 < found["best_so_far"][-1]
+
+
 def test_by_likelihood_the_picked_factors_are_tuned_alone():
     arm = Arm(CORVETTE, picked=("estimator.R.receiver",), by="likelihood")
     assert [*arm.parameters] == ["estimator.R.receiver"]

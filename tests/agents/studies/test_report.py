@@ -101,6 +101,16 @@ def test_costs_of_tuned_arms_pair_the_tunings_that_both_have():
     assert costs(without(found, lambda f: f.estimator == "truth"), CORVETTE, [SCORE]).empty
 
 
+def test_arms_tuned_by_likelihood_are_beside_the_delivered_truth():
+    tuning = Tuning(tunings=2, by="likelihood")
+    asked = replace(study((CORVETTE,), conditions=CONDITIONS[:1]), tune=tuning)
+    found = results(asked)
+    scores = ranking_table(found)
+    assert "ekf" in scores.index
+    assert costs(found, CORVETTE, [SCORE]).loc["truth", SCORE.title] != "–"
+    assert not any("No estimator can be ranked" in sentence for sentence in answer(found))
+
+
 def test_arms_without_a_tuning_in_common_are_undecided_by_a_number():
     asked = replace(study((CORVETTE,), conditions=CONDITIONS[:1]), tune=Tuning(tunings=2))
     lost = (TUNED, "kf-umv-ui", 0), (TUNED, "enkf", 1)
