@@ -21,6 +21,7 @@ from agents.statistics import crossed_interval, paired_difference
 from agents.studies.plan import Flight, plan
 from agents.studies.records import ORACLE
 from agents.studies.study import read_study
+from agents.studies.worlds import system_of
 from agents.tuning.arm import Arm
 from agents.tuning.trials import Trials
 from agents.tuning.tune import FRESH, tune
@@ -116,7 +117,10 @@ MIX = {
 def ship() -> None:
     """Tune the default estimator and the autopilot of each environment anew, for the package."""
     for environment, mix in MIX.items():
-        tune(Arm(environment, conditions=tuple(mix.values()))).write(SHIPPED[environment])
+        own = {"estimator": system_of(environment).estimator}  # which may have another default
+        tune(Arm(environment, options=own, conditions=tuple(mix.values()))).write(
+            SHIPPED[environment]
+        )
 
 
 def shipped() -> str:

@@ -37,7 +37,7 @@ def test_a_trained_agent_can_be_evaluated_on_several_estimators(
     described = description(policy)
     assert (described["memory"], described["trained_steps"]) == ("frames", 256)
     assert described["hyperparameters"].items() >= {"n_steps": 2, "gamma": 0.8}.items()
-    with pytest.raises(Refusal, match=r"ppo.npz is there already: give --force to replace it"):
+    with pytest.raises(Refusal, match=r"ppo.npz exists: give --force to replace it"):
         train.main(ENV, out=tmp_path / "ppo")
     with pytest.raises(Refusal, match=r"mine.toml has neither a table \['PunaUAV-v0'\] nor"):
         train.main("PunaUAV-v0", hyperparameters=tables)
