@@ -102,7 +102,7 @@ def _ranked(results: Results) -> list[Block]:
             "The estimator with the highest normalised score; in brackets others that are not"
             " significantly worse.",
         ),
-        preformatted("Code for the best estimator of each environment, in this folder", code(results)),
+        preformatted("Code for the best estimator of each environment, run here", code(results)),
         table(
             f"The best estimators for {results.who}, {head}",
             summary(ranking),

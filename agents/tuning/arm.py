@@ -49,8 +49,8 @@ class Arm:
         picked: Names of the parameters to tune, or beginnings of them such as ``"estimator"``.
             Empty: all but the factor on Q, of which the filter's gain depends only through its
             ratio to R.
-        by: What is maximised. By "likelihood", it is that of the measurements, and factors on Q and
-            R are tuned alone, all of them unless some are picked: the controller stays as delivered.
+        by: What is maximised. By "likelihood", it is that of the measurements. Factors on Q and R
+            are then tuned alone, all of them unless some are picked.
 
     Raises:
         ValueError: for parameters that are not there, or an arm that has nothing to tune.

@@ -117,7 +117,7 @@ def test_likelihood_is_that_of_the_innovations_of_a_step():
     assert found.item() == pytest.approx(np.mean(densities), rel=1e-9)
 
 
-def test_likelihood_of_an_unknown_input_is_that_of_the_prediction():
+def test_likelihood_with_an_unknown_input_is_of_the_prediction():
     options = {"estimator": "kf-umv-ui"}
     env: Any = gym.make(CORVETTE, **options)
     agent, (observation, _) = load_agent("autopilot", env), env.reset(seed=SEEDS[0])
@@ -134,7 +134,7 @@ def test_likelihood_of_an_unknown_input_is_that_of_the_prediction():
     assert found.item() == pytest.approx(np.mean(densities), rel=1e-6)
 
 
-def test_scores_before_and_after_are_of_the_task_also_by_likelihood():
+def test_scores_before_and_after_are_the_task_s_by_likelihood():
     arm = Arm(CORVETTE, picked=("estimator.R.receiver",), by="likelihood")
     found = tune(arm, 2, 1, fresh=2).found
     scores = Trials(replace(arm, by="score"), tuning_seeds(1)).scores([{}])

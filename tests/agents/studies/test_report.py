@@ -111,7 +111,7 @@ def test_arms_tuned_by_likelihood_are_beside_the_delivered_truth():
     assert not any("No estimator can be ranked" in sentence for sentence in answer(found))
 
 
-def test_arms_without_a_tuning_in_common_are_undecided_by_a_number():
+def test_arms_without_a_common_tuning_are_undecided_by_a_number():
     asked = replace(study((CORVETTE,), conditions=CONDITIONS[:1]), tune=Tuning(tunings=2))
     lost = (TUNED, "kf-umv-ui", 0), (TUNED, "enkf", 1)
     apart = without(results(asked), lambda f: (f.policy, f.estimator, f.run) in lost)

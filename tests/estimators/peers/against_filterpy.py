@@ -24,15 +24,12 @@ from case import (
     h,
     kf,
     pendulum,
-    prior,
     series,
 )
 from filterpy import kalman, stats
 from filterpy.common import (
     Q_continuous_white_noise,
     Q_discrete_white_noise,
-    kinematic_kf,
-    van_loan_discretization,
 )
 
 from estimators import (
@@ -67,13 +64,7 @@ drift, push = np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]])
 held = zero_order_hold(drift, push, 0.3)[1]
 close(Q_discrete_white_noise(2, 0.3, 2.0), 2.0 * held @ held.T)
 close(Q_continuous_white_noise(2, 0.3, 2.0), van_loan(drift, push, [[2.0]], 0.3)[1])
-stiff, unit = np.array([[-20.0, 0.0], [1.0, -0.01]]), np.eye(2)
-for dt, wrong in ((0.5, False), (3.0, True)):
-    F, noise = van_loan_discretization(stiff, unit, dt)
-    assert np.allclose(F, van_loan(stiff, unit, unit, dt)[0]) != wrong
-assert not hasattr(stats, "NESS")
 close(stats.NEES(Y, series.mean, series.cov), nees(series.mean, series.cov, Y))
-np.testing.assert_array_equal(kinematic_kf(2, 1).H, [[1.0, 0.0, 1.0, 0.0]])
 
 # sigma points
 for options in ({}, {"alpha": 0.3, "kappa": 1.0}):
@@ -93,26 +84,6 @@ level = make("ukf", NonlinearModel(lambda x, u: x, lambda x, u: x, one, one), be
 close(cubature.P, 1.5)
 close(run(level, Gaussian([0.0], one), [[np.nan], [1.0]]).cov[-1], 2.0 / 3.0)
 
-# likelihoods
-information = kalman.InformationFilter(2, 2)
-information.x, information.P_inv, information.R_inv = MEAN, np.linalg.inv(COV), np.linalg.inv(R)
-information.F, information.H, information.Q = A, C, Q
-information.predict()
-information.update(Y[0])
-close(information.x, late.mean[1])
-close(information.log_likelihood, stats.logpdf(Y[0] - A @ MEAN, cov=information.P_inv))
-assert abs(information.log_likelihood - late.log_likelihoods[1]) > 0.1
-filter = theirs()
-filter.update(Y[0])
-filter.update(None)
-close(filter.log_likelihood, stats.logpdf(np.zeros(2), cov=COV + R))
-extended = kalman.ExtendedKalmanFilter(2, 2)
-extended.x = MEAN
-extended.update(Y[0], lambda x: C, lambda x: x)
-before = extended.log_likelihood
-extended.update(None, lambda x: C, lambda x: x)
-assert extended.log_likelihood == before < -1.0
-
 # several models
 page = Path(__file__).parents[3] / "docs" / "recipes" / "several-models.md"
 recipe, change = {"__name__": "recipe"}, np.array([[0.95, 0.05], [0.1, 0.9]])
@@ -130,18 +101,6 @@ for k in range(40):
     if k == 29:
         close(imm.mu, ours.updated.probabilities[30])
 close([imm.mu[0], ours.updated.probabilities[-1, 0]], [0.94, 0.54], 0.005)
-bank = [theirs(Q=scale * Q) for scale in (1.0, 1.1, 1.2)]
-mmae = kalman.MMAEFilterBank(bank, [1 / 3, 1 / 3, 1 / 3], 2, H=C)
-modes = LinearModel(A, C, np.array([1.0, 1.1, 1.2])[:, None, None] * Q, R)
-ours = run(make("kf", modes), Gaussian(np.tile(MEAN, (3, 1)), COV), measured[:6])
-for y in Y[:5]:
-    mmae.predict()
-    mmae.update(y)
-density = np.exp(ours.log_likelihood)
-close(mmae.p, density / density.sum())
-close(mmae.x, mmae.p @ ours.mean[-1])
-parts = zip(mmae.p, mmae.x, ours.mean[-1], ours.cov[-1], strict=False)
-close(mmae.P, sum(p * (np.outer(m - x, m - x) + cov) for p, x, m, cov in parts))
 
 # fixed lag
 rng, noise = np.random.default_rng(0), Q_discrete_white_noise(2)
@@ -156,14 +115,3 @@ theirs_lagged = lagged.smooth_batch(y, N=4)[0][..., 0]
 single = run(make("kf", LinearModel(A, row, noise, one)), Gaussian([0.0, 0.0], np.eye(2)), y)
 errors = [rmse(each, truth)[0] for each in (theirs_lagged, single.mean, smooth(single, 4).mean)]
 close(errors, [1.28, 0.86, 0.58], 0.005)
-
-# absent here
-alpha, step = 1.05, np.arange(50.0)[:, None]
-fading = LinearModel(
-    A,
-    C,
-    Q=lambda u: alpha ** (-2.0 * (u[..., None] + 1.0)) * Q,
-    R=lambda u: alpha ** (-2.0 * u[..., None]) * R,
-)
-means = theirs(alpha=alpha).batch_filter(Y, update_first=True)[0]
-close(means, run(make("kf", fading), prior, Y, u=step).mean)
