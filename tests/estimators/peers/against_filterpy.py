@@ -55,7 +55,7 @@ def theirs(**changes):
 
 
 # calls
-late, gap = after(kf, Y), np.full((10, 2), np.nan)
+late = after(kf, Y)
 means, covs, *_ = theirs().batch_filter(Y)
 close(means, late.mean[1:])
 close(theirs().rts_smoother(means, covs)[0], smooth(late).mean[1:])
@@ -91,16 +91,14 @@ exec(re.search(r"^```python\n(.*?)^```", page.read_text(), re.M | re.S)[1], reci
 scales = np.array([1.0, 9.0])
 modes = LinearModel(A, C, scales[:, None, None] * Q, R)
 both = Gaussian(np.tile(MEAN, (2, 1)), COV)
-measured = np.concatenate([NOTHING, Y[:30], gap])[:, None].repeat(3, 1)
-ours = run(recipe["InteractingModels"](modes, change), both, measured[:, :2])
+measured = np.concatenate([NOTHING, Y[:30]])[:, None].repeat(2, 1)
+ours = run(recipe["InteractingModels"](modes, change), both, measured)
 bank = [theirs(Q=scale * Q) for scale in scales]
 imm = kalman.IMMEstimator(bank, [0.5, 0.5], change)
-for k in range(40):
+for y in Y[:30]:
     imm.predict()
-    imm.update(Y[k] if k < 30 else None)
-    if k == 29:
-        close(imm.mu, ours.updated.probabilities[30])
-close([imm.mu[0], ours.updated.probabilities[-1, 0]], [0.94, 0.54], 0.005)
+    imm.update(y)
+close(imm.mu, ours.updated.probabilities[30])
 
 # fixed lag
 rng, noise = np.random.default_rng(0), Q_discrete_white_noise(2)
