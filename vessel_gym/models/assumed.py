@@ -10,7 +10,6 @@ import numpy as np
 from estimators import factory
 from estimators.checks import number, short_repr
 from vessel_gym import checks
-from vessel_gym.checks import one_of
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.models.state_space import StateSpace, force_names
 from vessel_gym.models.structure import readers, relevant
@@ -48,7 +47,7 @@ def assumed_space(
             vehicle, or a sensor that reads states which the filter does not estimate.
     """
     how = disturbance.assumed_as if assumed_as is None else assumed_as
-    assumed_as = one_of("way to assume a disturbance", how, ASSUMED)
+    assumed_as = checks.one_of("way to assume a disturbance", how, ASSUMED)
     check_fit(vehicle, disturbance)
     whole = StateSpace.of_world(vehicle, disturbance, sensors)
     space = replace(whole, kind=kind, assumed_as=assumed_as)
@@ -120,8 +119,7 @@ class Assumptions:
 
     Attributes:
         disturbance: Assumed disturbance, by name or as an object; None: the true one.
-        how: One of `ASSUMED` (``"as"`` in the options); None: the
-            disturbance's default.
+        how: One of `ASSUMED` (``"as"`` in the options); None: the disturbance's default.
         Q: Factor on the covariances of process noise and of a white input.
         R: Factor on the covariance of measurement noise, or factors by the names of sensors.
         prior: Factor on the covariance of the prior.
