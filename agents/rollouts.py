@@ -38,7 +38,9 @@ class Rollout:
         end: ``(N,)`` end reason of the environment; empty for the time limit, and for an
             environment without end reasons.
         history: arrays of ``info`` after reset and each step, ``(T + 1, N, ...)`` by key; rows
-            after an episode's end repeat its last values.
+            after an episode's end repeat its last values. ``input_covariance (T + 1, N, q, q)`` is
+            that of ``input_estimate``, at an episode's end of the step before; without it for a
+            filter that estimates no unknown input.
         env: The (closed) vector environment, for its system and spaces.
         scenario: ``(N, k)`` scenarios that the task has drawn; None for an environment of another
             package.
@@ -196,6 +198,8 @@ def _frame(core: Any, ensembles: bool, info: dict[str, Any]) -> Arrays:
         for key, value in info.items()
         if isinstance(value, np.ndarray) and value.dtype != object and not key.startswith("_")
     }
+    if core and core.now.belief.input_cov is not None:
+        frame["input_covariance"] = core.now.belief.input_cov
     if ensembles and core and core.now.belief.ensemble is not None:
         frame["ensemble"] = core.now.belief.ensemble
     return frame

@@ -11,13 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from agents import rollout
-from agents.metrics import nees_of, scores
+from agents import Rollout, rollout
+from agents.metrics import components, nees_of, scores
 from agents.page import mean_and_half
 from agents.policies.checkpoint import description, packaged
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import system_of
 from agents.tuning.tuned import SHIPPED, load_tuned
+from estimators import nees
 from studies.markdown import NONE, ROOT, number, table
 from vessel_gym.disturbances import Fault
 from vessel_gym.envs import SigmaCorvetteEnv
@@ -181,26 +182,50 @@ def turns(sea: str, other: str) -> str:
 
 COMPONENTS = {
     "position": ("x", "y"), "heading": ("psi",), "current": ("current north", "current east"),
-    "surge": ("u",), "sway": ("v",), "yaw rate": ("r",),
+    "yaw increment": ("last yaw increment",), "surge": ("u",), "sway": ("v",), "yaw rate": ("r",),
 }  # fmt: skip
 """States of the corvette whose NEES is shown together."""
 
 
-def consistency(begin: float = 60.0) -> str:
-    """NEES by components of the corvette's filters, from a time [s] on."""
+def consistency(*shown: str, begin: float = 60.0) -> str:
+    """NEES of some `COMPONENTS` of the corvette's filters, from a time [s] on."""
     lines = []
     for sea in ("moderate", "rough"):
         for name in ("kf-umv-ui", "ekf-waves", "ekf"):
             options = {"estimator": name, "disturbance": sea}
             flown = rollout("autopilot", CORVETTE, evaluation_seeds(EPISODES), options)
+            flown = flown if name == "ekf-waves" else with_leeway(flown)
             late = np.arange(len(flown.alive)) * flown.config.system.vehicle.dt > begin
             counted = flown.alive & late[:, None]
-            found = [
-                np.asarray(nees_of(flown, *names))[counted] / len(names)
-                for names in COMPONENTS.values()
-            ]
-            lines.append([f"{sea}, `{name}`", *(number(values, 2) for values in found)])
-    return table(["NEES/n", *COMPONENTS], lines)
+            found = (number(component_nees(flown, each)[counted], 2) for each in shown)
+            lines.append([f"{sea}, `{name}`", *found])
+    return table(["NEES/n", *shown], lines)
+
+
+def with_leeway(flown: Rollout) -> Rollout:
+    """A rollout in a `Seaway` whose true current includes the leeway.
+
+    The leeway is that of the ship when it holds the present heading.
+    """
+    truth, names = flown.history["truth"].copy(), flown.config.true_state.names
+    psi, north = truth[..., names.index("psi")], names.index("current north")
+    sway = flown.config.world.disturbance.steady_sway(psi)
+    truth[..., north] -= sway * np.sin(psi)
+    truth[..., north + 1] += sway * np.cos(psi)
+    return replace(flown, history=flown.history | {"truth": truth})
+
+
+def component_nees(flown: Rollout, shown: str) -> np.ndarray:
+    """NEES/n ``(T + 1, N)`` of one of `COMPONENTS`; NaN if the filter has none.
+
+    The yaw increment is a state of the filter, or its unknown input.
+    """
+    names, h = COMPONENTS[shown], flown.history
+    if components(flown, *names):
+        return np.asarray(nees_of(flown, *names)) / len(names)
+    if "input_covariance" in h:
+        return nees(h["input_estimate"], h["input_covariance"], h["unknown_input"])
+    return np.full(flown.alive.shape, np.nan)
 
 
 def compass() -> str:

@@ -163,21 +163,26 @@ class Seaway(Disturbance):
 
     @cached_property
     def leeway(self) -> float:
-        """Sway speed [m/s] of the ship on a steady heading, with the wind abeam.
+        """Speed [m/s] of `steady_sway` with the wind abeam."""
+        return float(abs(self.steady_sway(np.array(self.wind_direction + 0.5 * np.pi))))
 
-        Rudder and surge speed are those of the equilibrium.
+    def steady_sway(self, heading: np.ndarray) -> np.ndarray:
+        """Sway velocity ``(...)`` [m/s] of the ship on steady headings ``(...)`` [rad].
+
+        Wind and drift act on the ship, in water at rest. Rudder and surge speed are those of the
+        equilibrium.
         """
 
-        def accelerations(balance: np.ndarray, _: None) -> np.ndarray:
+        def accelerations(balance: np.ndarray, heading: np.ndarray) -> np.ndarray:
             """Surge, sway and yaw; ``balance``: rudder [rad], relative surge and sway."""
             state = np.zeros((*balance.shape[:-1], len(STATE)))
-            state[..., 2] = self.wind_direction + 0.5 * np.pi
-            state[..., 3:5] = balance[..., 1:] * self.ship.speed
-            around = self.effect(np.zeros_like(state), state)[..., 1:]  # in water at rest
+            state[..., 2:3], state[..., 3:5] = heading, balance[..., 1:] * self.ship.speed
+            around = self.effect(np.zeros_like(state), state)[..., 1:]
             rates = corvette_rates(state, balance[..., :1], around, self.ship.vector())
             return rates[..., 3:6] * [1.0, 1.0, self.ship.length]
 
-        return float(abs(root(accelerations, np.array([0.0, 1.0, 0.0]))[2]) * self.ship.speed)
+        guess = np.broadcast_to([0.0, 1.0, 0.0], (*heading.shape, 3))
+        return root(accelerations, guess, heading[..., None])[..., 2] * self.ship.speed
 
     def draw(self, uniforms: np.ndarray) -> np.ndarray:
         """Constants of an episode's waves ``(..., 5 n)``.
