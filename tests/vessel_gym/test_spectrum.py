@@ -141,6 +141,8 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "unit of direction": ({"direction_unit": "deg"}, "degree"),
     "density's unit": ({"per": "rad"}, "radian"),
     "sense": ({"directions": "from"}, "coming from"),
+    "degrees for radians": ({"direction": np.rad2deg(THETA[::18]), "density": DENSITY[:, ::18]}, "one turn"),
+    "no directions": ({"direction": [], "density": DENSITY[:, :0]}, "four or more"),
     "half a circle": ({"direction": THETA[:90], "density": DENSITY[:, :90]}, "cover the circle"),
     "a missing direction": (
         {"direction": np.delete(THETA, 7), "density": np.delete(DENSITY, 7, 1)}, "cover the circle",

@@ -165,8 +165,8 @@ class WaveSpectrum:
 
         Raises:
             ValueError: for an unknown word, frequencies that do not increase or leave a gap,
-                directions that do not cover the circle in regular steps, densities that are
-                negative or not finite, or a spectrum without energy.
+                directions that do not go once around the circle in regular steps, densities that
+                are negative or not finite, or a spectrum without energy.
         """
         unit = _FREQUENCY_UNITS[one_of("frequency_unit", frequency_unit, _FREQUENCY_UNITS)]
         angle = _ANGLES[one_of("direction_unit", direction_unit, _ANGLES)]
@@ -253,6 +253,11 @@ def _frequencies(frequency: object) -> np.ndarray:
 
 def _around(toward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Directions in [0, 2 pi) in order, and their places in what was given."""
+    if len(toward) < 4 or np.ptp(toward) > 1.001 * TURN:
+        raise ValueError(
+            "directions of a spectrum must be four or more within one turn: is direction_unit"
+            " right?"
+        )
     toward = np.round(toward % TURN, 9) % np.round(TURN, 9)
     directions, order = np.unique(toward, return_index=True)
     steps = np.diff(np.append(directions, directions[0] + TURN))
@@ -261,7 +266,7 @@ def _around(toward: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             "directions of a spectrum must differ; 0 and a whole turn are one direction: leave out"
             " one of them"
         )
-    if len(directions) < 4 or steps.max() > 1.5 * np.median(steps):
+    if steps.max() > 1.5 * np.median(steps):
         i = int(steps.argmax())
         raise ValueError(
             "directions of a spectrum must cover the circle in regular steps; from"
