@@ -125,13 +125,12 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "frequency 0": ({"frequency": W - W[0]}, "from 0.001 up"),
     "a speed astern": ({"speed": [-1.0]}, "from 0 up"),
     "no speed": ({"speed": []}, "speed"),
-    "equal speeds": ({"speed": [1.0, 1.0]}, "increase"),
     "degrees": ({"direction": np.rad2deg(BETA)}, "regular steps"),
-    "a quarter": ({"direction": 0.5 * BETA}, "regular steps"),
     "both ends of a turn": ({"direction": 2.0 * BETA}, "without its end"),
     "shape": ({"sway": np.ones((61, 80, 1), complex)}, "shape"),
     "magnitudes": ({"yaw": np.ones((80, 61, 1))}, "complex"),
     "NaN": ({"roll": np.full((80, 61, 1), np.nan + 0j)}, "finite"),
+    "masked": ({"roll": np.ma.masked_all((80, 61, 1), complex)}, "finite"),
 }
 
 

@@ -190,7 +190,7 @@ def _is_half(direction: np.ndarray) -> bool:
 
 
 def _amplitudes(name: str, given: object, shape: tuple[int, ...]) -> np.ndarray:
-    values = np.asarray(given)
+    values = np.ma.filled(given, np.nan)
     if values.shape != shape or values.dtype.kind != "c":
         raise ValueError(
             f"{name} of WaveResponse must be complex of shape {shape}, frequencies by directions by"
