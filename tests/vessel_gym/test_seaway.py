@@ -73,12 +73,6 @@ def drawn_seas(sea: Any, episodes: int, seed: int = 0) -> np.ndarray:
     return sea.draw(np.random.default_rng(seed).uniform(size=(episodes, sea.uniforms)))
 
 
-def components(drawn: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Frequencies, phases and directions ``(..., n)``."""
-    w, phase, kx, ky = (drawn[..., i * COMPONENTS : (i + 1) * COMPONENTS] for i in range(4))
-    return w, phase, np.arctan2(ky, kx)
-
-
 def response(sea: Seaway, w: np.ndarray, beta: np.ndarray, speed: float) -> np.ndarray:
     """Sway velocity and yaw rate per metre of waves, means over a step, and the roll moment to hold ``(..., 3)``."""
     half = 0.5 * sea.dt * encounter_frequency(w, beta, speed)
@@ -96,7 +90,8 @@ def test_ship_answers_each_wave_at_its_encounter_frequency(psi, speed):
     z[:, :2], z[:, 2:] = current, t[:, None] * current
     state[:, :2] = np.outer(speed * t, [np.cos(psi), np.sin(psi)]) + z[:, 2:] + [30.0, -80.0]
     state[:, 2], state[:, 3] = psi, speed
-    w, phase, theta = (each[0] for each in components(drawn))
+    w, phase, kx, ky = (each[0] for each in sea.waves.constants(drawn))
+    theta = np.arctan2(ky, kx)
     turned = phase - w**2 / GRAVITY * (30.0 * np.cos(theta) - 80.0 * np.sin(theta))
     turned = turned + np.outer(t, encounter_frequency(w, theta - psi, speed))
     amplitude = sea.spectrum.height / np.sqrt(8.0 * COMPONENTS)

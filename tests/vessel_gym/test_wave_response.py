@@ -10,7 +10,6 @@ from own_environment import ROOT, packages, run_script
 
 from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem
 from vessel_gym.disturbances.wave_response import TabledResponse, WaveResponse
-from vessel_gym.disturbances.waves import WaveField
 from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.vehicles.corvette_equations import STATE, CorvetteParameters
 from vessel_gym.vehicles.files import load
@@ -87,7 +86,7 @@ def test_half_a_circle_is_mirrored() -> None:
 @pytest.mark.parametrize("speed", [1.0, 7.0, 15.4])
 def test_ship_answers_each_wave_as_her_table_says(speed: float) -> None:
     """Against the sum over the waves drawn, of a table of random numbers."""
-    sea, n, psi = replace(SEA, response=random_table()), WaveField.components, np.linspace(-4, 4, 9)
+    sea, psi = replace(SEA, response=random_table()), np.linspace(-4, 4, 9)
     drawn = sea.draw(np.random.default_rng(1).uniform(size=(len(psi), sea.uniforms)))
     time, z, state = (
         np.full(len(psi), 37.0),
@@ -95,7 +94,7 @@ def test_ship_answers_each_wave_as_her_table_says(speed: float) -> None:
         np.zeros((len(psi), len(STATE))),
     )
     state[:, 2], state[:, 3] = psi, speed
-    w, phase, kx, ky = (drawn[:, i * n : (i + 1) * n] for i in range(4))
+    w, phase, kx, ky = sea.waves.constants(drawn)
     beta = np.arctan2(ky, kx) - psi[:, None]
     half = 0.5 * sea.dt * encounter_frequency(w, beta, np.array(speed))
     motion = sea.hull.motion(w, beta, speed)[..., :2] * np.sinc(half / np.pi)[..., None]
