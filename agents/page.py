@@ -1,7 +1,7 @@
 """Numbers and lists in words, tables, and reports as one HTML file."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -59,6 +59,11 @@ def mean_and_half(values: np.ndarray, decimals: int = 3) -> str:
 def listed(items: Sequence[str]) -> str:
     """A list of at least one item in a sentence: "a, b and c"."""
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
+
+
+def named(words: Mapping[str, str]) -> str:
+    """Words by name in a sentence: "receiver: SBAS, gyro compass: magnetic"."""
+    return ", ".join(f"{name}: {each}" for name, each in words.items())
 
 
 def markdown_table(heading: Sequence[str], rows: Iterable[Sequence[str]], words: int) -> str:

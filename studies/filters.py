@@ -106,8 +106,9 @@ def sensor_grades() -> str:
         for name, grade in ((name, grade) for name, of in grades.sensors.items() for grade in of):
             suites = [suite for suite, of in grades.suites.items() if of.get(name) == grade]
             label = f"{grade} (`{'`, `'.join(suites)}`)" if suites else grade
-            figures = _figures(grades.sensors[name][grade], grades.assumed[name][grade])
-            document = re.split(r" by| datasheet|,| \(|: ", grades.sources[name][grade])[0]
+            given = grades.tables[name][grade]
+            figures = _figures(grades.sensors[name][grade], given.get("assumed", ()))
+            document = re.split(r" by| datasheet|,| \(|: ", given["source"])[0]
             rows.append((name, label, figures, document))
         heads = "sensor", "grade", "figures", "document"
         parts.append(f"### {heading}\n\n{table(heads, rows)}")

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vessel_gym.vehicles.corvette import sway_yaw_jacobian
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 
@@ -29,7 +28,7 @@ class Nomoto:
 
 def nomoto_linear(ship: CorvetteParameters) -> Nomoto:
     """The model of the true equations linearised on the straight course at service speed."""
-    A, B = sway_yaw_jacobian(np.array([ship.speed, 0.0, 0.0]), np.array(0.0), ship)
+    _, A, B = np.split(ship.jacobian(np.array([ship.speed, 0.0, 0.0, 0.0]))[1:], [1, 3], 1)
     # r(s) / delta(s) = (b2 s + a21 b1 - a11 b2) / (s^2 - tr s + det)
     determinant, trace = np.linalg.det(A), np.trace(A)
     numerator = A[1, 0] * B[0, 0] - A[0, 0] * B[1, 0]

@@ -9,7 +9,10 @@ from pathlib import Path
 import gymnasium as gym
 import pytest
 
-import vessel_gym  # noqa: F401  (registers the environments)
+import agents
+import estimators
+import vessel_gym
+from vessel_gym.models.estimation import VARIANTS, estimator_names
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -59,6 +62,19 @@ def test_a_page_is_short_and_has_one_title(name: str):
     titles = re.findall(r"^# .+", text, re.M)
     assert len(titles) == 1
     assert text.lstrip().startswith(titles[0])
+
+
+@pytest.mark.parametrize("package", [agents, estimators, vessel_gym])
+def test_the_api_page_lists_every_public_name(package):
+    listed = set(re.findall(r"^   (\w+)$", PAGES["api/README"], re.M))
+    assert set(package.__all__) - {"Model", "Rng"} <= listed  # these are types of arguments
+
+
+def test_the_page_of_filters_has_a_line_for_each_name():
+    section = PAGES["estimators/README"].partition("\n## Filters\n")[2].partition("\n## ")[0]
+    lines = re.findall(r"^\| (`.*?`) \| \w", section, re.M)
+    endings = {f"...-{ending}" for ending in VARIANTS}
+    assert {*re.findall(r"`(.*?)`", " ".join(lines))} == {*estimator_names()} | endings
 
 
 @pytest.mark.parametrize(

@@ -46,19 +46,6 @@ def check_numbers(of: object, values: Mapping[str, object] | None = None, **kind
                 number(f"{name.rstrip('?')} of {title}", value, low, high, what)
 
 
-def check_pair(name: str, value: object, low: float = 0.0) -> None:
-    """Refuse anything but two ordered numbers above ``low``.
-
-    Raises:
-        ValueError: naming the argument.
-    """
-    pair = numbers(value)
-    if pair is None or pair.shape != (2,) or not low < pair[0] <= pair[1] < LARGEST:
-        raise ValueError(
-            f"{name} must be (least, greatest), both above {low:g}, got {short_repr(value)}"
-        )
-
-
 def instance(name: str, value: object, kind: type) -> None:
     """Refuse an object of another class.
 
@@ -199,17 +186,4 @@ def refuse_not_finite(
         raise ValueError(
             f"{method} gave {short_repr(values[row].tolist())} at step {steps[row]} in row {row}:"
             " it must give finite numbers"
-        )
-
-
-def refuse_other_ends(task: Any, end: np.ndarray) -> None:
-    """Refuse ends ``(B,)`` that are no numbers of a task's end reasons.
-
-    Raises:
-        ValueError: naming the task.
-    """
-    if not np.isin(end, np.arange(len(task.end_reasons))).all():
-        raise ValueError(
-            f"score of {type(task).__name__} must give numbers of end_reasons, whole and below"
-            f" {len(task.end_reasons)}, got {short_repr(end.tolist())}"
         )

@@ -17,7 +17,7 @@ from estimators import Gaussian
 from estimators.checks import frozen, short_repr
 from estimators.engine import Compiled, compiled
 from estimators.factory import unknown
-from vessel_gym.checks import check_names, instance, is_compiled, options, refuse_other_ends
+from vessel_gym.checks import check_names, instance, is_compiled, options
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.models.state_space import force_names
 from vessel_gym.system import Estimate, System, Task, Vehicle
@@ -172,7 +172,11 @@ def _check_task(
         _uniforms(len(vehicle.action_names)), score_state,
     ]  # fmt: skip
     _, end, _ = tried("score", scored, _NUMBER, _NUMBER, score_state.shape[1:])
-    refuse_other_ends(task, end)
+    if not np.isin(end, np.arange(len(task.end_reasons))).all():
+        raise ValueError(
+            f"score of {who} must give numbers of end_reasons, whole and below"
+            f" {len(task.end_reasons)}, got {short_repr(end.tolist())}"
+        )
     tried("observe_mission", [scenario, step, actuators], _ANY)
     estimated = [x, exogenous[:, len(vehicle.increments) :], scenario]
     for name, more in ("observe_state", []), ("observe", [reference, actuators]):

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.budget.sensors import no_worse, total_error
+from agents.page import named
 from estimators.checks import short_repr
 from estimators.factory import unknown
 from vessel_gym.sensors import Sensor
@@ -57,7 +58,7 @@ class Suite(NamedTuple):
     grades: dict[str, str]
 
     def __str__(self) -> str:
-        return ", ".join(f"{sensor} {words}" for sensor, words in self.grades.items())
+        return named(self.grades)
 
 
 def choices_of(system: System, rates: Sequence[float] = ()) -> dict[str, list[Choice]]:

@@ -2,7 +2,7 @@
 
 from agents.page import listed, text
 from agents.statistics import CLEARLY_WORSE, EQUIVALENT, SLIGHTLY_WORSE, UNDECIDED, Interval
-from agents.studies.effects import AGENT, effects, interactions, mean, significant
+from agents.studies.effects import AGENT, effects, interactions, mean, significant, trends
 from agents.studies.ranking import ALL, Ranking, rankings
 from agents.studies.records import ENDS, beyond_the_truth
 from agents.studies.results import Results
@@ -56,6 +56,10 @@ def _effects(results: Results) -> list[str]:
     ]
     if losses:
         sentences.append(f"Score is lost with {listed(losses)}.")
+    for factor, steps in trends(results).items():
+        moves = "rises" if mean(steps[0]) > 0.0 else "falls"
+        each = listed([amount(step, True) for step in steps])
+        sentences.append(f"The score {moves} with each step of the {factor}: {each}.")
     still = [
         f"{e.factor} ({amount(max(e.gain, e.loss, key=lambda v: abs(mean(v))), True)})"
         for e in found

@@ -8,13 +8,17 @@ result. Raw measurements and the ends of the scale are no levels of the estimato
 tuned several times, intervals are for other tunings, too.
 """
 
+import re
 from collections.abc import Sequence
 from functools import reduce
+from itertools import pairwise
 from math import prod
 from typing import Any, NamedTuple
 
+import numpy as np
 import pandas as pd
 
+from agents.page import named
 from agents.statistics import Interval
 from agents.studies.ranking import interval
 from agents.studies.records import Condition
@@ -25,6 +29,8 @@ from vessel_gym.sensors.grades import NOMINAL
 ESTIMATOR, AGENT, RUN = "estimator", "agent", "run"
 _TUNING = "tuning", "delivered parameters", "tuned parameters"
 """The factor, its reference and its other level."""
+_NUMBER = re.compile(r"([\d.]+) (?:%|s|Hz)")
+"""A number in the words of a level."""
 
 
 class Effect(NamedTuple):
@@ -73,20 +79,16 @@ def levels(condition: Condition) -> dict[str, str]:
         found = {name: AT_RATE.fullmatch(words) for name, words in sensors.items()}
         rates = {name: f"{rate[2]} Hz" for name, rate in found.items() if rate}
         grades = {name: rate[1] if rate else sensors[name] for name, rate in found.items()}
-        sensors = _listed({name: words for name, words in grades.items() if words != NOMINAL})
+        sensors = named({name: words for name, words in grades.items() if words != NOMINAL})
     return {
         "sensors": sensors or NOMINAL,
-        "sensor rate": _listed(rates) or "its own",
+        "sensor rate": named(rates) or "its own",
         "disturbance": condition.disturbance,
         "model error": f"{100 * condition.mismatch:g} %",
-        "latency": _listed({name: f"{delay:g} s" for name, delay in condition.latency.items()})
+        "latency": named({name: f"{delay:g} s" for name, delay in condition.latency.items()})
         or "none",
-        "faults": ", ".join(f"{f['sensor']} {f['kind']}" for f in condition.faults) or "none",
+        "faults": ", ".join(f"{f['sensor']}: {f['kind']}" for f in condition.faults) or "none",
     }
-
-
-def _listed(each: dict[str, str]) -> str:
-    return ", ".join(f"{name} {words}" for name, words in each.items())
 
 
 def _varying(conditions: list[Condition]) -> pd.DataFrame:
@@ -167,15 +169,14 @@ def effects(results: Results) -> list[Effect]:
     The greatest significant gain comes first, and after the gains the greatest change. Each
     environment has its own best and worst levels.
     """
-    each = [_by_cell(results, e) | _policies(results, e) for e in results.environments]
     found = []
-    for factor in dict.fromkeys(name for own in each for name in own):
-        places = [own[factor] for own in each if factor in own]
+    each = [_by_cell(results, e) | _policies(results, e) for e in results.environments]
+    for factor, places in _by_factor(each).items():
         among = prod(len(levels) for _, levels in places)
         ends: list[Any] = [_one([first for first, _ in places], "first")]
         for sign, word in ((1.0, "best"), (-1.0, "worst")):
             names, gaps = zip(*(_extreme(*place, sign) for place in places), strict=True)
-            values = reduce(pd.DataFrame.add, gaps).dropna().to_numpy() / len(gaps)
+            values = _mean(gaps).to_numpy()
             change = interval(results, names[0], values, among) if values.any() else None
             ends += [_one(names, word), change]
         found.append(Effect(factor, *ends))
@@ -183,6 +184,17 @@ def effects(results: Results) -> list[Effect]:
         found,
         key=lambda e: (-mean(e.gain) * significant(e.gain), -max(mean(e.gain), -mean(e.loss))),
     )
+
+
+def _by_factor(each: Sequence[Contrasts]) -> dict[str, list[tuple[str, dict[str, pd.DataFrame]]]]:
+    """Contrasts of each factor in the environments that have it."""
+    factors = dict.fromkeys(name for own in each for name in own)
+    return {factor: [own[factor] for own in each if factor in own] for factor in factors}
+
+
+def _mean(gaps: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """The mean over environments, in the runs that all have."""
+    return reduce(pd.DataFrame.add, gaps).dropna() / len(gaps)
 
 
 def _one(names: Sequence[str], word: str) -> str:
@@ -198,6 +210,33 @@ def _extreme(
     level = max(gaps, key=lambda name: sign * gaps[name].to_numpy().mean())
     beyond = sign * gaps[level].to_numpy().mean() > 0.0
     return (level, gaps[level]) if beyond else (reference, 0.0 * gaps[level])
+
+
+def trends(results: Results) -> dict[str, list[Interval | float | None]]:
+    """Steps of the score from level to level of the factors with a trend, in the study's order.
+
+    Their levels have numbers, such as rates. Every step changes the score beyond chance, all in one
+    direction. No step alone makes a trend, so that their intervals need no correction
+    (intersection-union test, Berger 1982).
+    """
+    each, found = [_by_cell(results, environment) for environment in results.environments], {}
+    for factor, places in _by_factor(each).items():
+        orders = {(first, *others) for first, others in places}
+        if len(orders) > 1 or not _numbered(*orders):
+            continue
+        gaps = [_mean([_by_run(own[name]) for _, own in places]) for name in places[0][1]]
+        changes = (after - before for before, after in pairwise((0.0 * gaps[0], *gaps)))
+        steps = [interval(results, results.compared, c.dropna().to_numpy()) for c in changes]
+        if all(map(significant, steps)) and len({mean(step) > 0.0 for step in steps}) == 1:
+            found[factor] = steps
+    return found
+
+
+def _numbered(levels: Sequence[str]) -> bool:
+    """Do the numbers of three or more levels only rise or only fall? The reference may lack one."""
+    numbers = [float(n) for level in levels for n in dict.fromkeys(_NUMBER.findall(level))]
+    steps, known = np.diff(numbers), 1 < len(levels) - 1 <= len(numbers)
+    return known and bool((steps > 0.0).all() or (steps < 0.0).all())
 
 
 def interactions(results: Results) -> list[Interaction]:

@@ -133,9 +133,9 @@ def _scores(
         actions = np.concatenate(
             [a.act(observations[own]) for a, own in zip(agents, rows, strict=True)]
         )
-        before = core.now.belief
+        before = core.now.belief if by == LIKELIHOOD else None  # else the record is not read
         core.advance(actions, core.action_shape, ended=~alive, info=False)
-        if by == LIKELIHOOD:
+        if before is not None:
             after = core.now.belief
             predicted = after if filter.random else filter.predict(before, after.u)
             density += np.where(alive, filter.log_likelihood(predicted, after), 0.0)

@@ -239,7 +239,7 @@ def test_order_of_a_grades_file_changes_nothing(order):
     for prices in (None, {"s": {name: price for name, _, price in grades}}):
         costs = price_list(choices, prices)
         suites = suites_of(*worthwhile(choices, costs)[:1], costs)
-        assert [str(suite) for suite in suites] == ["s c", "s b", "s a"]
+        assert [str(suite) for suite in suites] == ["s: c", "s: b", "s: a"]
         assert (no_better(suites) == np.triu(np.ones((3, 3)))).all()
     assert costs["s"] == {"a": 30.0, "b": 20.0, "c": 10.0}
     assert price_list(choices, None)["s"] == {"a": 2.0, "b": 1.0, "c": 0.0}
@@ -272,7 +272,7 @@ def test_noise_that_depends_on_measurement_needs_prices():
 def test_suites_are_sorted_by_price_then_rate():
     found = suites_of(CHOICES, price_list(CHOICES, PRICES))
     assert [suite.cost[0] for suite in found] == [10.5, 100.0, 100.0, 1010.5, 1100.0, 1100.0]
-    assert str(found[1]) == "receiver good at 0.5 Hz, compass magnetic"
+    assert str(found[1]) == "receiver: good at 0.5 Hz, compass: magnetic"
     cheap = PRICES | {"receiver": {"good": 100, "good at 0.5 Hz": 1, "bad": 10.5}}
     assert str(suites_of(CHOICES, price_list(CHOICES, cheap))[0]) == str(found[1])
     steps = suites_of(CHOICES, price_list(CHOICES, None))

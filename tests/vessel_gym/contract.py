@@ -112,10 +112,8 @@ def make_batch(env_id: str, num_envs: int, **options: Any) -> VesselVectorEnv:
     )
 
 
-def make_core(env_id: str, num_envs: int, seed: int = 0, **options: Any) -> Core:
-    core = Core(single_class(env_id).system, num_envs, **options)
-    core.seed(seed)
-    return core
+def make_core(env_id: str, num_envs: int, **options: Any) -> Core:
+    return Core(single_class(env_id).system, num_envs, **options)
 
 
 def random_walk(seed: int, num_envs: int, size: int) -> Iterator[np.ndarray]:
@@ -224,25 +222,22 @@ def observations_when_truth_is_altered(
     part of what is true.
     """
     rows, steps = 4, 50
-    true = make_core(env_id, rows, seed=5, **options)
+    true = make_core(env_id, rows, **options)
     other = AlteredCore(single_class(env_id).system, rows, **(options | {"mismatch": 0.25}))
-    other.seed(5)
     rng = np.random.default_rng(9)
     replay = replayed(other)
-    true.reset()
+    true.start(5)
     replay.given = delivered(true)
-    other.reset()
+    other.start(5)
     walk = random_walk(5, rows, true.config.action_size)
     seen = [observations(true)], [observations(other)]
     distance = [apart(true, other)]
     for step in range(steps):
         if step == 25:  # a partial reset, as autoreset does it
             some = np.array([1, 3])
-            for core in (true, other):
-                core.seed(None, some)
-            true.reset(some)
+            true.start(rows=some)
             replay.given = delivered(true, some)
-            other.reset(some)
+            other.start(rows=some)
             seen[0].append(observations(true))
             seen[1].append(observations(other))
         scramble(other, rng)

@@ -145,19 +145,6 @@ def test_what_filters_call_takes_any_leading_axes(part: str, name: str) -> None:
         check_system(broken(part, name, of_one_axis))
 
 
-def test_an_end_without_a_reason_is_refused_in_a_step() -> None:
-    def score(self: Any, *arguments: Any) -> Any:
-        reward, end, state = Post.score(self, *arguments)
-        return reward, end + 7 * (arguments[0][..., 0] > 1e3), state
-
-    core = Core(with_part("task", type("Broken", (Post,), {"score": score})()), 2)
-    core.start(0)
-    core.step(np.zeros((2, 1)))
-    core.now = core.now.but(state=core.now.state + 1e4)
-    with pytest.raises(ValueError, match=r"^score of Broken must give numbers of end_reasons"):
-        core.step(np.zeros((2, 1)))
-
-
 @pytest.mark.parametrize("wrap", [FAULTS["random"][0], FAULTS["mixed"][0]])
 def test_a_prior_must_repeat_itself_row_by_row(wrap: Callable[..., Any]) -> None:
     def prior(self: Any, scenario: Any) -> Any:

@@ -151,8 +151,8 @@ def test_guidance_and_ends_do_not_leak_truth(env_id: str, options: dict[str, Any
 
 @every_environment
 def test_a_belief_follows_without_the_truth_in_the_record(env_id: str):
-    core = make_core(env_id, 2, seed=0)
-    core.reset()
+    core = make_core(env_id, 2)
+    core.start(0)
     before, now = core.now, core.step(np.full(core.action_shape, 0.1))
     truth = "state actuators slow noise exogenous noise_before exogenous_before parameters"
     blind = now.but(belief=before.belief, **dict.fromkeys(truth.split()))
@@ -241,7 +241,7 @@ def test_info_holds_the_parameters_of_an_episode_s_truth(env_id: str, mismatch: 
 def test_the_docstring_says_what_every_key_of_info_is(env_id: str):
     table = single_class(env_id).__doc__.split("## Information")[1].split("## Arguments")[0]
     listed = re.findall(r"^- ``(\w+)``:", table, re.MULTILINE)
-    assert listed == [*gym.make(env_id).reset(seed=0)[1], "sensor_faults"]
+    assert sorted(listed) == sorted([*gym.make(env_id).reset(seed=0)[1], "sensor_faults"])
 
 
 @pytest.mark.slow
@@ -310,7 +310,7 @@ ABSURD = np.array([0.0, 1e300, -1e300, 5e-324])
 def test_absurd_measurements_leave_everything_finite(env_id: str, estimator: str):
     rows = len(ABSURD)
     core = make_core(
-        env_id, rows, seed=1, estimator=estimator, estimator_options=FEW_MEMBERS.get(estimator)
+        env_id, rows, estimator=estimator, estimator_options=FEW_MEMBERS.get(estimator)
     )
 
     def check(reward: np.ndarray | None) -> None:
@@ -325,7 +325,7 @@ def test_absurd_measurements_leave_everything_finite(env_id: str, estimator: str
     )
     rng, sampled, replay = np.random.default_rng(1), core.config.delivery, replayed(core)
     replay.given = *absurd, None
-    core.reset()
+    core.start(1)
     check(None)
     walk = random_walk(1, rows, core.config.action_size)
     for step in range(65):
@@ -350,8 +350,8 @@ def test_diverged_estimate_leaves_everything_finite(env_id: str, estimator: str)
         "observe": "mean+std",
         "sensors": "degraded",
     }
-    core = make_core(env_id, 4, seed=3, **options)
-    core.reset()
+    core = make_core(env_id, 4, **options)
+    core.start(3)
     walk = random_walk(3, 4, core.config.action_size)
     for step in range(50):
         if step == 10:

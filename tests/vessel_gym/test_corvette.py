@@ -15,7 +15,6 @@ from vessel_gym.envs.thesis_corvette import UnknownStep
 from vessel_gym.vehicles.corvette import (
     secant_models,
     steady_turns,
-    sway_yaw_jacobian,
 )
 from vessel_gym.vehicles.corvette_equations import (
     AROUND,
@@ -241,14 +240,15 @@ def test_tightest_steady_turn_leaves_a_fifth_of_the_rudder(change):
 @each_ship
 def test_the_jacobian_is_that_of_the_equations(ship: CorvetteParameters):
     states, controls = random_motions(np.random.default_rng(6), 20)
-    A, B = sway_yaw_jacobian(states[:, 3:6], controls[:, 0], ship)
+    found = ship.jacobian(np.column_stack([states[:, 3:6], controls[:, 0]]))
     columns, c = [], ship.vector()
-    for of_state, of_control in ((4, None), (5, None), (None, 0)):
+    for of_state, of_control in ((3, None), (4, None), (5, None), (None, 0)):
         dx, du = (0.0 if i is None else 1e-5 * np.eye(8)[i] for i in (of_state, of_control))
-        two = (ship_rates(states + k * dx, controls + k * du, c)[:, 4:6] for k in (1, -1))
+        two = (ship_rates(states + k * dx, controls + k * du, c)[:, 3:6] for k in (1, -1))
         columns.append(np.subtract(*two) / 2e-5)
-    np.testing.assert_allclose(A, np.stack(columns[:2], -1), rtol=1e-4, atol=1e-6)
-    np.testing.assert_allclose(B[..., 0], columns[2], rtol=1e-6, atol=1e-7)
+    expected = np.stack(columns, -1)
+    np.testing.assert_allclose(found[..., :3], expected[..., :3], rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(found[..., 3], expected[..., 3], rtol=1e-6, atol=1e-7)
 
 
 @each_ship
@@ -264,9 +264,8 @@ def test_the_secant_model_holds_every_steady_turn(ship: CorvetteParameters):
 
 def test_secant_model_at_zero_rate_is_the_linearisation():
     dt = 0.5
-    A, B = sway_yaw_jacobian(np.array([U, 0.0, 0.0]), np.array(0.0), SHIP)
-    block = np.zeros((4, 4))
-    block[:2, :2], block[:2, 3:], block[2, 1] = A, B, 1.0
+    slopes, block = SHIP.jacobian(np.array([U, 0.0, 0.0, 0.0]))[1:, 1:], np.zeros((4, 4))
+    block[:2, [0, 1, 3]], block[2, 1] = slopes, 1.0
     exact = expm(block * dt)
     A_table, B_table = secant_models(SHIP, dt)
     np.testing.assert_allclose(A_table[0], exact[:3, :3], rtol=0, atol=1e-12)

@@ -256,8 +256,8 @@ def block_diagonal(*matrices: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("env_id", OURS)
 def test_noise_of_a_step_is_white_with_its_covariance(env_id: str):
     rows, steps = 500, 40
-    core = make_core(env_id, rows, seed=11, estimator="truth", disturbance="rough")
-    core.reset()
+    core = make_core(env_id, rows, estimator="truth", disturbance="rough")
+    core.start(11)
     noise = [core.now.noise.copy()]
     for _ in range(steps - 1):
         core.step(np.zeros((rows, core.config.action_size)))
@@ -286,8 +286,8 @@ def test_noise_of_a_step_is_white_with_its_covariance(env_id: str):
 
 @pytest.mark.parametrize("env_id", OURS)
 def test_disturbances_and_biases_start_with_their_covariance(env_id: str):
-    core = make_core(env_id, 20_000, seed=12, estimator="truth", disturbance="rough")
-    core.reset()
+    core = make_core(env_id, 20_000, estimator="truth", disturbance="rough")
+    core.start(12)
     process, bias = core.config.world.disturbance.process, core.config.sensors.bias
     cov = block_diagonal(process.start_cov, bias.start_cov)
     scale = np.sqrt(np.diag(cov)) + (np.diag(cov) == 0.0)
@@ -299,8 +299,8 @@ def test_disturbances_and_biases_start_with_their_covariance(env_id: str):
 
 @pytest.mark.parametrize("env_id", OURS)
 def test_exogenous_input_is_effect_and_white_increments(env_id: str):
-    core = make_core(env_id, 3, seed=13, estimator="truth", disturbance="rough")
-    core.reset()
+    core = make_core(env_id, 3, estimator="truth", disturbance="rough")
+    core.start(13)
     disturbance, names = (
         core.config.world.disturbance,
         core.config.system.vehicle.increments + core.config.system.vehicle.ambient_flows,

@@ -219,10 +219,9 @@ def test_observed_standard_deviations_are_one_at_the_start(system: System):
     task = system.task
     told = len(task.prior_sd) + len(system.vehicle.ambient_flows)
     core = Core(system, 2, "ekf", observe="mean+std")
-    core.seed(0)
     seen = []
     for factor in (1.0, 4.0, -1.0):
-        core.reset()
+        core.start(0)
         known = Gaussian(
             core.now.belief.mean,
             core.config.world.space.joint_prior(task.prior(core.now.scenario).cov),

@@ -60,11 +60,10 @@ def test_fault_offsets_actuators_of_sound_vehicle(env_id: str):
     core = make_core(
         env_id,
         4,
-        seed=1,
         disturbance=faulty(env_id, *actuators, bias=0.04, loss=0.3),
         estimator="truth",
     )
-    core.reset()
+    core.start(1)
     assert core.config.estimation.inputs == tuple(f"{name} fault" for name in actuators)
     sound = core.config.system.vehicle.increments + core.config.system.vehicle.ambient_flows
     for step in moved(core, 10):
@@ -92,8 +91,8 @@ def test_fault_of_size_zero_changes_nothing(env_id: str):
 
 def test_oscillation_has_its_amplitude_period_and_random_phase():
     wave = faulty(PLANE, "stern plane", amplitude=0.1, period=1.7)
-    core = make_core(PLANE, 400, seed=3, disturbance=wave, estimator="truth")
-    core.reset()
+    core = make_core(PLANE, 400, disturbance=wave, estimator="truth")
+    core.start(3)
     d = np.stack([step["d"][:, 0] for step in moved(core, 60)])
     turn = 2.0 * np.pi * 0.1 / 1.7
     quarter = (d[1:] - np.cos(turn) * d[:-1]) / np.sin(turn)
@@ -108,8 +107,8 @@ def test_oscillation_has_its_amplitude_period_and_random_phase():
 def test_a_walking_offset_has_its_start_and_its_pace():
     """Within four standard errors."""
     walk = faulty(PLANE, "stern plane", start=0.2, walk=0.05)
-    core = make_core(PLANE, 400, seed=3, disturbance=walk, estimator="truth")
-    core.reset()
+    core = make_core(PLANE, 400, disturbance=walk, estimator="truth")
+    core.start(3)
     d = np.stack([step["d"][:, 0] for step in moved(core, 20)])
     assert d[0].std() == pytest.approx(0.2, rel=4.0 / np.sqrt(2 * 400))
     assert np.diff(d, axis=0).std() == pytest.approx(0.05 * np.sqrt(0.1), rel=0.03)
@@ -118,8 +117,8 @@ def test_a_walking_offset_has_its_start_and_its_pace():
 @every_vehicle
 def test_effect_of_fault_is_G_times_it_to_first_order(env_id: str):
     told = faulty(env_id, *SEEN[env_id])
-    core = make_core(env_id, 5, seed=4, disturbance=told, estimator="ekf-ui-wdf")
-    core.reset()
+    core = make_core(env_id, 5, disturbance=told, estimator="ekf-ui-wdf")
+    core.start(4)
     model, vehicle = core.config.estimation.filter.model, core.config.system.vehicle
     base = len(core.config.estimation.space.vehicle_states)
     for step in moved(core, 5):

@@ -105,8 +105,7 @@ every_world = pytest.mark.parametrize("world", WORLDS.values(), ids=WORLDS)
 
 def toy(rows: int = 1, world: Disturbance = WORLDS["wind"], **options: Any) -> Core:
     core = Core(TOY, rows, **{"estimator": "dead-reckoning", "disturbance": world} | options)
-    core.seed(3)
-    core.reset()
+    core.start(3)
     return core
 
 
@@ -158,10 +157,10 @@ def test_first_belief_is_consistent_with_starts(world: Disturbance):
 
 
 @pytest.mark.parametrize("how", ASSUMED[:2])
-def test_assumed_factors_scale_Q_R_and_prior_alone(how: str):
+def test_assumed_factors_scale_Q_and_R_alone(how: str):
     one, other = (
         toy(estimator="ekf", estimator_options={"assume": {"as": how} | factors})
-        for factors in ({}, {"Q": 2.0, "R": 3.0, "prior": 5.0})
+        for factors in ({}, {"Q": 2.0, "R": 3.0})
     )
     first, second = (core.config.estimation.filter.model for core in (one, other))
     x, u = np.full((1, first.n), 0.5), Cart.cruise[1]
@@ -169,7 +168,6 @@ def test_assumed_factors_scale_Q_R_and_prior_alone(how: str):
     np.testing.assert_array_equal(second.R, 3.0 * first.R)
     np.testing.assert_array_equal(second.measurement(x, u), first.measurement(x, u))
     np.testing.assert_array_equal(second.transition(x, u), first.transition(x, u))
-    assert other.config.estimation.prior == 5.0
 
 
 def test_assumed_disturbance_gives_the_model_of_a_world_with_it():
@@ -384,11 +382,3 @@ def test_bad_assumption_is_refused_in_one_sentence(
 ):
     with refused(kind, f"^{sentence}$"):
         make_core(SHIP, 1, estimator="ekf", estimator_options={"assume": wrong})
-
-
-def test_robust_kf_radius_above_slowest_bias_is_warned_of():
-    """Warnings are errors in tests, so that the default radius must give none."""
-    options = {"estimator": "robust-kf", "sensors": "budget"}
-    make_core("SegorogeniAUV-v0", 1, **options)
-    with pytest.warns(UserWarning, match="^robust-kf with radius 0.01 enlarges variances by 0.14"):
-        make_core("SegorogeniAUV-v0", 1, **options, estimator_options={"radius": 0.01})

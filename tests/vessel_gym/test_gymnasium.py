@@ -153,15 +153,6 @@ def test_np_random_seed_repeats_an_episode(make: Callable[[], Any]):
     assert_same_tree(first, make().reset(seed=unasked.np_random_seed)[0])
 
 
-def test_seeds_that_no_one_number_tells_are_minus_one():
-    one, other = make_batch(CORVETTE, 3), make_batch(CORVETTE, 3)
-    for seeds, told in (([4, 5, 6], 4), ([4, 9, 6], -1)):
-        one.reset(seed=seeds)
-        assert one.np_random_seed == told
-    other.reset(seed=[4, 9, 7])
-    assert one.np_random.random() != other.np_random.random()
-
-
 # --- info -----------------------------------------------------------------------------------------
 
 

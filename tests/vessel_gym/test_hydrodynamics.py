@@ -4,7 +4,7 @@
 """
 
 import re
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -243,7 +243,7 @@ def test_coefficients_grow_with_known_powers_of_size(torpedo, factor):
         hull=Spheroid(factor * hull.length, factor * hull.diameter),
         fins=Fins(factor**2 * fins.area, factor * fins.span, factor * fins.position, fins.taper),
     )
-    small, large = asdict(torpedo.coefficients()), asdict(larger.coefficients())
+    small, large = torpedo.coefficients()._asdict(), larger.coefficients()._asdict()
     assert sum(len(names) for names in POWERS.values()) == len(small)
     for power, names in POWERS.items():
         for name in names:
@@ -253,7 +253,7 @@ def test_coefficients_grow_with_known_powers_of_size(torpedo, factor):
 @given(torpedo=torpedoes(), density=st.floats(900.0, 1100.0))
 def test_coefficients_are_proportional_to_the_density_of_water(torpedo, density):
     here, there = torpedo.coefficients(), replace(torpedo, water_density=density).coefficients()
-    for name, value in asdict(here).items():
+    for name, value in here._asdict().items():
         assert getattr(there, name) == pytest.approx(value * density / 1025.0, rel=1e-12), name
 
 

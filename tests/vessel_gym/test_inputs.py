@@ -52,8 +52,8 @@ def test_the_world_moves_by_what_the_model_says_of_d(inputs: tuple[str, ...]):
     """All else that is new is taken away: what is left of a step is f(x, u) + G d, in which flows are nearly linear."""
     vehicle, water = Segorogeni(), asked(*inputs)
     sensors = without_log(vehicle).each
-    core = make_core(AUV, 6, seed=3, estimator="dead-reckoning", sensors=sensors, disturbance=water)
-    core.reset()
+    core = make_core(AUV, 6, estimator="dead-reckoning", sensors=sensors, disturbance=water)
+    core.start(3)
     config, rng = core.config, np.random.default_rng(3)
     model, known = config.estimation.filter.model, np.isin(config.world.space.noise_names, inputs)
     assert config.estimation.inputs == config.estimation.space.inputs == inputs
@@ -141,7 +141,7 @@ def test_what_is_recorded_is_what_d_is():
     assert core.config.estimation.inputs == core.config.world.space.noise_names
     other = {"assume": {"disturbance": asked("u increment"), "as": "unknown-input"}}
     core = make_core(AUV, 2, disturbance=water, estimator="ekf-ui-wdf", estimator_options=other)
-    core.reset()
+    core.start(0)
     assert core.config.estimation.inputs == ("u increment",)
     core.step(np.zeros((2, 3)))
     np.testing.assert_array_equal(
@@ -151,7 +151,7 @@ def test_what_is_recorded_is_what_d_is():
 
 def test_input_that_only_the_filter_assumes_has_no_true_value():
     core = make_core(AUV, 2, disturbance="surface", estimator="ekf")
-    core.reset()
+    core.start(0)
     core.step(np.zeros((2, 3)))
     only_assumed = ["wave" in name for name in core.config.estimation.inputs]
     missing = np.isnan(core.config.unknown_input.values(core.now))

@@ -20,10 +20,10 @@ NEAR = {
 @pytest.mark.slow
 @pytest.mark.parametrize("env_id", NEAR)
 def test_an_episode_is_judged_as_if_the_truth_were_believed(env_id: str):
-    raw = make_core(env_id, 6, seed=4, observe="measurement", estimator="dead-reckoning")
-    told = make_core(env_id, 6, seed=4, estimator="truth")
+    raw = make_core(env_id, 6, observe="measurement", estimator="dead-reckoning")
+    told = make_core(env_id, 6, estimator="truth")
     for core in (raw, told):
-        core.reset(options=NEAR[env_id])
+        core.start(4, NEAR[env_id])
     walk, over = random_walk(4, 6, raw.config.action_size), 0
     for _ in range(100):
         actions = 0.3 * next(walk)

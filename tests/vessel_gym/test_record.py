@@ -53,8 +53,8 @@ def test_record_put_back_is_stepped_to_the_same_bits(env_id: str, late: bool):
 @pytest.mark.parametrize("estimator", [None, "ekf", "ukf"])
 @pytest.mark.parametrize("env_id", OURS)
 def test_one_program_gives_the_bits_of_the_stages(env_id: str, estimator: str | None, rows: int):
-    core = make_core(env_id, rows, seed=2, estimator=estimator, disturbance="rough")
-    core.reset()
+    core = make_core(env_id, rows, estimator=estimator, disturbance="rough")
+    core.start(2)
     walk, apart = random_walk(0, rows, core.config.action_size), core.now
     for _ in range(8):
         action = next(walk)

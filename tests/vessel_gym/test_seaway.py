@@ -28,8 +28,7 @@ from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.seakeeping import (
     StripTheory,
     encounter_frequency,
-    rest_response,
-    wave_loads,
+    sway_yaw_matrices,
 )
 from vessel_gym.vehicles.vehicle import GRAVITY
 
@@ -59,9 +58,12 @@ def test_waves_are_met_at_the_frequency_that_the_books_have(beta, met):
 
 
 def loads(ship: CorvetteParameters, w: Any, beta: Any, speed: float = 0.0) -> np.ndarray:
-    """Loads of strip theory ``(..., 3)`` per metre of amplitude."""
-    w, beta = np.asarray(w), np.asarray(beta)
-    return wave_loads(ship, rest_response(ship, w, beta), w, beta, speed)
+    """Loads of strip theory ``(..., 3)`` per metre of amplitude, which move the ship as it moves."""
+    inertia, _, moving = sway_yaw_matrices(ship, speed)
+    met = encounter_frequency(np.asarray(w), np.asarray(beta), speed)[..., None, None]
+    moved = motions(ship, w, beta, speed)
+    pushed = np.matvec(moving + 1j * met * inertia, moved[..., :2])
+    return np.concatenate([pushed, moved[..., 2:]], -1)
 
 
 def motions(ship: CorvetteParameters, w: Any, beta: Any, speed: float) -> np.ndarray:

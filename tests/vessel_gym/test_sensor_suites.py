@@ -54,8 +54,8 @@ def same(one: Sensor, other: Sensor) -> bool:
 
 
 def test_fix_is_lost_for_exactly_120_seconds():
-    core = make_core(SHIP, 2000, seed=41, estimator="truth", sensors="denied")
-    core.reset()
+    core = make_core(SHIP, 2000, estimator="truth", sensors="denied")
+    core.start(41)
     active = core.config.delivery.active
     lost = np.stack([active(core.now.but(steps=np.full(2000, k)))[:, 0] for k in range(841)])
     np.testing.assert_array_equal(lost.sum(0), 240)
@@ -108,7 +108,8 @@ def all_grades(env_id: str) -> Iterator[tuple[str, str, Sensor, str, tuple[str, 
     grades = read_grades(system_of(env_id))
     for name, of in grades.sensors.items():
         for grade, sensor in of.items():
-            yield name, grade, sensor, grades.sources[name][grade], grades.assumed[name][grade]
+            given = grades.tables[name][grade]
+            yield name, grade, sensor, given["source"], tuple(given.get("assumed", ()))
 
 
 @every_file
@@ -283,13 +284,12 @@ def fly(env_id: str, estimator: str, suite: str) -> None:
     core = make_core(
         env_id,
         2,
-        seed=6,
         estimator=estimator,
         estimator_options=few,
         sensors=suite,
         observe="mean+std",
     )
-    core.reset()
+    core.start(6)
     rng = np.random.default_rng(6)
     for _ in range(40):
         core.step(rng.uniform(-0.3, 0.3, (2, core.config.action_size)))

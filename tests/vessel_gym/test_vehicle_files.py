@@ -2,7 +2,7 @@
 
 import re
 import tomllib
-from dataclasses import asdict, fields, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 import vessel_gym.vehicles.files as files
 from vessel_gym.vehicles.auv import AUVParameters
-from vessel_gym.vehicles.corvette import steady_turns, sway_yaw_jacobian
+from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import COEFFICIENTS, CorvetteParameters
 from vessel_gym.vehicles.files import load, names
 from vessel_gym.vehicles.hydrodynamics import Coefficients
@@ -198,15 +198,15 @@ def test_cross_flow_drag_is_that_of_hoerners_curve(write, ratio, drag):
     assert found == pytest.approx(0.5 * 1025.0 * draught * drag)
 
 
-@pytest.mark.parametrize("name", [each.name for each in fields(Coefficients)])
+@pytest.mark.parametrize("name", Coefficients._fields)
 def test_given_auv_coefficient_replaces_only_itself(write, name):
     partner = {"Y_rdot": "N_vdot", "N_vdot": "Y_rdot", "Z_qdot": "M_wdot", "M_wdot": "Z_qdot"}.get(
         name, name
     )
-    estimated = asdict(load(write(TORPEDO)).coefficients)
+    estimated = load(write(TORPEDO)).coefficients._asdict()
     value = float(0.9 * estimated[name])
     lines = "".join(f"{each} = {value!r}\n" for each in {name, partner})
-    found = asdict(load(write(f"{TORPEDO}\n[coefficients]\n{lines}")).coefficients)
+    found = load(write(f"{TORPEDO}\n[coefficients]\n{lines}")).coefficients._asdict()
     assert found == estimated | {name: value, partner: value}
 
 
@@ -219,9 +219,7 @@ def test_auv_coefficients_may_hold_added_mass_terms(write):
     }  # fmt: skip
     lines = "".join(f"{name} = {float(value)!r}\n" for name, value in printed.items())
     found = load(write(f"{TORPEDO}\n[coefficients]\nwith_added_mass = true\n{lines}")).coefficients
-    np.testing.assert_allclose(
-        list(asdict(found).values()), list(asdict(plain).values()), rtol=1e-12
-    )
+    np.testing.assert_allclose(found, plain, rtol=1e-12)
     assert load(write(f"{TORPEDO}\n[coefficients]\nwith_added_mass = true\n")).coefficients == plain
 
 
@@ -296,7 +294,7 @@ def test_unstable_ships_hold_wide_turns_by_opposite_rudder(factor, straight, x_g
     ship = replace(
         ship, given=(("Nv", factor * ship.clarke["Nv"]),), straightening=straight, x_g=x_g
     )
-    A, _ = sway_yaw_jacobian(np.array([ship.speed, 0.0, 0.0]), np.array(0.0), ship)
+    A = ship.jacobian(np.array([ship.speed, 0.0, 0.0, 0.0]))[1:, 1:3]
     growth = np.linalg.eigvals(A).real.max() * ship.length / ship.speed
     turns = steady_turns(ship)
     assert turns.rudder[-1] > 0.0

@@ -42,6 +42,6 @@ def test_every_key_and_every_vehicle_is_on_the_page():
         for table, keys in cls.TABLES.items():
             assert f"`[{table}]`" in PAGE
             for key in keys:
-                assert f"`{key}`" in PAGE or key in Coefficients.__dataclass_fields__, key
+                assert f"`{key}`" in PAGE or key in Coefficients._fields, key
     for name in names():
         assert f"| `{name}` |" in PAGE

@@ -27,6 +27,7 @@ from vessel_gym.vehicles.seakeeping import StripTheory, encounter_frequency, win
 from vessel_gym.vehicles.vehicle import GRAVITY
 
 _REFLECTED = 0.25  # share of the waves' energy that a ship abeam reflects; assumed
+_ODD = 1, 3, 5  # orders of the Fourier series of the drift force
 # rad, least yaw increment that filters assume: half a compass' noise, the least that is observable
 _LEAST = 1e-3
 
@@ -212,20 +213,20 @@ class Seaway(Disturbance):
         continuous time.
         """
         x, y, psi, u = np.moveaxis(state[..., :4], -1, 0)
-        hull, (sin_psi, cos_psi) = self.hull.at(u), sincos(psi)
+        moved, (sin_psi, cos_psi) = self.hull.at(u), sincos(psi)
         north, east = x - z[..., 2], y - z[..., 3]
 
-        def moved(w: Any, kx: Any, ky: Any, phase: Any, of_ship: Any) -> list[Any]:
+        def in_step(w: Any, kx: Any, ky: Any, phase: Any, of_ship: Any) -> list[Any]:
             ahead, abeam = kx * cos_psi + ky * sin_psi, ky * cos_psi - kx * sin_psi
             met = w - ahead * u
             half = 0.5 * self.dt * met  # half of the phase in a step
             mean = _mean(half)
             sin, cos = sincos(phase + half)
-            sway, yaw, roll = hull.moved(w, of_ship, ahead, abeam, met, (cos, sin))
+            sway, yaw, roll = moved(w, of_ship, ahead, abeam, met, (cos, sin))
             return [mean * sway, mean * yaw, _held(mean) * roll]
 
         of_ship = drawn[..., 4 * WaveField.components :]
-        total = self.waves.superposition(moved, drawn, time, north, east, of_ship)
+        total = self.waves.superposition(in_step, drawn, time, north, east, of_ship)
         return self._acting(total, z[..., :2], state)
 
     def _acting(
@@ -245,41 +246,30 @@ class Seaway(Disturbance):
         sway, yaw, roll = motion
         return np.stack([
             self.dt * yaw, current[..., 0], current[..., 1], surge_force,
-            side_force + self._drift(sin, cos), turning, roll, sway,
+            side_force + self._drift(psi), turning, roll, sway,
         ], -1)  # fmt: skip
 
-    def _drift(self, sin: np.ndarray, cos: np.ndarray) -> np.ndarray:
-        """Sway force [N] of the waves that the ship reflects, ``(...)``.
+    def _drift(self, psi: np.ndarray) -> np.ndarray:
+        """Sway force [N] of the waves that the ship reflects ``(...)``, at a heading [rad].
 
         A wave pushes by ``sin(beta) |sin(beta)|``, of which three terms of the Fourier series are
         kept.
-
-        Args:
-            sin: Sine of the heading.
-            cos: Cosine of the heading.
         """
-        total, turned, twice = (
-            np.zeros_like(sin),
-            (cos, sin),
-            (cos * cos - sin * sin, 2.0 * sin * cos),
-        )
-        for moment in self._reflected:
-            total = total + (moment.imag * turned[0] - moment.real * turned[1])
-            turned = (
-                turned[0] * twice[0] - turned[1] * twice[1],
-                turned[0] * twice[1] + turned[1] * twice[0],
-            )
+        total = np.zeros_like(psi)
+        for order, moment in zip(_ODD, self._reflected, strict=True):
+            sin, cos = sincos(order * psi)
+            total = total + (moment.imag * cos - moment.real * sin)
         return total
 
     @cached_property
     def _reflected(self) -> list[complex]:
-        """Moments [N] of the reflected energy's directions, of the first three odd orders."""
+        """Moments [N] of the reflected energy's directions, of the orders `_ODD`."""
         _, directions, energy = self.spectrum.cells
         by_energy = self.ship.water_density * GRAVITY * self.ship.length * _REFLECTED
         return [
             -8.0 / (np.pi * m * (m * m - 4)) * by_energy
             * (energy.sum(0) * np.exp(1j * m * directions)).sum()
-            for m in (1, 3, 5)
+            for m in _ODD
         ]  # fmt: skip
 
     @cached_property

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from estimators.checks import finite_array, frozen
 from vessel_gym.processes import interpolated
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
-from vessel_gym.vehicles.seakeeping import HullAtSpeed, StripTheory, wave_response
+from vessel_gym.vehicles.seakeeping import Motion, StripTheory, wave_response
 
 _TURN = 2.0 * np.pi
 
@@ -29,9 +29,9 @@ class WaveResponse:
     Attributes:
         frequency: Increasing frequencies of the waves ``(f,)`` [rad/s], not of encounter, from
             0.001 up.
-        direction: Increasing directions ``(d,)`` [rad] to which waves run minus the heading; 0 is a
-            following sea. They go in regular steps from 0 to pi, or once around the circle without
-            its end. The motion in waves from the other side of a half circle is the negative.
+        direction: Directions ``(d,)`` [rad] to which waves run minus the heading, in regular steps
+            from 0, a following sea, to pi. The hull is symmetric: the motion in waves from the
+            other side is the negative.
         speed: Increasing speeds of the ship ``(s,)`` [m/s].
         sway: Complex sway velocities ``(f, d, s)`` [m/s] per metre of amplitude.
         yaw: Complex yaw rates ``(f, d, s)`` [rad/s] per metre of amplitude.
@@ -52,24 +52,13 @@ class WaveResponse:
     def __post_init__(self) -> None:
         values = {
             "frequency": _increasing("frequency", self.frequency, 1e-3),
-            "direction": _regular(self.direction),
+            "direction": _half_circle(self.direction),
             "speed": _increasing("speed", self.speed, 0.0),
         }
         shape = tuple(map(len, values.values()))
         for name in ("sway", "yaw", "roll"):
             values[name] = _amplitudes(name, getattr(self, name), shape)
         vars(self).update({name: frozen(array) for name, array in values.items()})
-
-    @cached_property
-    def over_a_turn(self) -> tuple[np.ndarray, np.ndarray]:
-        """Directions ``(n,)`` [rad] over a whole turn, and motions in them ``(f, n, s, 3)``."""
-        motion = np.stack([self.sway, self.yaw, self.roll], -1)
-        beta = self.direction
-        if _is_half(beta):
-            beta = np.concatenate([-beta[:0:-1], beta])
-            return beta, np.concatenate([-motion[:, :0:-1], motion], 1)
-        beta = np.append(beta, beta[0] + _TURN)
-        return beta, np.concatenate([motion, motion[:, :1]], 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,15 +79,17 @@ class TabledResponse:
 
     @cached_property
     def _table(self) -> np.ndarray:
-        """Real and imaginary parts of responses at rest ``(f, n, s, 6)``, in all directions."""
-        beta, motion = self.response.over_a_turn
-        w, at_rest = self.response.frequency[:, None], np.empty_like(motion)
-        for i, speed in enumerate(self.response.speed):
+        """Real and imaginary parts of responses at rest ``(f, 2 d - 1, s, 6)`` from -pi to pi."""
+        given, w = self.response, self.response.frequency[:, None]
+        motion = np.stack([given.sway, given.yaw, given.roll], -1)
+        at_rest = np.empty_like(motion)
+        for i, speed in enumerate(given.speed):
             own = motion[:, :, i]
             units = [np.broadcast_to(unit, own.shape) for unit in np.eye(3)]
-            moved = [wave_response(self.ship, unit, w, beta, speed) for unit in units]
+            moved = [wave_response(self.ship, unit, w, given.direction, speed) for unit in units]
             at_rest[:, :, i] = np.linalg.solve(np.stack(moved, -1), own[..., None])[..., 0]
-        return np.concatenate([at_rest.real, at_rest.imag], -1)
+        around = np.concatenate([-at_rest[:, :0:-1], at_rest], 1)
+        return np.concatenate([around.real, around.imag], -1)
 
     def _at_rest(self, row: Any, beta: Any, speed: Any) -> Any:
         """Real, then imaginary parts of sway velocity, yaw rate and roll moment ``(..., 6)``.
@@ -108,9 +99,8 @@ class TabledResponse:
             beta: Direction of the waves relative to the heading [rad].
             speed: Speed of the ship [m/s].
         """
-        directions, _ = self.response.over_a_turn
-        turns = (beta - directions[0]) / _TURN
-        place = (turns - np.floor(turns)) * (len(directions) - 1.0)
+        turns = beta / _TURN + 0.5
+        place = (turns - np.floor(turns)) * (self._table.shape[1] - 1.0)
         return interpolated(self._table, row, place, _index(self.response.speed, speed))
 
     def motion(self, frequency: np.ndarray, beta: np.ndarray, speed: float) -> np.ndarray:
@@ -123,37 +113,27 @@ class TabledResponse:
         """Index ``(...)`` of frequencies [rad/s] among those of the table."""
         return _index(self.response.frequency, frequency)
 
-    def at(self, speed: np.ndarray) -> "TableAtSpeed":
-        """The response at speeds ``(...)`` [m/s], for compiled code."""
-        return TableAtSpeed(self, StripTheory(self.ship).at(speed))
+    def at(self, speed: np.ndarray) -> Motion:
+        """`Motion` of the ship at speeds ``(...)`` [m/s], by the sum of `wave_response`."""
+        (p_M, q_M, s), damped, inert = StripTheory(self.ship).effect_of_speed(speed)
 
+        def moved(
+            w: Any, row: Any, ahead: Any, abeam: Any, met: Any, wave: tuple[Any, Any]
+        ) -> list[Any]:
+            parts = self._at_rest(row, np.arctan2(abeam, ahead), speed)
+            real = [parts[..., k] * wave[0] - parts[..., k + 3] * wave[1] for k in range(3)]
+            imaginary = [parts[..., k] * wave[1] + parts[..., k + 3] * wave[0] for k in range(2)]
+            c_real = -real[1] - ahead * imaginary[0], -ahead * imaginary[1]
+            c_imaginary = ahead * real[0] - imaginary[1], ahead * real[1]
+            p, q = p_M - s * met * met, q_M * met
+            over = speed / (p * p + q * q)
+            for i, (m, n) in enumerate(zip(damped, inert, strict=True)):
+                above = _dot(m, c_real) - met * _dot(n, c_imaginary)
+                across = _dot(m, c_imaginary) + met * _dot(n, c_real)
+                real[i] = real[i] + (above * p + across * q) * over
+            return real
 
-class TableAtSpeed(NamedTuple):
-    """A `TabledResponse` at speeds ``(...)``."""
-
-    table: TabledResponse
-    hull: HullAtSpeed
-
-    def moved(
-        self, w: Any, row: Any, ahead: Any, abeam: Any, met: Any, wave: tuple[Any, Any]
-    ) -> list[Any]:
-        """Momentary sway velocity, yaw rate and roll moment ``(...)``, see `HullAtSpeed.moved`.
-
-        The sum is that of `StripTheory`, where n is the response at rest.
-        """
-        parts = self.table._at_rest(row, np.arctan2(abeam, ahead), self.hull.speed)
-        real = [parts[..., k] * wave[0] - parts[..., k + 3] * wave[1] for k in range(3)]
-        imaginary = [parts[..., k] * wave[1] + parts[..., k + 3] * wave[0] for k in range(2)]
-        c_real = -real[1] - ahead * imaginary[0], -ahead * imaginary[1]
-        c_imaginary = ahead * real[0] - imaginary[1], ahead * real[1]
-        p, q, s = self.hull.determinants
-        p, q = p - s * met * met, q * met
-        over = self.hull.speed / (p * p + q * q)
-        moved = []
-        for m, n in zip(self.hull.damped, self.hull.inert, strict=True):
-            above = _dot(m, c_real) - met * _dot(n, c_imaginary)
-            moved.append((above * p + (_dot(m, c_imaginary) + met * _dot(n, c_real)) * q) * over)
-        return [real[0] + moved[0], real[1] + moved[1], real[2]]
+        return moved
 
 
 def _dot(a: Any, b: Any) -> Any:
@@ -172,21 +152,13 @@ def _increasing(name: str, given: object, least: float) -> np.ndarray:
     return values
 
 
-def _regular(given: object) -> np.ndarray:
-    """Directions that go in regular steps over half the circle or around it."""
+def _half_circle(given: object) -> np.ndarray:
+    """Directions in regular steps from 0 to pi."""
     values = finite_array("direction of WaveResponse", given, "d")
-    ends = [] if _is_half(values) else [values[:1] + _TURN]
-    steps = np.diff(np.concatenate([values, *ends]))
-    if len(values) < 3 or steps[0] <= 0.0 or not np.allclose(steps, steps[0], rtol=1e-3):
-        raise ValueError(
-            "direction of WaveResponse must go in regular steps from 0 to pi, or once around the"
-            " circle without its end [rad]"
-        )
-    return values
-
-
-def _is_half(direction: np.ndarray) -> bool:
-    return len(direction) > 0 and np.allclose(direction[[0, -1]], [0.0, np.pi], atol=1e-3)
+    regular = np.linspace(0.0, np.pi, len(values))
+    if len(values) < 3 or not np.allclose(values, regular, atol=1e-3):
+        raise ValueError("direction of WaveResponse must go in regular steps from 0 to pi [rad]")
+    return regular
 
 
 def _amplitudes(name: str, given: object, shape: tuple[int, ...]) -> np.ndarray:

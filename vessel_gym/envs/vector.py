@@ -94,7 +94,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
         Args:
             seed: A number s (environment i gets s + i), one number for each environment, or None to
-                go on with the next episode.
+                go on with the next episode. ``np_random_seed`` is the first one.
             options: Reset options of the task, and ``reset_mask``, a boolean array ``(num_envs,)``.
 
         Returns:
@@ -111,7 +111,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             mask = self._checked_mask(options.pop("reset_mask"))
         core.start(first_seed(self, core) if seed is None else seed, options, np.flatnonzero(mask))
         if seed is not None:
-            self._keep_seed()
+            super().reset(seed=core.seeds[0])
         self._record(mask, np.zeros_like(mask))
         return core.observe(), self._masked(core.info(), mask)
 
@@ -217,14 +217,6 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 f"reset_mask must have shape {(self.num_envs,)} and a True in it, got {mask!r}"
             )
         return mask
-
-    def _keep_seed(self) -> None:
-        """Set ``np_random`` and ``np_random_seed``: s for seeds s, s + 1, ..., otherwise -1."""
-        seeds = self.core.seeds
-        if seeds == list(range(seeds[0], seeds[0] + self.num_envs)):
-            super().reset(seed=seeds[0])
-        else:
-            self.np_random = np.random.default_rng(seeds)
 
     def _record(self, reset_mask: np.ndarray, going: np.ndarray) -> None:
         """Record the state of some environments for images, and begin those that were reset."""

@@ -267,8 +267,8 @@ def path_of(segments: np.ndarray) -> Path:
 def lengths(start: np.ndarray, goal: np.ndarray, radius: np.ndarray | float) -> np.ndarray:
     """Lengths ``(..., 6)`` [m] of the words, in the order of `WORDS`, for many pairs of poses.
 
-    The smallest along the last axis is the length of the shortest path; a word that does not join
-    the two poses is infinite.
+    The smallest along the last axis is the length of the shortest path. A word that does not join
+    the two poses is infinite; LRL and RLR join near poses only.
 
     Args:
         start: ``(..., 3)`` poses [m, m, rad].
@@ -281,18 +281,6 @@ def lengths(start: np.ndarray, goal: np.ndarray, radius: np.ndarray | float) -> 
     start, goal, radius = checked(start, goal, radius, "...")
     total: np.ndarray = word_pieces(start, goal, radius).sum(-1) * radius[..., None]
     return total
-
-
-def candidates(start: np.ndarray, goal: np.ndarray, radius: float) -> dict[str, float]:
-    """Length [m] of each word that joins two poses ``(3,)``; LRL and RLR join near poses only.
-
-    Raises:
-        ValueError: for poses that are not finite or a radius that is not positive.
-    """
-    values = lengths(*checked(start, goal, radius))
-    return {
-        word: float(value) for word, value in zip(WORDS, values, strict=True) if np.isfinite(value)
-    }
 
 
 @compiled(axes=(1, 1, 0))

@@ -27,10 +27,6 @@ TANGENTS = 16
 _HAIR = 1e-9  # turn radii between poses and circles: no rounding error leads inside
 
 
-class NoPath(ValueError):
-    """No path was found, which does not prove that there is none."""
-
-
 def plan(
     start: np.ndarray, goal: np.ndarray, radius: float, obstacles: np.ndarray, margin: float = 0.0
 ) -> Path:
@@ -47,8 +43,8 @@ def plan(
         margin: Distance [m] to keep from obstacles.
 
     Raises:
-        NoPath: (a ValueError) if no path was found.
-        ValueError: for invalid numbers, and for a start or a goal within the margin of an obstacle.
+        ValueError: for invalid numbers, for a start or a goal within the margin of an obstacle, and
+            if no path was found, which does not prove that there is none.
     """
     start, goal, turn = checked(start, goal, radius)
     room = number("the margin", margin, AT_LEAST_0, np.inf, "finite and 0 or more")
@@ -63,7 +59,7 @@ def plan(
     ends = [[*start, -1.0, 0.0], [*goal, -1.0, 0.0]]
     legs = _search(np.concatenate([ends, _tangents(discs, radius)]), turn, discs)
     if not len(legs):
-        raise NoPath(
+        raise ValueError(
             f"no path with turns of {radius:.6g} m or more was found, which does not prove that"
             " there is none: move the poses away from the obstacles, turn tighter or ask for less"
             " margin"

@@ -122,14 +122,12 @@ class Assumptions:
         how: One of `ASSUMED` (``"as"`` in the options); None: the disturbance's default.
         Q: Factor on the covariances of process noise and of a white input.
         R: Factor on the covariance of measurement noise, or factors by the names of sensors.
-        prior: Factor on the covariance of the prior.
     """
 
     disturbance: str | Disturbance | None = None
     how: str | None = None
     Q: float = 1.0
     R: float | tuple[tuple[str, float], ...] = 1.0
-    prior: float = 1.0
 
     @classmethod
     def of(cls, options: object) -> "Assumptions":
@@ -141,18 +139,15 @@ class Assumptions:
                 disturbance.
         """
         given = checks.options("assume", options)
-        known = ("disturbance", "as", "Q", "R", "prior")
+        known = ("disturbance", "as", "Q", "R")
         for key in given:
             if key not in known:
                 raise TypeError(factory.unknown("key of assume", key, known))
-        for key in ("Q", "R", "prior"):
-            if key not in given:
-                continue
-            if key == "R" and isinstance(given[key], dict):
-                given[key] = (
-                    *((name, _factor(f"R of {name}", f)) for name, f in given[key].items()),
-                )
-            else:
+        for key in ("Q", "R"):
+            if key == "R" and isinstance(given.get(key), dict):
+                factors = given[key].items()
+                given[key] = tuple((name, _factor(f"R of {name}", f)) for name, f in factors)
+            elif key in given:
                 given[key] = _factor(f"{key} of assume", given[key])
         if "as" in given:
             how = given.pop("as")

@@ -1,12 +1,9 @@
 """The estimator of an environment: chosen by name, with its assumptions and its model."""
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, cast
-
-import numpy as np
 
 from estimators import Filter, Model, factory
 from estimators.checks import short_repr
@@ -70,7 +67,6 @@ class Estimation:
     Attributes:
         filter: The filter.
         space: State space of the filter's model.
-        prior: Factor on the covariance of the prior.
         inputs: Names of the unknown inputs kept for scoring: the filter's d or, if it has none,
             `vessel_gym.models.state_space.StateSpace.scored_inputs`.
         late: Use of late measurements, one of `LATE`.
@@ -79,7 +75,6 @@ class Estimation:
 
     filter: Filter
     space: StateSpace
-    prior: float
     inputs: tuple[str, ...]
     late: str = LATE[0]
     horizon: int = 0
@@ -136,9 +131,6 @@ def build(
             the model.
         TypeError: for an unknown option, options that are no dictionary, or a function that returns
             no filter.
-
-    Warns:
-        UserWarning: for a radius of ``robust-kf`` that is too large for the sensors' biases.
     """
     options = checks.options("estimator_options", options)
     built = _built  # a user's function may change
@@ -146,7 +138,7 @@ def build(
         built = _cached
         name, chosen = variant(str(estimator))
         if name not in estimator_names():
-            raise ValueError(_unknown(estimator, accepted(system, sensors, disturbance)))
+            raise ValueError(_unknown(estimator))
         assume = checks.options("assume", options.get("assume"))
         options = chosen | options | {"assume": chosen.get("assume", {}) | assume}
         estimator = name
@@ -180,22 +172,20 @@ def _built(
             check_ambient_flows(space)
         made = _filter(system, estimator, options, space, model, assumptions.Q)
     check_input(made, space, model)
-    if made.name == "robust-kf":
-        _warn_of_biases(made, sensors, system.task.horizon)
-    return Estimation(made, space, assumptions.prior, inputs, late, sensors.horizon)
+    return Estimation(made, space, inputs, late, sensors.horizon)
 
 
 _cached = cached(_built)
 
 
-def _unknown(estimator: object, known: tuple[str, ...]) -> str:
+def _unknown(estimator: object) -> str:
     """Error message for an unknown estimator, with the known ones."""
     advice = (
         ". A filter of your own is passed as its class, in a study as module:class"
         if ":" in str(estimator)
         else f"; a filter's name may end in {', '.join(f'-{last}' for last in VARIANTS)}"
     )
-    return factory.unknown("estimator", estimator, known) + advice
+    return factory.unknown("estimator", estimator, estimator_names()) + advice
 
 
 def is_own(estimator: object) -> bool:
@@ -270,45 +260,6 @@ def _reference(
     if name == "truth":
         return Oracle(model.n, len(inputs))
     return DeadReckoning(model) if name == "dead-reckoning" else ZeroOrderHold(space, model, inputs)
-
-
-def _warn_of_biases(filter: Any, sensors: Sensors, horizon: int) -> None:
-    """Warn if a ball enlarges variances much faster than the slowest bias returns to zero.
-
-    A ball of radius c multiplies the largest eigenvalue of a covariance by about ``1 + sqrt(2 c)``
-    at every step. No measurement shows the difference between a state and its sensor's bias. Only
-    the bias brings this difference back, by dt / tau a step. A constant bias counts as one that
-    returns over the episode's ``horizon`` [steps].
-    """
-    if not sensors.bias.size or filter.radius == 0.0:
-        return
-    returns = max(-np.log(np.diagonal(sensors.bias.transition).max()), 1.0 / horizon)
-    if np.sqrt(2.0 * filter.radius) > 10.0 * returns:
-        warnings.warn(
-            f"{filter.name} with radius {filter.radius:g} enlarges variances by"
-            f" {np.sqrt(2.0 * filter.radius):.2g} of themselves a step, and the sensors' slowest"
-            f" bias returns by {returns:.2g} of itself: position minus bias runs away; take a"
-            f" radius of at most {50.0 * returns**2:.1g}",
-            UserWarning,
-            stacklevel=3,
-        )
-
-
-def accepted(
-    system: System,
-    sensors: Sensors,
-    disturbance: Disturbance,
-    among: tuple[str, ...] | None = None,
-) -> tuple[str, ...]:
-    """Names of estimators that work with a system's models, from ``among`` or `estimator_names`."""
-    names = []
-    for name in among or estimator_names():
-        try:
-            build(system, name, None, sensors, disturbance)
-        except ValueError:
-            continue
-        names.append(name)
-    return tuple(names)
 
 
 def _space(

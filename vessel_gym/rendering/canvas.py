@@ -60,8 +60,7 @@ class Canvas:
 
     def pixels(self) -> np.ndarray:
         """Finished image as an array ``(height, width, 3)``."""
-        pixels = pygame.image.tobytes(self.finish(), "RGB")
-        return np.frombuffer(pixels, np.uint8).reshape(*self.size[::-1], 3).copy()
+        return pygame.surfarray.array3d(self.finish()).swapaxes(0, 1).copy()
 
     def clip(self, box: pygame.Rect | None) -> None:
         """Draw nothing outside a box from now on; None: draw everywhere."""

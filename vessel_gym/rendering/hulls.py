@@ -15,14 +15,14 @@ class Hull:
 
     Attributes:
         above: Outline ``(k, 2)`` forward and to starboard, in lengths (an aircraft's in spans).
-        aside: Outline ``(k, 2)`` forward and down.
         least: Smallest drawn length [pixels].
+        height: Height of the outline from the side, over the width of that from above.
         scaled: Is the outline drawn to scale where that is larger?
     """
 
     above: np.ndarray
-    aside: np.ndarray
     least: float
+    height: float = 1.0
     scaled: bool = True
 
 
@@ -44,16 +44,11 @@ _WING = _mirrored(np.array([
     [0.17, 0.0], [0.15, 0.035], [0.08, 0.07], [-0.12, 0.48], [-0.13, 0.5], [-0.25, 0.5],
     [-0.22, 0.47], [-0.1, 0.1], [-0.13, 0.03],
 ]))  # fmt: skip
-_FUSELAGE = np.array([
-    [0.17, 0.0], [0.12, 0.025], [-0.1, 0.03], [-0.22, 0.0], [-0.25, -0.09], [-0.2, -0.09],
-    [-0.12, -0.025], [0.1, -0.025],
-])  # fmt: skip
-_DOT = 0.5 * CIRCLE
 
 HULLS = {
-    "ship": Hull(_SHIP, _SHIP, 44.0),
-    "torpedo": Hull(_TORPEDO, _TORPEDO, 30.0),
-    "aircraft": Hull(_WING, _FUSELAGE, 28.0),
-    "dot": Hull(_DOT, _DOT, 9.0, scaled=False),
+    "ship": Hull(_SHIP, 44.0),
+    "torpedo": Hull(_TORPEDO, 30.0),
+    "aircraft": Hull(_WING, 28.0, height=0.08),
+    "dot": Hull(0.5 * CIRCLE, 9.0, scaled=False),
 }
 """Outlines by name, see `vessel_gym.tasks.workspace.HULLS`."""

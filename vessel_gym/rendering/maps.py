@@ -109,15 +109,15 @@ class Map:
     def outline(self, pose: np.ndarray) -> np.ndarray:
         """Pixels ``(k, 2)`` of the outline of a vehicle with a `pose` ``(6,)``.
 
-        From above a bank narrows the outline, and from the side it is never upside down.
+        From above a bank narrows the outline.
         """
         (roll, pitch, yaw), hull = pose[3:], self.hull
         level = np.array([np.cos(yaw), np.sin(yaw), 0.0])
         ahead = np.cos(pitch) * level - [0.0, 0.0, np.sin(pitch)]
         starboard = np.cos(roll) * np.array([-np.sin(yaw), np.cos(yaw), 0.0])
         down = np.sin(pitch) * level + [0.0, 0.0, np.cos(pitch)]
-        body = hull.aside @ [ahead, down] if self.aside else hull.above @ [ahead, starboard]
-        return self.pixels(pose[:3] + self.size * body)
+        across = hull.height * down if self.aside else starboard
+        return self.pixels(pose[:3] + self.size * (hull.above @ [ahead, across]))
 
     def marks(self) -> dict[str, list[np.ndarray]]:
         """Pixels ``(n, 2)`` of the marks of each kind."""

@@ -18,10 +18,12 @@ grade ``nominal``, which every sensor has, is the vehicle's own sensor: its tabl
 ``nominal``.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from estimators.checks import short_repr
 from estimators.factory import unknown
@@ -31,10 +33,9 @@ from vessel_gym.toml_file import TomlFile
 
 DATA = Path(__file__).with_name("data")
 NOMINAL = "nominal"
-_FIGURES = ("sd", "rate", "dropout", "latency", "bias")
-_BIAS = ("start", "pace", "time", "constant")
 _TEXTS = ("source", "assumed")
-_MAY_BE_ASSUMED = ("sd", "rate", "dropout", "latency", *_BIAS)
+_FIGURES = ("sd", "rate", "dropout", "latency")
+_BIAS = ("start", "pace", "time", "constant")
 
 
 @dataclass(frozen=True)
@@ -43,14 +44,12 @@ class Grades:
 
     Attributes:
         sensors: Sensors by name and grade, best first.
-        sources: Sources of the figures, by sensor and grade.
-        assumed: Keys of the figures that no document states, by sensor and grade.
+        tables: Tables of the file, by sensor and grade, with sources.
         suites: Name of the grade, by suite and sensor.
     """
 
     sensors: dict[str, dict[str, Sensor]]
-    sources: dict[str, dict[str, str]]
-    assumed: dict[str, dict[str, tuple[str, ...]]]
+    tables: dict[str, dict[str, dict[str, Any]]]
     suites: dict[str, dict[str, str]]
 
     def suite(self, name: str) -> tuple[Sensor, ...]:
@@ -112,21 +111,21 @@ class _GradesFile(TomlFile):
 
     def grades(self, own_alone: bool) -> Grades:
         """The grades; ``own_alone`` leaves out unknown sensors instead of refusing them."""
-        tables = self.data
-        for name in () if own_alone else tables:
-            if name not in ("suites", *self.own):
-                raise self.fault((name,), unknown("sensor", name, self.own))
-        sensors: dict[str, dict[str, Sensor]] = {}
-        sources: dict[str, dict[str, str]] = {}
-        assumed: dict[str, dict[str, tuple[str, ...]]] = {}
+        for name in () if own_alone else self.data:
+            self._check((name,), "sensor", name, ("suites", *self.own))
+        sensors, tables = {}, {}
         for name, own in self.own.items():
-            table = self._table((name,), tables.get(name, {}))
+            table = self._table((name,), self.data.get(name, {}))
             if NOMINAL not in table:  # a file may leave it out: it is then the best
                 table = {NOMINAL: {"source": "the vehicle's own"}} | table
+            tables[name] = table
             sensors[name] = {grade: self._sensor(own, grade, each) for grade, each in table.items()}
-            sources[name] = {grade: each["source"] for grade, each in table.items()}
-            assumed[name] = {grade: tuple(each.get("assumed", ())) for grade, each in table.items()}
-        return Grades(sensors, sources, assumed, self._suites(sensors, own_alone))
+        return Grades(sensors, tables, self._suites(sensors, own_alone))
+
+    def _check(self, keys: tuple[str, ...], kind: str, value: Any, known: Collection[str]) -> None:
+        """Refuse a value of a key that is not one of the known names."""
+        if not isinstance(value, str) or value not in known:
+            raise self.fault(keys, unknown(kind, value, known))
 
     def _table(self, keys: tuple[str, ...], value: Any) -> dict[str, Any]:
         if not isinstance(value, dict):
@@ -136,38 +135,30 @@ class _GradesFile(TomlFile):
     def _sensor(self, own: Sensor, grade: str, figures: Any) -> Sensor:
         """The sensor in a grade."""
         keys, name = (own.name, grade), f"{own.name} of the grade {grade!r}"
-        figures = self._table(keys, figures)
-        allowed = _TEXTS if grade == NOMINAL else (*_TEXTS, *_FIGURES)
+        figures, nominal = self._table(keys, figures), grade == NOMINAL
         for key in figures:
-            if key not in allowed:
-                raise self.fault((*keys, key), unknown(f"key of {name}", key, allowed))
-        for key in ("source",) if grade == NOMINAL else ("source", "sd"):
+            allowed = _TEXTS if nominal else (*_TEXTS, *_FIGURES, "bias")
+            self._check((*keys, key), f"key of {name}", key, allowed)
+        for key in ("source",) if nominal else ("source", "sd"):
             if key not in figures:
                 raise self.fault(keys, f"{name} needs a {key!r}")
         if not isinstance(figures["source"], str):
             raise self.fault((*keys, "source"), f"source of {name} must be a text")
         assumed = figures.get("assumed", [])
         for key in assumed if isinstance(assumed, list) else (assumed,):
-            if key not in _MAY_BE_ASSUMED:
-                raise self.fault(
-                    (*keys, "assumed"), unknown(f"assumed figure of {name}", key, _MAY_BE_ASSUMED)
-                )
+            self._check((*keys, "assumed"), f"assumed figure of {name}", key, (*_FIGURES, *_BIAS))
         try:
-            return own if grade == NOMINAL else self._with(own, figures)
+            return own if nominal else self._with(own, figures)
         except (ValueError, TypeError) as error:
-            named = (key for key in _FIGURES if str(error).startswith(f"{key} of "))
-            about = next(named, "bias" if "bias" in str(error).lower() else "sd")
+            about = "bias" if "bias" in str(error) else str(error).partition(" of ")[0]
             raise self.fault((*keys, about), str(error)) from None
 
     def _with(self, own: Sensor, figures: dict[str, Any]) -> Sensor:
         """The sensor with the figures of a grade."""
-        channels, period = len(own.channels), 1
-        times = {"rate": figures.get("rate"), "latency": figures.get("latency", 0.0)}
-        check_numbers(own.name, times, positive="rate?", not_negative="latency")
-        if "rate" in figures:
-            if figures["rate"] * self.dt * SLOWEST < 1.0:
-                raise ValueError(f"rate of {own.name} is too low, got {figures['rate']:g} Hz")
-            period = max(round(1.0 / (figures["rate"] * self.dt)), 1)
+        channels, dt = len(own.channels), self.dt
+        times = {"rate": figures.get("rate", 1.0 / dt), "latency": figures.get("latency", 0.0)}
+        check_numbers(own.name, times, positive="rate", not_negative="latency")
+        period = round(1.0 / np.clip(times["rate"] * dt, 1.0 / SLOWEST, 1.0))
         bias = None
         if "bias" in figures:
             table = figures["bias"]
@@ -182,9 +173,9 @@ class _GradesFile(TomlFile):
             bias = Bias(tuple(names[: len(start)]), **given, scale=scale, time=table.get("time"))
         return replace(
             own, sd=_tuple(figures["sd"], channels),
-            rate=None if period == 1 else 1.0 / (period * self.dt),
-            dropout=figures.get("dropout", 0.0),
-            latency=round(times["latency"] / self.dt) * self.dt, bias=bias,
+            rate=None if period == 1 else 1.0 / (period * dt),
+            dropout=figures.get("dropout", 0.0), latency=round(times["latency"] / dt) * dt,
+            bias=bias,
         )  # fmt: skip
 
     def _suites(
@@ -194,13 +185,11 @@ class _GradesFile(TomlFile):
         suites = self._table(("suites",), self.data.get("suites", {}))
         for suite, table in suites.items():
             for name, grade in self._table(("suites", suite), table).items():
-                if name not in sensors and not own_alone:
-                    raise self.fault(("suites", suite, name), unknown("sensor", name, sensors))
-                known = sensors.get(name, ())
-                if known and (not isinstance(grade, str) or grade not in known):
-                    raise self.fault(
-                        ("suites", suite, name), unknown(f"grade of {name}", grade, known)
-                    )
+                keys = "suites", suite, name
+                if name in sensors:
+                    self._check(keys, f"grade of {name}", grade, sensors[name])
+                elif not own_alone:
+                    raise self.fault(keys, unknown("sensor", name, sensors))
         return suites
 
 

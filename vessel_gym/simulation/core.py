@@ -9,12 +9,7 @@ from gymnasium.error import ResetNeeded
 from estimators import Gaussian, RandomKeys
 from estimators.checks import integer
 from estimators.linalg import shared_root
-from vessel_gym.checks import (
-    checked_action,
-    is_compiled,
-    refuse_not_finite,
-    refuse_other_ends,
-)
+from vessel_gym.checks import checked_action, is_compiled, refuse_not_finite
 from vessel_gym.checks import options as checked_options
 from vessel_gym.simulation.configuration import Configuration, Options
 from vessel_gym.simulation.draws import DRAWN, filter_prior, next_episodes, start_numbers
@@ -131,8 +126,6 @@ class Core:
         for method, field in config.numpy_methods.items():
             if (values := getattr(now, field)) is not None:
                 refuse_not_finite(method, values, now.steps, ended, last.state, now.belief.mean)
-        if not is_compiled(config.system.task):
-            refuse_other_ends(config.system.task, now.end)
         return now
 
     # --- reset ------------------------------------------------------------------------------------
@@ -143,51 +136,25 @@ class Core:
         options: dict[str, Any] | None = None,
         rows: np.ndarray | None = None,
     ) -> None:
-        """Start an episode in some environments: `seed`, then `reset`; neither if one fails.
-
-        Raises:
-            gymnasium.error.ResetNeeded: if the first reset leaves out an environment.
-        """
-        before = self.seeds, self.now
-        try:
-            self.seed(seed, rows)
-            self.reset(rows, options)
-        except Exception:
-            self.seeds, self.now = before
-            raise
-
-    def seed(
-        self, seed: int | Sequence[int] | np.ndarray | None, rows: np.ndarray | None = None
-    ) -> None:
-        """Set seeds and restart the count of episodes.
+        """Start episodes in some rows: draw the true states and take the first measurements.
 
         Args:
-            seed: A number s (environment i gets s + i), one number for each environment, or None to
-                keep the seeds and go on with the next episode.
-            rows: Indices of the environments to seed, None for all; the others keep their seeds.
-
-        Raises:
-            ValueError: for a seed that is negative or not a whole number, or a list of the wrong
-                length.
-            gymnasium.error.ResetNeeded: if the first reset leaves out an environment.
-        """
-        given = self.seeds, self.now.episode, seed, self._rows(rows)
-        self.seeds, episode = next_episodes(*given)
-        self.now = self.now.but(episode=episode)
-
-    def reset(self, rows: np.ndarray | None = None, options: dict[str, Any] | None = None) -> None:
-        """Start new episodes in some rows: draw the true states and take the first measurements.
-
-        Args:
-            rows: Indices of the environments; None for all.
+            seed: A number s (environment i gets s + i) or one number for each environment, which
+                restart the count of episodes; None to keep the seeds and go on with the next.
             options: Reset options of the task.
+            rows: Indices of the environments; None for all. The others do not change.
 
         Raises:
-            ValueError: for an option or a value that the task does not accept.
+            ValueError: for a seed that is negative or not a whole number, a list of the wrong
+                length, or an option or a value that the task does not accept; nothing has changed
+                then.
             TypeError: for options that are no dictionary.
+            gymnasium.error.ResetNeeded: if the first start leaves out an environment.
         """
-        config, rows = self.config, self._rows(rows)
-        now, prior = self._drawn(rows, checked_options("options", options))
+        config, rows = self.config, np.arange(self.num_envs) if rows is None else rows
+        seeds, episode = next_episodes(self.seeds, self.now.episode, seed, rows)
+        keys = RandomKeys.seeded([seeds[i] for i in rows]).keys
+        now, prior = self._drawn(keys, episode[rows], checked_options("options", options))
         config.world.begin(now)
         config.delivery.begin(now)
         config.delivery(now)
@@ -195,15 +162,16 @@ class Core:
             estimator.begin(now, filter_prior(prior, estimator.estimation.space))
         config.mission.begin(now)
         now = now.without_start()
+        self.seeds = seeds
         self.now = now if len(rows) == self.num_envs else self.now.merged(rows, now)
 
-    def _drawn(self, rows: np.ndarray, options: dict[str, Any]) -> tuple[State, Gaussian]:
+    def _drawn(
+        self, seeds: np.ndarray, episode: np.ndarray, options: dict[str, Any]
+    ) -> tuple[State, Gaussian]:
         """The record with the random numbers and scenarios of new episodes, and the prior."""
-        config, count, steps = self.config, len(rows), np.zeros(len(rows), int)
+        config, count, steps = self.config, len(episode), np.zeros(len(episode), int)
         vehicle, task, draws = config.world.vehicle, config.system.task, config.draws
-        seeds, episode = RandomKeys.seeded([self.seeds[i] for i in rows]), self.now.episode[rows]
-        given = {"words": draws.words, "counts": draws.counts}
-        keys, *drawn = start_numbers(seeds.keys, episode, **given)
+        keys, *drawn = start_numbers(seeds, episode, words=draws.words, counts=draws.counts)
         numbers = dict(zip((*DRAWN, "slow"), drawn, strict=True))
         scenario = task.scenario(numbers["task"], options)
         prior, parameters = task.prior(scenario), config.nominal.repeat(count, 0)
@@ -223,10 +191,6 @@ class Core:
             reward=np.zeros(count), total=np.zeros(count), end=np.zeros(count, int),
         )  # fmt: skip
         return now.but(**config.mission.asked(now, steps)), prior
-
-    def _rows(self, rows: np.ndarray | None) -> np.ndarray:
-        """Indices of some environments; None stands for all."""
-        return np.arange(self.num_envs) if rows is None else rows
 
     # --- what is seen -----------------------------------------------------------------------------
 

@@ -33,8 +33,6 @@ class Estimator:
     def begin(self, now: State, prior: Gaussian) -> None:
         """Belief after the first measurements; the prior is that of the filter's state."""
         rng = RandomKeys(now.filtering) if self._random else None
-        if self.estimation.prior != 1.0:
-            prior = Gaussian(prior.mean, self.estimation.prior * prior.cov)
         y, available = self._measured(now)
         initial = self.filter.init(prior, rng=rng)
         if self.parameters is not None:

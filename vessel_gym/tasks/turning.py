@@ -11,9 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import integer
 from estimators.engine import compiled, lookup
-from vessel_gym.checks import check_numbers, instance, one_of
+from vessel_gym.checks import one_of
 from vessel_gym.sensors import Sensors
 from vessel_gym.tasks.task import Estimate, Task, closeness, first_reason, smoothness, wrapped
 from vessel_gym.tasks.workspace import Workspace, at_depth
@@ -41,11 +40,6 @@ class Steering(Task):
     ship: CorvetteParameters
     pace: float = 1.0  # time to sail the ship's own length, relative to the corvette's
     horizon: int = 600  # steps
-
-    def __post_init__(self) -> None:
-        instance(f"ship of {type(self).__name__}", self.ship, CorvetteParameters)
-        check_numbers(self, positive="pace")
-        integer(f"horizon of {type(self).__name__}", self.horizon, 1)
 
     @property
     def dt(self) -> float:

@@ -6,7 +6,7 @@ down; earth axes: north, east, down.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -83,7 +83,7 @@ class AUVParameters(Particulars):
         ),
         "fins": ("fin_area", "fin_position", "fin_aspect", "fin_taper", "fin_limit", "fin_rate"),
         "propulsion": ("cruise_speed", "thrust_limit", "thrust_lag", "propeller_torque"),
-        "coefficients": ("with_added_mass", "axial_drag", *Coefficients.__dataclass_fields__),
+        "coefficients": ("with_added_mass", "axial_drag", *Coefficients._fields),
     }  # fmt: skip
     """Keys of a vehicle file by table; keys that are no fields of this class go to ``given``."""
     names: ClassVar[tuple[str, ...]]
@@ -102,16 +102,15 @@ class AUVParameters(Particulars):
     @cached_property
     def coefficients(self) -> Coefficients:
         """Hydrodynamic coefficients: given ones, and estimates from the dimensions."""
-        known = Coefficients.__dataclass_fields__
-        given = {name: x for name, x in self.given if name in known}
-        c = replace(self.torpedo.coefficients(), **given)
+        given = {name: x for name, x in self.given if name in Coefficients._fields}
+        c = self.torpedo.coefficients()._replace(**given)
         held = {  # N_uv and M_uw: Munk's moment (1924)
             "Y_ur": c.X_udot, "Z_uq": -c.X_udot, "N_uv": c.Y_vdot - c.X_udot,
             "M_uw": c.X_udot - c.Z_wdot, "N_ur": c.Y_rdot, "M_uq": -c.Z_qdot,
         }  # fmt: skip
         if not self.with_added_mass:
             return c
-        return replace(c, **{name: given[name] - x for name, x in held.items() if name in given})
+        return c._replace(**{name: given[name] - x for name, x in held.items() if name in given})
 
     @cached_property
     def buoyancy(self) -> float:
@@ -147,7 +146,7 @@ class AUVParameters(Particulars):
 
         The factors are ``(..., f)``.
         """
-        c: dict[str, Any] = dict(vars(self.coefficients))
+        c: dict[str, Any] = self.coefficients._asdict()
         f = dict(zip(UNCERTAIN, np.moveaxis(factors, -1, 0), strict=False))
         for kind, factor in f.items():
             for name in _FACTORS[kind]:
@@ -198,7 +197,7 @@ class AUVParameters(Particulars):
         if self.cruise_thrust > self.thrust_limit:
             drag = f"at cruising speed the drag is {self.cruise_thrust:.3g} N"
             yield "thrust_limit", f"{self.thrust_limit:g} N are too little: {drag}"
-        c = vars(self.coefficients)
+        c = self.coefficients._asdict()
         if any(np.linalg.eigvalsh(block).min() <= 0.0 for block in _inertia(self._with_body(c))):
             yield "coefficients", "the added masses leave an inertia that is not positive definite"
         elif (c["Y_rdot"], c["Z_qdot"]) != (c["N_vdot"], c["M_wdot"]):

@@ -51,15 +51,15 @@ def steady_turns(ship: CorvetteParameters) -> SteadyTurn:
     Raises:
         RuntimeError: if the ship has no steady turn at that rudder.
     """
-    scale, most = np.array([1.0, 1.0, 1.0 / ship.length]) * ship.speed, 0.8 * ship.rudder_limit
+    U = ship.speed
+    units = np.array([U, U, U / ship.length, 0.8 * ship.rudder_limit])
 
     def residual(turn: np.ndarray, plane: np.ndarray) -> np.ndarray:
         """Accelerations ``(..., 3)``, and distance from a plane of a normal and an offset."""
         off = (turn * plane[..., :4]).sum(-1, keepdims=True) - plane[..., 4:]
-        accelerations = ship.accelerations(turn[..., :3] * scale, turn[..., 3:] * most) / scale
-        return np.concatenate([accelerations, off], -1)
+        return np.concatenate([ship.accelerations(turn * units) / units[:3], off], -1)
 
-    turns = [np.array([1.0, 0.0, 0.0, 0.0])]  # surge, sway, yaw rate, rudder in units of most
+    turns = [np.array([1.0, 0.0, 0.0, 0.0])]  # surge, sway, yaw rate, rudder
     ahead, step = np.array([0.0, 0.0, 1.0, 0.0]), 1e-4
     while turns[-1][3] < 1.0 and len(turns) < 200:  # 25 for the corvette
         turns.append(root(residual, turns[-1], np.append(ahead, ahead @ turns[-1] + step)))
@@ -70,32 +70,12 @@ def steady_turns(ship: CorvetteParameters) -> SteadyTurn:
     planes[:, 2], planes[:, 4] = 1.0, np.linspace(0.0, tightest[2], 165)
     rising = np.maximum.accumulate(np.array(turns)[:, 2])
     guess = [np.interp(planes[:, 4], rising, each) for each in np.transpose(turns)]
-    surge, sideways, yaw, rudder = root(residual, np.stack(guess, -1), planes).T
+    speed, sway, yaw, rudder = (root(residual, np.stack(guess, -1), planes) * units).T
     if not np.isfinite(rudder).all():
         raise RuntimeError("the ship has no steady turn at 80 % of the rudder limit")
-    speed, sway, rates = surge * scale[0], sideways * scale[1], yaw * scale[2]
     with np.errstate(divide="ignore"):
-        radius = np.hypot(speed, sway) / rates
-    return SteadyTurn(rates, speed, sway, most * rudder, radius)
-
-
-def sway_yaw_jacobian(
-    state: np.ndarray, rudder: np.ndarray, ship: CorvetteParameters
-) -> tuple[np.ndarray, np.ndarray]:
-    """d(v', r')/d(v, r) ``(..., 2, 2)`` and d(v', r')/d(rudder) ``(..., 2, 1)`` at ``(u, v, r)``.
-
-    Central differences of the compiled equations, so that linear models agree with the truth.
-    """
-    points = np.concatenate([state, rudder[..., None]], -1)  # (u, v, r, rudder)
-    step = np.array([1e-6, 1e-8, 1e-6])
-    offsets = step[:, None] * np.eye(4)[1:]
-
-    def rates(p: np.ndarray) -> np.ndarray:
-        return ship.accelerations(p[..., :3], p[..., 3:])[..., 1:]
-
-    difference = rates(points[..., None, :] + offsets) - rates(points[..., None, :] - offsets)
-    jacobian = np.swapaxes(difference / (2.0 * step[:, None]), -1, -2)
-    return jacobian[..., :2], jacobian[..., 2:]
+        radius = np.hypot(speed, sway) / yaw
+    return SteadyTurn(yaw, speed, sway, rudder, radius)
 
 
 @cache
@@ -112,10 +92,11 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
     A = np.zeros((len(turns.yaw_rate), 3, 3))
     B = np.zeros((len(turns.yaw_rate), 3, 1))
     for node, weight in zip(0.5 * (nodes + 1.0), 0.5 * weights, strict=True):
-        state = np.stack([turns.speed, node * turns.sway, node * turns.yaw_rate], -1)
-        a, b = sway_yaw_jacobian(state, node * turns.rudder, ship)
-        A[:, :2, :2] += weight * a
-        B[:, :2] += weight * b
+        drift = node * np.array([turns.sway, turns.yaw_rate, turns.rudder])
+        moving = np.column_stack([turns.speed, *drift])
+        slopes = ship.jacobian(moving)[:, 1:]
+        A[:, :2, :2] += weight * slopes[..., 1:3]
+        B[:, :2] += weight * slopes[..., 3:]
     A[:, 2, 1] = 1.0
     return zero_order_hold(A, B, dt)
 
@@ -123,14 +104,9 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
 @cache
 def surge_models(ship: CorvetteParameters, dt: float) -> np.ndarray:
     """Share ``(k,)`` of a deviation from each turn's speed that remains after a step."""
-    turns, step = steady_turns(ship), 1e-4
-
-    def surge(speed: np.ndarray) -> np.ndarray:
-        return ship.accelerations(
-            np.stack([speed, turns.sway, turns.yaw_rate], -1), turns.rudder[:, None]
-        )[:, 0]
-
-    return np.exp(dt * (surge(turns.speed + step) - surge(turns.speed - step)) / (2.0 * step))
+    turns = steady_turns(ship)
+    moving = np.column_stack([turns.speed, turns.sway, turns.yaw_rate, turns.rudder])
+    return np.exp(dt * ship.jacobian(moving)[:, 0, 0])
 
 
 def linear_matrices(

@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
-from estimators.engine import compiled, sincos
+from estimators.engine import compiled, linearise, sincos
 from vessel_gym.vehicles.files import Particulars
 from vessel_gym.vehicles.vehicle import GRAVITY
 
@@ -228,18 +228,19 @@ class CorvetteParameters(Particulars):
         """Dimensional coefficients of the equations of motion, in the order of `COEFFICIENTS`."""
         return np.array(self.values())
 
-    def accelerations(self, motion: np.ndarray, rudder: np.ndarray) -> np.ndarray:
+    def accelerations(self, moving: np.ndarray) -> np.ndarray:
         """Accelerations ``(..., 3)`` of an upright ship without current and external loads.
 
         They are those of surge, sway [m/s2] and yaw [rad/s2].
 
         Args:
-            motion: Surge, sway [m/s] and yaw rate [rad/s] ``(..., 3)``.
-            rudder: Rudder angle [rad] ``(..., 1)``.
+            moving: Surge, sway [m/s], yaw rate [rad/s] and rudder [rad] ``(..., 4)``.
         """
-        state = np.zeros((*motion.shape[:-1], len(STATE)))
-        state[..., 3:6] = motion
-        return corvette_rates(state, rudder, np.zeros(len(AROUND)), self.vector())[..., 3:6]
+        return _accelerations(moving, self.vector())
+
+    def jacobian(self, moving: np.ndarray) -> np.ndarray:
+        """Exact derivatives ``(..., 3, 4)`` of `accelerations` by ``moving (..., 4)``."""
+        return _jacobian(moving, self.vector())
 
     def mistakes(self) -> Iterator[tuple[str, str]]:
         """Errors in the particulars: the name of a number, and a sentence."""
@@ -380,3 +381,16 @@ def corvette_rates(
         u * cos - carried * sin + north, u * sin + carried * cos + east, r,
         X / c.surge_inertia, sway, yaw, p, K / c.roll_inertia,
     ], -1)  # fmt: skip
+
+
+@compiled
+def _accelerations(moving: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    motion = moving[..., :3]
+    state = np.concatenate([0.0 * motion, motion, 0.0 * motion[..., :2]], -1)
+    rates = corvette_rates(state, moving[..., 3:], np.zeros(len(AROUND)), coefficients)
+    return rates[..., 3:6]
+
+
+@compiled
+def _jacobian(moving: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    return linearise(_accelerations, moving, coefficients)[1]

@@ -9,7 +9,7 @@ from dataclasses import MISSING, fields
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, ClassVar, TypeVar, overload
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,8 +17,6 @@ from estimators.checks import number, short_repr
 from estimators.factory import unknown
 from vessel_gym.checks import LARGEST, RANGES, all_are, one_of
 from vessel_gym.toml_file import TomlFile
-
-P = TypeVar("P")
 
 _DATA = Path(__file__).with_name("data")
 _KINDS = {
@@ -76,10 +74,6 @@ def names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in _DATA.glob("*.toml")))
 
 
-@overload
-def load(source: str | Path) -> Any: ...
-@overload
-def load(source: str | Path, expected: type[P]) -> P: ...
 def load(source: str | Path, expected: type[Any] = object) -> Any:
     """Load the parameters of a vehicle.
 

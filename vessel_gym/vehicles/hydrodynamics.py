@@ -8,6 +8,7 @@ Fossen (2011) for the added mass of a spheroid; Blevins (1979) for the added mas
 Hoerner (1965, 1975) for drag and lift; Triantafyllou & Amzallag (1984) for axial drag.
 """
 
+from collections import namedtuple
 from dataclasses import dataclass
 from typing import Any
 
@@ -146,53 +147,32 @@ def axial_drag_coefficient(
 # --- the vehicle ----------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Coefficients:
-    """Coefficients of a hull with four equal stern fins, SI units, about the centre of buoyancy.
+Coefficients = namedtuple("Coefficients", (
+    # added mass: force or moment per acceleration
+    "X_udot", "Y_vdot", "Y_rdot", "Z_wdot", "Z_qdot", "K_pdot", "M_wdot", "M_qdot", "N_vdot",
+    "N_rdot",
+    # drag: per velocity times its size, e.g. Y_vv v |v|
+    "X_uu", "Y_vv", "Y_rr", "Z_ww", "Z_qq", "K_pp", "M_ww", "M_qq", "N_vv", "N_rr",
+    # lift of hull and centred fins, without the added-mass terms: per |u| and velocity, e.g.
+    # Y_uv |u| v
+    "K_up", "Y_uv", "Y_ur", "Z_uw", "Z_uq", "M_uw", "M_uq", "N_uv", "N_ur",
+    # fins: per u |u| and angle
+    "Y_uudr", "N_uudr", "Z_uuds", "M_uuds",
+))  # fmt: skip
+"""Coefficients of a hull with four equal stern fins, SI units, about the centre of buoyancy.
 
-    Body axes: x forward, y starboard, z down. Signs and names are Prestero's (2001). A positive
-    rudder angle pushes the stern to starboard, so that the vehicle turns to port. A positive stern
-    plane angle pushes the stern up, so that the vehicle dives.
-    """
+Body axes: x forward, y starboard, z down. Signs and names are Prestero's (2001). A positive rudder
+angle pushes the stern to starboard, so that the vehicle turns to port. A positive stern plane angle
+pushes the stern up, so that the vehicle dives.
+"""
 
-    # Added mass: force or moment per acceleration.
-    X_udot: float
-    Y_vdot: float
-    Y_rdot: float
-    Z_wdot: float
-    Z_qdot: float
-    K_pdot: float
-    M_wdot: float
-    M_qdot: float
-    N_vdot: float
-    N_rdot: float
-    # Drag: per velocity times its size, e.g. Y_vv v |v|.
-    X_uu: float
-    Y_vv: float
-    Y_rr: float
-    Z_ww: float
-    Z_qq: float
-    K_pp: float
-    M_ww: float
-    M_qq: float
-    N_vv: float
-    N_rr: float
-    # Lift of hull and centred fins: per |u| and velocity, e.g. Y_uv |u| v; without the added-mass
-    # terms.
-    K_up: float
-    Y_uv: float
-    Y_ur: float
-    Z_uw: float
-    Z_uq: float
-    M_uw: float
-    M_uq: float
-    N_uv: float
-    N_ur: float
-    # Fins: per u |u| and angle.
-    Y_uudr: float
-    N_uudr: float
-    Z_uuds: float
-    M_uuds: float
+
+CROSS_FLOW_DRAG = 1.1
+"""Drag coefficient of a cylinder across the flow; Hoerner (1965), as in Prestero (2001)."""
+
+
+_CROSS_FLOW_DRAG = 1.1
+"""Drag coefficient of a cylinder; Hoerner (1965), as in Prestero (2001)."""
 
 
 @dataclass(frozen=True)
@@ -202,7 +182,6 @@ class Torpedo:
     hull: Hull
     fins: Fins
     axial_drag: float  # on the frontal area; see `axial_drag_coefficient`
-    cross_flow_drag: float = 1.1  # of a cylinder; Hoerner (1965), as in Prestero (2001)
     water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
 
     @property
@@ -247,7 +226,7 @@ class Torpedo:
         """
         half_density = 0.5 * self.water_density
         x, dx = self.hull.strips()
-        hull = half_density * self.cross_flow_drag * 2.0 * self.hull.radius(x) * dx
+        hull = half_density * _CROSS_FLOW_DRAG * 2.0 * self.hull.radius(x) * dx
         fins = half_density * self.fins.plate_drag_coefficient() * 2.0 * self.fins.area
         drag, x = np.append(hull, fins), np.append(x, self.fins.position)
         return drag.sum(), drag @ x, drag @ (x * abs(x)), drag @ abs(x) ** 3

@@ -4,19 +4,26 @@ The angle beta is the direction of the waves minus the heading; 0 is a following
 head sea (Fossen 2021, ch. 10).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from estimators.engine import sincos
 from vessel_gym.processes import interpolated
-from vessel_gym.vehicles.corvette import sway_yaw_jacobian
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.vehicle import GRAVITY
 
 _AIR_DENSITY = 1.224  # kg/m3
+Motion = Callable[..., list[Any]]
+"""Momentary sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] ``(...)`` in a wave.
+
+Arguments are the frequency of the wave [rad/s], its constant (see `StripTheory.frequency_constant`),
+its wave numbers along the hull ``k cos(beta)`` and across it ``k sin(beta)`` [1/m], the frequency
+of encounter [rad/s], and the elevation of the surface amidships [m], real and imaginary part.
+"""
 
 
 def encounter_frequency(frequency: np.ndarray, beta: np.ndarray, speed: float) -> np.ndarray:
@@ -55,38 +62,6 @@ def rest_response(ship: CorvetteParameters, frequency: np.ndarray, beta: np.ndar
     return np.stack([sway, yaw, roll], -1)
 
 
-def wave_loads(
-    ship: CorvetteParameters, at_rest: np.ndarray, frequency: np.ndarray, beta: np.ndarray,
-    speed: float,
-) -> np.ndarray:  # fmt: skip
-    """Complex sway force [N], yaw and roll moments [N m] per metre of amplitude ``(..., 3)``.
-
-    Loads on a slender hull that is fixed in a wave ``exp(j (w t - k x))``: Froude-Krylov and
-    diffraction forces of strip theory, Salvesen, Tuck & Faltinsen (1970). With the sway velocity
-    and yaw rate ``n_w`` of the response at rest, they are::
-
-        j w M_body n_w + j w_e M_added n_w + D(U) n_w
-
-    The pressure of the wave accelerates the ship like the displaced water; added mass and damping
-    act on the motion relative to the water. In waves much longer than the ship it therefore moves
-    with the water.
-
-    Args:
-        ship: Parameters of the ship.
-        at_rest: Response at rest ``(..., 3)``, see `rest_response`.
-        frequency: Frequency of the wave [rad/s].
-        beta: Direction of the wave relative to the heading [rad].
-        speed: Speed of the ship [m/s].
-    """
-    inertia, body, damping, _ = sway_yaw_matrices(ship, speed)
-    met = encounter_frequency(frequency, beta, speed)
-    water = at_rest[..., :2]
-    accelerated = 1j * (
-        frequency[..., None] * (water @ body.T) + met[..., None] * (water @ (inertia - body).T)
-    )
-    return np.concatenate([accelerated + water @ damping.T, at_rest[..., 2:]], -1)
-
-
 def wave_response(
     ship: CorvetteParameters, at_rest: np.ndarray, frequency: np.ndarray, beta: np.ndarray,
     speed: float,
@@ -96,15 +71,34 @@ def wave_response(
     They are per metre of amplitude. Linear, first-order response of a ship on a straight course,
     without a pole at an encounter frequency of 0. It is superposed on manoeuvring, Fossen (2021),
     ch. 10. For a directionally unstable ship it is the particular solution at the frequency of
-    encounter; the growing free motion is part of manoeuvring. Arguments as `wave_loads`.
+    encounter; the growing free motion is part of manoeuvring.
+
+    Loads on a slender hull that is fixed in a wave ``exp(j (w t - k x))`` are the Froude-Krylov and
+    diffraction forces of strip theory, Salvesen, Tuck & Faltinsen (1970). With the sway velocity
+    and yaw rate n of the response at rest they are ``j w B n + j w_e A n + D n``: the pressure of
+    the wave accelerates the ship like the displaced water (B, inertia of the body), and added mass
+    A and damping D act on the motion relative to the water. The ship answers them by ``(M + j w_e
+    I)^-1``, where ``I = A + B``, and M is D with the Coriolis force of B at the speed U. Hence it
+    moves by ``n + (M + j w_e I)^-1 U B c`` with ``c = (j k cos(beta) n_1 - n_2, j k cos(beta)
+    n_2)``. In waves much longer than the ship it moves with the water.
+
+    Args:
+        ship: Parameters of the ship.
+        at_rest: Response at rest ``(..., 3)``, see `rest_response`.
+        frequency: Frequency of the wave [rad/s].
+        beta: Direction of the wave relative to the heading [rad].
+        speed: Speed of the ship [m/s].
     """
-    side, turning, roll = np.moveaxis(wave_loads(ship, at_rest, frequency, beta, speed), -1, 0)
-    inertia, _, _, moving = sway_yaw_matrices(ship, speed)
+    sway, yaw, roll = np.moveaxis(at_rest, -1, 0)
+    ahead = 1j * frequency**2 / GRAVITY * np.cos(beta)
+    inertia, body, moving = sway_yaw_matrices(ship, speed)
+    side, turning = speed * np.tensordot(body, [ahead * sway - yaw, ahead * yaw], 1)
     rotating = 1j * encounter_frequency(frequency, beta, speed)
     parts = zip(moving.flat, inertia.flat, strict=True)
     a, b, c, d = (each + inertial * rotating for each, inertial in parts)
     determinant = a * d - b * c  # Cramer's rule
-    sway, yaw = (d * side - b * turning) / determinant, (a * turning - c * side) / determinant
+    sway = sway + (d * side - b * turning) / determinant
+    yaw = yaw + (a * turning - c * side) / determinant
     return np.stack([sway, yaw, roll], -1)
 
 
@@ -135,30 +129,24 @@ def wind_loads(
 
 def sway_yaw_matrices(
     ship: CorvetteParameters, speed: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Inertia of sway and yaw with and without added mass, and damping, each ``(2, 2)``.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Inertia of sway and yaw with and without added mass, and M, each ``(2, 2)``.
 
-    The damping is for a ``speed`` [m/s]. The last matrix is the damping with the Coriolis force of
-    the ship's own mass.
+    M is the damping at a ``speed`` [m/s], with the Coriolis force of the ship's own mass.
     """
     c = ship.values()
     inertia = np.array([[c.sway_inertia, c.sway_yaw_inertia], [c.yaw_sway_inertia, c.yaw_inertia]])
     turning = ship.mass * ((ship.yaw_radius * ship.length) ** 2 + ship.x_g**2)
     body = np.array([[ship.mass, c.mass_x_g], [c.mass_x_g, turning]])
-    A, _ = sway_yaw_jacobian(np.array([speed, 0.0, 0.0]), np.array(0.0), ship)
-    coriolis = speed * np.outer(body[:, 0], [0.0, 1.0])
-    damping = -inertia @ A - coriolis
-    return inertia, body, damping, damping + coriolis
+    slopes = ship.jacobian(np.array([speed, 0.0, 0.0, 0.0]))
+    return inertia, body, -inertia @ slopes[1:, 1:3]
 
 
 @dataclass(frozen=True, eq=False)
 class StripTheory:
     """`wave_response` of a ship, and the same response in real numbers for compiled code.
 
-    A ship at rest moves as the water along its hull does, ``n = (even, -j odd)``. The response
-    solves ``(M + j w_e I) x = (D + j w B + j w_e A) n``. Hence it is ``n + (M + j w_e I)^-1 U c``
-    with ``c = j odd b + j k cos(beta) B n``, where b is the first column of B, the inertia of the
-    body, and I = A + B.
+    A ship at rest moves as the water along its hull does, ``n = (even, -j odd)``.
     """
 
     ship: CorvetteParameters
@@ -167,7 +155,7 @@ class StripTheory:
     def _table(self) -> np.ndarray:
         """M by speed ``(26, 4)``: sway force and yaw moment per unit of sway and yaw."""
         speeds = self.ship.speed * _SPEEDS
-        return np.array([sway_yaw_matrices(self.ship, speed)[3].ravel() for speed in speeds])
+        return np.array([sway_yaw_matrices(self.ship, speed)[2].ravel() for speed in speeds])
 
     def motion(self, frequency: np.ndarray, beta: np.ndarray, speed: float) -> np.ndarray:
         """Complex response ``(..., 3)``, see `wave_response`."""
@@ -179,64 +167,55 @@ class StripTheory:
         decay = np.exp((-0.5 * self.ship.draught / GRAVITY) * frequency * frequency)
         return GRAVITY / frequency * decay
 
-    def at(self, speed: np.ndarray) -> "HullAtSpeed":
-        """The ship at speeds ``(...)`` [m/s], with M interpolated between tabled speeds."""
+    def effect_of_speed(self, speed: np.ndarray) -> tuple[Any, Any, Any]:
+        """Factors of ``(M + j w_e I)^-1 B`` at speeds ``(...)`` [m/s].
+
+        M is interpolated between tabled speeds.
+
+        Returns:
+            p, q and s of the determinant ``p - s w_e^2 + j q w_e``, and the adjugates of M and of
+            I, each times B.
+        """
         place = (len(_SPEEDS) - 1) / _SPEEDS[-1] / self.ship.speed * speed
         table = interpolated(self._table, np.clip(place, 0.0, len(_SPEEDS) - 1.0))
         M = [[table[..., 2 * i + j] for j in range(2)] for i in range(2)]
-        inertia, body, _, _ = sway_yaw_matrices(self.ship, 0.0)
+        inertia, body, _ = sway_yaw_matrices(self.ship, 0.0)
         (a, b), (c, d) = inertia
         cross = M[0][0] * d + M[1][1] * a - M[0][1] * c - M[1][0] * b
         determinants = M[0][0] * M[1][1] - M[0][1] * M[1][0], cross, a * d - b * c
-        return HullAtSpeed(
-            self.ship, speed, determinants, _adjugate_times(M, body), _adjugate_times(inertia, body)
-        )
+        return determinants, _adjugate_times(M, body), _adjugate_times(inertia, body)
 
+    def at(self, speed: np.ndarray) -> Motion:
+        """`Motion` of the ship at speeds ``(...)`` [m/s]."""
+        (p_M, q_M, s), damped, inert = self.effect_of_speed(speed)
+        length, righting = self.ship.length, self.ship.mass * self.ship.stiffness
 
-class HullAtSpeed(NamedTuple):
-    """A ship in waves at speeds ``(...)``, see `StripTheory`."""
+        def moved(
+            w: Any, orbital: Any, ahead: Any, abeam: Any, met: Any, wave: tuple[Any, Any]
+        ) -> list[Any]:
+            side = orbital * abeam  # velocity of the water to the ship's side
+            side = side * wave[0], side * wave[1]
+            X = 0.5 * length * ahead  # phase between amidships and the end
+            X = np.where(np.abs(X) < 1e-6, 1e-6, X)
+            sin, cos = sincos(X)
+            p, q = p_M - s * met * met, q_M * met
+            size = p * p + q * q
+            over = 1.0 / (X * size)  # one quotient for both
+            even = sin * (over * size)
+            odd = (even - cos) * (over * size) * (6.0 / length)
+            scale = speed * (over * X)
+            p, q = p * scale, q * scale
+            real, imaginary = ahead * odd, odd + ahead * even
+            met_real, met_imaginary = met * real, met * imaginary
+            a, b = side[0] * p + side[1] * q, side[1] * p - side[0] * q  # side U / det
+            sway, yaw = (
+                (m[1] * real - n[0] * met_imaginary) * a - (m[0] * imaginary + n[1] * met_real) * b
+                for m, n in zip(damped, inert, strict=True)
+            )
+            # the righting moment, times g k / w = w
+            return [even * side[0] + sway, odd * side[1] + yaw, -righting * w * even * side[1]]
 
-    ship: CorvetteParameters
-    speed: Any
-    determinants: tuple[Any, Any, float]  # p, q, s of det(M + j w_e I) = p - s w_e^2 + j q w_e
-    damped: list[list[Any]]  # adj(M) B
-    inert: list[list[Any]]  # adj(I) B
-
-    def moved(
-        self, w: Any, orbital: Any, ahead: Any, abeam: Any, met: Any, wave: tuple[Any, Any]
-    ) -> list[Any]:
-        """Momentary sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] ``(...)``.
-
-        Args:
-            w: Frequency of a wave [rad/s].
-            orbital: Result of `StripTheory.frequency_constant`.
-            ahead: Wave number along the hull ``k cos(beta)`` [1/m].
-            abeam: Wave number across the hull ``k sin(beta)`` [1/m].
-            met: Frequency of encounter [rad/s].
-            wave: Elevation of the surface amidships [m], real and imaginary part.
-        """
-        side = orbital * abeam  # velocity of the water to the ship's side
-        side = side * wave[0], side * wave[1]
-        X = 0.5 * self.ship.length * ahead  # phase between amidships and the end
-        X = np.where(np.abs(X) < 1e-6, 1e-6, X)
-        sin, cos = sincos(X)
-        p, q, s = self.determinants
-        p, q = p - s * met * met, q * met
-        size = p * p + q * q
-        over = 1.0 / (X * size)  # one quotient for both
-        even = sin * (over * size)
-        odd = (even - cos) * (over * size) * (6.0 / self.ship.length)
-        scale = self.speed * (over * X)
-        p, q = p * scale, q * scale
-        real, imaginary = ahead * odd, odd + ahead * even
-        met_real, met_imaginary = met * real, met * imaginary
-        a, b = side[0] * p + side[1] * q, side[1] * p - side[0] * q  # side U / det
-        sway, yaw = (
-            (m[1] * real - n[0] * met_imaginary) * a - (m[0] * imaginary + n[1] * met_real) * b
-            for m, n in zip(self.damped, self.inert, strict=True)
-        )
-        righting = self.ship.mass * self.ship.stiffness  # times g k / w = w
-        return [even * side[0] + sway, odd * side[1] + yaw, -righting * w * even * side[1]]
+        return moved
 
 
 _SPEEDS = np.linspace(0.0, 1.25, 26)

@@ -14,7 +14,6 @@ from vessel_gym.vehicles.corvette import (
     linear_matrices,
     steady_turns,
     surge_models,
-    sway_yaw_jacobian,
 )
 from vessel_gym.vehicles.corvette_equations import (
     AROUND,
@@ -108,9 +107,8 @@ class Ship(SimulatedVehicle):
     @cached_property
     def _plane_mode(self) -> float:
         """Largest modulus [1/s] of the eigenvalues of sway and yaw at service speed."""
-        ahead = np.array([self.ship.speed, 0.0, 0.0])
-        jacobian, _ = sway_yaw_jacobian(ahead, np.array(0.0), self.ship)
-        return float(np.abs(np.linalg.eigvals(jacobian)).max())
+        slopes = self.ship.jacobian(np.array([self.ship.speed, 0.0, 0.0, 0.0]))
+        return float(np.abs(np.linalg.eigvals(slopes[1:, 1:3])).max())
 
     @cached_property
     def substeps(self) -> int:

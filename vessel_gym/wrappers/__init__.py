@@ -4,6 +4,5 @@ They may import simulation, filters' models, sensors and `estimators`; only `age
 """
 
 from vessel_gym.wrappers.estimated import EstimatedObservation
-from vessel_gym.wrappers.simulation import simulator
 
-__all__ = ["EstimatedObservation", "simulator"]
+__all__ = ["EstimatedObservation"]

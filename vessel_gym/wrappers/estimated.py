@@ -1,6 +1,7 @@
 """An estimator in the loop of any Gymnasium environment."""
 
 from collections.abc import Callable
+from copy import deepcopy
 from functools import partial
 from typing import Any
 
@@ -9,9 +10,12 @@ import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
 from estimators import Gaussian, Model
+from estimators.angles import difference
 from vessel_gym import checks
-from vessel_gym.wrappers.simulation import sampled_prior
 from vessel_gym.wrappers.watch import Watch, observed_state, time_step
+
+_STARTS = 256
+"""Number of initial states from which a prior is estimated."""
 
 
 class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
@@ -37,8 +41,8 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
 
     Args:
         env: Any environment whose observations are numbers, or dictionaries of numbers.
-        model: The filter's model of one step: a `LinearModel` or `NonlinearModel`, your own or from
-            `simulator`. Its R is the covariance of measurement noise.
+        model: The filter's model of one step: a `LinearModel` or `NonlinearModel`. Its R is the
+            covariance of measurement noise.
         prior: Prior of the state. None: mean and covariance of initial states of copies of the
             environment.
         state: Function of (env, observation) that returns the true state ``(n,)``; None: the
@@ -126,7 +130,7 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
 
     def _sampled_prior(self, model: Model) -> Gaussian:
         """Prior of the model's states from copies of the environment."""
-        prior = sampled_prior(self.env, self._state, model.state_angles)
+        prior = _sampled_prior(self.env, self._state, model.state_angles)
         if len(prior.mean) != model.n:
             given = "the observation has" if self._state is observed_state else "state= gives"
             raise ValueError(
@@ -160,3 +164,29 @@ def _refuse_autoreset(env: gym.Env) -> None:
 def _of_row(observation: Callable[[np.ndarray], Any], x: np.ndarray) -> Any:
     """Observation of a batch ``(1, n)`` by a function of one state."""
     return observation(x[0])
+
+
+def _sampled_prior(
+    env: gym.Env, state: Callable[[gym.Env, Any], Any], angles: tuple[int, ...]
+) -> Gaussian:
+    """Mean and covariance of the initial states of a copy of an environment.
+
+    The mean of an angle is the direction of the mean of unit vectors.
+
+    Raises:
+        ValueError: if the environment cannot be copied.
+    """
+    try:
+        spec: Any = deepcopy(env.spec)
+        spec.kwargs.pop("render_mode", None)
+        copy = gym.make(spec)
+    except Exception as error:
+        raise ValueError(
+            "give prior=, what is known of the state at the start: this environment cannot be made"
+            " again from its spec"
+        ) from error
+    x = np.array([state(copy, copy.reset(seed=seed)[0]) for seed in range(_STARTS)], float)
+    copy.close()
+    mean, turning = x.mean(0), list(angles)
+    mean[turning] = np.arctan2(np.sin(x[:, turning]).mean(0), np.cos(x[:, turning]).mean(0))
+    return Gaussian(mean, np.atleast_2d(np.cov(difference(x, mean, angles).T)))

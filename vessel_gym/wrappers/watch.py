@@ -91,7 +91,7 @@ class Watch:
         R = self.sensors.noise(partial(_expected, self.sensors), prior.mean, u.ravel())
         self.filter = _filter(replace(cast(Any, model), R=R), estimator, options)
         horizon = self.sensors.horizon
-        estimation = Estimation(self.filter, cast(Any, None), 1.0, (), late, horizon)
+        estimation = Estimation(self.filter, cast(Any, None), (), late, horizon)
         self._delivery, self._tells_truth = Delivery(self.sensors), estimation.tells_truth
         self._estimator = Estimator(estimation, "belief", attrgetter("state"))
         names = [*(sensor.name for sensor in self.sensors.each), "filter"]

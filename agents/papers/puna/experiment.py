@@ -23,7 +23,7 @@ from agents.papers.measures import (
 from agents.papers.puna.model import PlanarPuna
 from agents.papers.vehicle import Experiment
 from estimators import make, rmse, wrap
-from vessel_gym.guidance.dubins import WORDS, candidates, shortest
+from vessel_gym.guidance.dubins import WORDS, lengths, shortest
 from vessel_gym.guidance.planner import plan
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.puna import PunaParameters, trim
@@ -87,7 +87,10 @@ def way_round(
 def open_case(paths: Mapping[str, Any]) -> dict[str, Any]:
     """Length of each word by interpretation of the headings, without an obstacle."""
     radius = paths["radius"]
-    return {name: candidates(*poses(paths["open"], name), radius) for name in INTERPRETATIONS}
+    return {
+        name: dict(zip(WORDS, lengths(*poses(paths["open"], name), radius).tolist(), strict=True))
+        for name in INTERPRETATIONS
+    }
 
 
 def obstructed_case(paths: Mapping[str, Any]) -> dict[str, Any]:
@@ -213,17 +216,17 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
         gains = (between(geometric(each), 2) for each in (x - every).T)
         own.append((control, "300, x alone / every state", *gains))
     found = open_case(settings["paths"])
-    lengths: list[Any] = [("word", *(f"{interpretation} [m]" for interpretation in found))]
+    words: list[Any] = [("word", *(f"{interpretation} [m]" for interpretation in found))]
     for word in WORDS:
-        cells = (f"{of[word]:.1f}" if word in of else "–" for of in found.values())
-        lengths.append((word, *cells))
+        cells = (f"{of[word]:.1f}" if of[word] < np.inf else "–" for of in found.values())
+        words.append((word, *cells))
     ways: list[Any] = [("way", "length [m]", "passes the centre at [m]", "kinks [deg]")]
     for way, (length, clearance, kinks) in obstructed_case(settings["paths"]).items():
         text = " and ".join(f"{kink:.1f}" for kink in kinks) or "none"
         ways.append((way, f"{length:.3f}", f"{clearance:.2f}", text))
     published = comparison_table(columns)
     return {
-        "tables": {"published": published, "own": own, "words": lengths, "obstacle": ways},
+        "tables": {"published": published, "own": own, "words": words, "obstacle": ways},
         "figures": _figures(settings),
         "rows": rows(settings["paper"], columns["noise of a flight"]),
     }

@@ -19,7 +19,7 @@ from scipy.stats import binom
 
 from agents.statistics import crossed_interval, mean_interval
 from agents.studies.answer import answer
-from agents.studies.effects import Interaction, contrasts, effects, interactions, levels
+from agents.studies.effects import Interaction, contrasts, effects, interactions, levels, trends
 from agents.studies.plan import plan
 from agents.studies.records import Condition, Estimator, Tuning
 from agents.studies.results import Results
@@ -60,12 +60,12 @@ def test_a_boat_builder_hears_first_that_sensors_matter():
     asked = crossed(compare_to="kf")
     found = results(asked, quality, noise=2e-3, **moved(change, quality=quality))
     first, second = effects(found)[:2]
-    assert (first.factor, first.reference, first.best) == ("sensors", "nominal", "receiver RTK")
+    assert (first.factor, first.reference, first.best) == ("sensors", "nominal", "receiver: RTK")
     assert first.gain.mean == pytest.approx(0.8 * 0.15, abs=3e-3)
     assert (first.worst, second.factor, second.best) == ("budget", "estimator", "ekf")
     assert second.gain.mean == pytest.approx(0.8 * 0.025, abs=3e-3)
     assert re.match(
-        r"There is a gain from the sensors: with receiver RTK the autopilot scores 0\.1\d+ ± \S+"
+        r"There is a gain from the sensors: with receiver: RTK the autopilot scores 0\.1\d+ ± \S+"
         r" more than with nominal\. There is a gain from the estimator: with ekf the autopilot"
         r" scores 0\.0\d+ ± \S+ more than with kf\. Score is lost with budget \(sensors: −0\.1",
         said(found),
@@ -96,8 +96,35 @@ def test_a_trend_over_rates_is_a_loss_of_the_sensor_rate():
     found = results(crossed(conditions), FLAT, noise=2e-3, **moved(change, conditions))
     effect = of(found, "sensor rate")
     assert (effect.reference, effect.best, effect.gain) == ("its own", "its own", None)
-    assert effect.worst == "receiver 0.2 Hz"
-    assert "Score is lost with receiver 0.2 Hz (sensor rate: −0.16" in said(found)
+    assert effect.worst == "receiver: 0.2 Hz"
+    assert "Score is lost with receiver: 0.2 Hz (sensor rate: −0.16" in said(found)
+    assert sum(step.mean for step in trends(found)["sensor rate"]) == pytest.approx(
+        effect.loss.mean
+    )
+    told = (
+        r"The score falls with each step of the sensor rate: −0\.04\d* ± \S+ and −0\.12\d* ± \S+\. "
+    )
+    assert re.search(told, said(found))
+
+
+@pytest.mark.parametrize(
+    ("errors", "change", "moves"),
+    [
+        ((0.0, 0.1, 0.2), (0.0, -0.05, -0.2), "falls"),
+        ((0.2, 0.1, 0.0), (0.0, 0.05, 0.1), "rises"),
+        ((0.0, 0.2, 0.1), (0.0, -0.05, -0.2), None),  # not in order
+        ((0.0, 0.1, 0.2), (0.0, -0.2, -0.05), None),  # down and up
+        ((0.0, 0.1, 0.2), (0.0, 0.0, -0.2), None),  # one step by chance
+        ((0.0, 0.1), (0.0, -0.2), None),  # one step alone
+    ],
+)
+def test_a_trend_is_a_score_that_moves_with_each_step(errors, change, moves):
+    conditions = tuple(Condition(str(e), mismatch=e) for e in errors)
+    by_name = {c.name: each for c, each in zip(conditions, change, strict=True)}
+    asked = crossed(conditions, (CORVETTE, SEGOROGENI))
+    found = results(asked, FLAT, noise=2e-3, **moved(by_name, conditions))
+    told = re.findall(r"The score (\w+) with each step of the (\w+ \w+):", said(found))
+    assert told == ([(moves, "model error")] if moves else [])
 
 
 def test_missing_jobs_leave_only_complete_cells():
@@ -235,14 +262,14 @@ def test_levels_without_complete_cells_are_left_out():
         (
             Condition("x", sensors={"receiver": "nominal at 0.5 Hz"}),
             "sensor rate",
-            "receiver 0.5 Hz",
+            "receiver: 0.5 Hz",
         ),
         (Condition("x", mismatch=0.1), "model error", "10 %"),
-        (Condition("x", latency={"receiver": 1.5}), "latency", "receiver 1.5 s"),
+        (Condition("x", latency={"receiver": 1.5}), "latency", "receiver: 1.5 s"),
         (
             Condition("x", faults=({"sensor": "receiver", "kind": "loss"},)),
             "faults",
-            "receiver loss",
+            "receiver: loss",
         ),
     ],
 )

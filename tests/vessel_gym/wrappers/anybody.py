@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators import Gaussian, LinearModel, NonlinearModel
-from vessel_gym.wrappers import EstimatedObservation, simulator
+from vessel_gym.wrappers import EstimatedObservation
 
 
 def cart_pole(**options: Any) -> gym.Env:
@@ -52,10 +52,15 @@ def pendulum(**options: Any) -> gym.Env:
 
 
 def mountain_car(**options: Any) -> gym.Env:
-    env = gym.make("MountainCar-v0")
-    model = simulator(env, lambda x, u: x[..., :1], Q=1e-11, R=1e-4)
+    def roll(x, u):
+        pushed = x[..., 1] + 0.001 * (u[..., 0] - 1.0) - 0.0025 * np.cos(3.0 * x[..., 0])
+        velocity = np.clip(pushed, -0.07, 0.07)
+        place = np.clip(x[..., 0] + velocity, -1.2, 0.6)
+        return np.stack([place, np.where(place <= -1.2, np.maximum(velocity, 0.0), velocity)], -1)
+
+    model = NonlinearModel(roll, lambda x, u: x[..., :1], 1e-11 * np.eye(2), [[1e-4]])
     return EstimatedObservation(
-        env, model, Gaussian([-0.5, 0.0], np.diag([0.0034, 0.0])), **options
+        gym.make("MountainCar-v0"), model, Gaussian([-0.5, 0.0], np.diag([0.0034, 0.0])), **options
     )
 
 
@@ -92,19 +97,30 @@ def lunar_lander(**options: Any) -> gym.Env:
     )  # the legs' contacts pass
 
 
-def _mujoco(
-    name: str, observation: Callable, measurement: Callable, passes=(), **options: Any
-) -> gym.Env:
-    env = gym.make(name)
-    model = simulator(env, measurement, Q=1e-8, R=1e-4)
-    return EstimatedObservation(
-        env, model, None, lambda env, obs: np.concatenate([env.unwrapped.data.qpos, env.unwrapped.data.qvel]),
-        observation, passes=passes, **options,
+def _joints(env: gym.Env, _: Any) -> np.ndarray:
+    return np.concatenate([env.unwrapped.data.qpos, env.unwrapped.data.qvel])
+
+
+def _mujoco(name: str, observation: Any, measured: int, **options: Any) -> gym.Env:
+    """Its model is a copy whose state is set and stepped; the first states are measured."""
+    copy = gym.make(name).unwrapped
+    copy.reset()
+    q = copy.model.nq
+
+    def step(x, action):
+        copy.set_state(x[:q], x[q:])
+        copy.step(action)
+        return _joints(copy, None)
+
+    model = NonlinearModel(
+        np.vectorize(step, signature="(n),(m)->(n)"), lambda x, u: x[..., :measured],
+        1e-8 * np.eye(2 * q), 1e-4 * np.eye(measured),
     )  # fmt: skip
+    return EstimatedObservation(gym.make(name), model, None, _joints, observation, **options)
 
 
 def inverted_pendulum(**options: Any) -> gym.Env:
-    return _mujoco("InvertedPendulum-v5", None, lambda x, u: x[..., :2], **options)
+    return _mujoco("InvertedPendulum-v5", None, 2, **options)
 
 
 def reacher(**options: Any) -> gym.Env:
@@ -112,7 +128,7 @@ def reacher(**options: Any) -> gym.Env:
         joints = x[..., :2]
         return np.concatenate([np.cos(joints), np.sin(joints), x[..., 2:4], x[..., 4:6]], -1)
 
-    return _mujoco("Reacher-v5", seen, lambda x, u: x[..., :4], passes=(8, 9), **options)
+    return _mujoco("Reacher-v5", seen, 4, passes=(8, 9), **options)
 
 
 def point_maze(**options: Any) -> gym.Env:

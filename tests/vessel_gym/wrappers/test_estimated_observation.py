@@ -248,6 +248,35 @@ def test_plain_action_of_a_row_equals_row_of_a_batch_and_clips(
         assert plain(np.full(space.shape, 9.0)).max() == 2.0
 
 
+# --- a prior that is sampled ---------------------------------------------------------------------
+
+
+class Hanging(Linear):
+    """It begins with an angle near half a turn, which it shows to either side of the seam."""
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        self.x = np.array([np.pi + 0.05 * self.np_random.normal(), 0.0])
+        return np.array([np.arctan2(np.sin(self.x[0]), np.cos(self.x[0])), 0.0]), {}
+
+
+gym.register("Hanging-v0", Hanging)
+
+
+def test_a_prior_that_is_sampled_knows_angles():
+    model = NonlinearModel(
+        lambda x, u: x, lambda x, u: x[..., :1], np.eye(2), [[0.01]], state_angles=(0,)
+    )
+    prior = EstimatedObservation(gym.make("Hanging-v0"), model).watch.prior
+    assert np.cos(prior.mean[0]) < -0.99
+    assert np.sqrt(prior.cov[0, 0]) == pytest.approx(0.05, rel=0.2)
+
+
+def test_a_sampled_prior_needs_environment_that_is_made_again():
+    with refused(ValueError, r"give prior=, .* cannot be made again"):
+        EstimatedObservation(Linear(), LINEAR)
+
+
 # --- checkers, copies, filters --------------------------------------------------------------------
 
 CHECKED = ["cart_pole", "pendulum", "inverted_pendulum", "lunar_lander", "reacher", "mountain_car"]
@@ -311,6 +340,13 @@ def test_a_copy_goes_on_as_the_original_does(make: Callable[[], Any], copied: Ca
         ):
             np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(env.reset()[0], again.reset()[0])
+
+
+def test_a_spec_makes_the_environment_again():
+    env = pendulum(estimator="ukf")
+    again = gym.make(env.spec)
+    np.testing.assert_array_equal(env.reset(seed=4)[0], again.reset(seed=4)[0])
+    np.testing.assert_array_equal(env.step([0.5])[0], again.step([0.5])[0])
 
 
 def test_a_filter_of_ones_own_is_in_the_loop_too():
