@@ -138,7 +138,8 @@ def sway_yaw_matrices(
     inertia = np.array([[c.sway_inertia, c.sway_yaw_inertia], [c.yaw_sway_inertia, c.yaw_inertia]])
     turning = ship.mass * ((ship.yaw_radius * ship.length) ** 2 + ship.x_g**2)
     body = np.array([[ship.mass, c.mass_x_g], [c.mass_x_g, turning]])
-    slopes = ship.jacobian(np.array([speed, 0.0, 0.0, 0.0]))
+    # at rest a rudder without a race has no derivative, as its inflow has no direction
+    slopes = ship.jacobian(np.array([max(speed, 1e-100), 0.0, 0.0, 0.0]))
     return inertia, body, -inertia @ slopes[1:, 1:3]
 
 
