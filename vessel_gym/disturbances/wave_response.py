@@ -161,7 +161,7 @@ def _half_circle(given: object) -> np.ndarray:
     return regular
 
 
-def _amplitudes(name: str, given: object, shape: tuple[int, ...]) -> np.ndarray:
+def _amplitudes(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
     values = np.ma.filled(given, np.nan)
     if values.shape != shape or values.dtype.kind != "c":
         raise ValueError(
