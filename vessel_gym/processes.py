@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -150,10 +151,12 @@ def root_of(cov: np.ndarray) -> np.ndarray:
 
 def block_diagonal(*blocks: np.ndarray) -> np.ndarray:
     """Matrix with blocks ``(rows, columns)`` on its diagonal, and zeros elsewhere."""
-    rows, columns = np.cumsum([(0, 0), *map(np.shape, blocks)], 0).T
-    whole = np.zeros((rows[-1], columns[-1]))
-    for i, j, each in zip(rows, columns, blocks, strict=False):
-        whole[i : i + len(each), j : j + each.shape[1]] = each
+    whole = np.zeros(np.sum([(0, 0), *map(np.shape, blocks)], 0))
+    row = column = 0
+    for each in blocks:
+        k, m = each.shape
+        whole[row : row + k, column : column + m] = each
+        row, column = row + k, column + m
     return whole
 
 
@@ -176,17 +179,20 @@ def interpolated(table: np.ndarray, *at: np.ndarray) -> np.ndarray:
         table: Numbers ``(k1, ..., kn)``, or rows ``(k1, ..., kn, m)``.
         at: Indices along the n axes.
     """
-    sizes, row = table.shape[: len(at)], table.shape[len(at) :]
-    low = [np.minimum(np.floor(x), max(k - 2.0, 0.0)) for x, k in zip(at, sizes, strict=True)]
-    corners = [low[0], low[0] + 1.0]
-    for i, k in zip(low[1:], sizes[1:], strict=True):
-        corners = [each * k + (i + more) for each in corners for more in (0.0, 1.0)]
-    values = [lookup(table.reshape(-1, *row), each) for each in corners]
-    for x, i in zip(reversed(at), reversed(low), strict=True):
-        share = (x - i)[..., None] if row else x - i
-        pairs = zip(values[::2], values[1::2], strict=True)
-        values = [near + share * (far - near) for near, far in pairs]
-    return values[0]
+    row = table.shape[len(at) :]
+    entries, axes = table.reshape(-1, *row), [*zip(at, table.shape, strict=False)]
+
+    def value(first: Any, axis: int) -> np.ndarray:
+        """Value at an index along the axes before ``axis``, interpolated along the others."""
+        if axis == len(axes):
+            return lookup(entries, first)
+        x, size = axes[axis]
+        low = np.minimum(np.floor(x), max(size - 2.0, 0.0))
+        near, far = (value(first * size + (low + i), axis + 1) for i in (0.0, 1.0))
+        share = (x - low)[..., None] if row else x - low
+        return near + share * (far - near)
+
+    return value(0.0, 0)
 
 
 def advance(

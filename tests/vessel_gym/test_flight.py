@@ -7,7 +7,7 @@ import pytest
 from contract import make_core
 
 from vessel_gym.envs import PunaUAVEnv
-from vessel_gym.guidance.dubins import Path, lengths, shortest
+from vessel_gym.guidance.dubins import Path, shortest
 from vessel_gym.guidance.path_following import ANYWHERE, LEAD, locate
 from vessel_gym.guidance.planner import plan
 from vessel_gym.models.state_space import StateSpace
@@ -158,22 +158,6 @@ def test_drawn_paths_can_be_flown_and_clear_their_obstacles():
         assert (direct.distance(obstacles[:, :2]) < obstacles[:, 2]).any()
 
 
-@pytest.mark.parametrize(
-    "goal",
-    [(700.0, 0.0, 0.0), (150.0, 0.0, 3.0), (-90.0, -90.0, 1.0), (200.0, 0.0, 0.0)],
-    ids=str,
-)
-def test_given_poses_get_a_clear_scene_for_every_seed(goal: Any):
-    options, farthest = {"start": (0.0, 0.0, 0.0), "goal": goal}, TASK.horizon * TASK.dt * 20.0
-    for scenario in TASK.scenario(np.random.default_rng(6).random((50, TASK.uniforms)), options):
-        path = path_of(scenario)
-        np.testing.assert_array_equal(path.segments[0, :3], 0.0)
-        np.testing.assert_allclose(path.pose(path.length)[:2], goal[:2], atol=1e-6)
-        direct = lengths(np.zeros(3), TASK.goal(scenario), TASK.radius).min()
-        assert direct - 1e-6 <= path.length <= 0.8 * farthest
-        assert is_clear(scenario)
-
-
 def test_a_scene_may_be_requested():
     obstacles = [(300.0, 10.0, 50.0), (500.0, -90.0, 30.0)]
     start, goal = (10.0, 20.0, 0.1), (700.0, 100.0, 0.5)
@@ -200,7 +184,7 @@ def test_turns_of_a_path_have_the_radius_of_the_option(given: dict[str, Any]):
 
 BAD = [
     ({"speed": 3.0}, r"unknown reset option 'speed': choose from start, goal, obstacles, altitude, .*"),
-    ({"radius": 50.0}, r"radius must be between 58 and 582 m, got 50\.0"),
+    ({"radius": 50.0}, r"radius must be between 98 and 130 m, got 50\.0"),
     ({"goal": (2000.0, 0.0, 0.0)}, r"the path to the goal must be 130 to 1440 m long, got 20\d\d m"),
     ({"obstacles": [(2e5, 0.0, 30.0)]}, r"obstacles must lie within 100000 m of the origin, got .*"),
     ({"obstacles": 9 * [(400.0, 0.0, 30.0)]}, r"there may be 5 obstacles at most, got 9"),

@@ -3,9 +3,9 @@
 import numpy as np
 
 from estimators.engine import compiled
-from vessel_gym.guidance.dubins import chained, distances, pose_along, shortest_pieces
+from vessel_gym.guidance.dubins import chained, pose_along, shortest_pieces
 
-_ASIDE = 40.0  # m, largest distance between the path and the margin of an obstacle beside it
+_ASIDE = 3.25  # turn radius, over the largest distance between a path and a margin beside it
 _HAIR = 1e-6  # m between the path and the margin that it touches
 
 
@@ -16,17 +16,17 @@ def _beside(path: np.ndarray, share: np.ndarray, off: np.ndarray) -> np.ndarray:
     return np.stack([x - off * np.sin(heading), y + off * np.cos(heading), heading], -1)
 
 
-@compiled(axes=(1, 1, 0, 1, 1, 1, 0, 0))
+@compiled(axes=(1, 1, 0, 1, 1, 1, 0))
 def scene(
     start: np.ndarray, goal: np.ndarray, turn: np.ndarray, along: np.ndarray, across: np.ndarray,
-    radius: np.ndarray, margin: np.ndarray, longest: np.ndarray,
+    radius: np.ndarray, margin: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Paths between poses round an obstacle in the way, with two other obstacles beside them.
 
     The first obstacle is in the middle of the shortest path, so that it blocks it. The path passes
     along its margin, on the side on which it is shorter. One obstacle beside the path is in its
-    first half and one in its second. Where the way round is too long, or the shortest path is
-    shorter than a turn radius, the path is the shortest one, and no obstacle is in the way.
+    first half and one in its second. The poses must be several turn radii apart, and a turn radius
+    must exceed that of an obstacle with its margin.
 
     Args:
         start: ``(..., 3)`` poses [m, m, rad].
@@ -36,11 +36,9 @@ def scene(
         across: ``(..., 3)`` places of the obstacles across the way, in [-1, 1].
         radius: ``(..., 3)`` radii of the obstacles [m].
         margin: Distance [m] that the path keeps from obstacles.
-        longest: Greatest length [m] of a path round the obstacle in the way.
 
     Returns:
-        Segments ``(..., 6, 5)``, and obstacles ``(..., 3, 3)`` (x, y, radius). An obstacle within
-        the margin of the path is zeros, which happens between near or distant poses only.
+        Segments ``(..., 6, 5)``, and obstacles ``(..., 3, 3)`` (x, y, radius).
     """
     direct, reach = shortest_pieces(start, goal, turn), radius + margin + _HAIR
     middle, off = 0.4 + 0.2 * along[..., 0], across[..., 0] * radius[..., 0]
@@ -52,17 +50,11 @@ def scene(
     port, starboard = ways
     to_port, to_starboard = port[..., 4].sum(-1), starboard[..., 4].sum(-1)
     path = np.where((to_port < to_starboard)[..., None, None], port, starboard)
-    passes = (np.minimum(to_port, to_starboard) <= longest) & (direct[..., 4].sum(-1) >= turn)
-    shortest_way = np.concatenate([direct, np.zeros_like(direct)], -2)
-    path = np.where(passes[..., None, None], path, shortest_way)
     path = chained(start, path[..., 3], path[..., 4])  # headings go on from leg to leg
-    off_path = np.copysign(reach, across) + _ASIDE * across
+    off_path = np.copysign(reach, across) + (turn / _ASIDE)[..., None] * across
     centres = [
         _beside(direct, middle, off),
         _beside(path, 0.2 + 0.2 * along[..., 1], off_path[..., 1]),
         _beside(path, 0.7 + 0.2 * along[..., 2], off_path[..., 2]),
     ]
-    apart = [distances(path, centre[..., None, :2]).min(-1) for centre in centres]
-    obstacles = np.concatenate([np.stack(centres, -2)[..., :2], radius[..., None]], -1)
-    clear = np.stack(apart, -1) >= radius + margin
-    return path, np.where(clear[..., None], obstacles, 0.0)
+    return path, np.concatenate([np.stack(centres, -2)[..., :2], radius[..., None]], -1)

@@ -81,7 +81,7 @@ class Canvas:
         """Draw a dashed line through points, with straight dashes."""
         along = np.cumsum(np.hypot(*np.diff(points, axis=0, prepend=points[:1]).T))
         for start in np.arange(0.0, along[-1], 10.0):
-            ends = start, min(start + 6.0, along[-1])
+            ends = start, start + 6.0
             self.line(np.stack([np.interp(ends, along, column) for column in points.T], -1), colour)
 
     def polygon(self, points: np.ndarray, colour: str | None, edge: str) -> None:

@@ -43,14 +43,12 @@ def draw_picture(canvas: Canvas, scene: Scene, row: int) -> None:
 
 
 def _draw_header(canvas: Canvas, box: pygame.Rect, scene: Scene, row: int) -> None:
-    """Draw conditions, score, time, distance from the goal, and outcome, above a box."""
-    core, goal = scene.core, scene.workspace.goal
+    """Draw conditions, score, time and outcome above a box."""
+    core = scene.core
     words = [f"estimator {core.config.estimation.filter.name}", *scene.conditions]
     canvas.text(box.left, 21, core.config.system.name, size=17, bold=True)
     canvas.text(box.left, 44, "   ·   ".join(words), "muted", 13)
     values = {"score": f"{core.score[row]:.3f}", "time": f"{scene.time[-1]:.1f} s"}
-    if goal is not None:
-        values["to the goal"] = f"{np.linalg.norm(scene.true[-1, :3] - goal[:3]):.2f} m"
     right = float(box.right)
     for label, value in values.items():
         right -= canvas.text(right, 32, value, "ink", 15, 1.0, bold=True) + 8

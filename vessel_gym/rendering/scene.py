@@ -142,8 +142,8 @@ class Scene:
         position: Estimated components of the position; without any, the heading or the first
             component.
         located: Is a component of the position estimated?
-        fixes: ``(T, k)`` measurement of the position minus the truth; NaN unless all horizontal
-            components were measured.
+        fixes: ``(T, k)`` measurement of the position minus the truth; NaN unless all components
+            were measured.
     """
 
     def __init__(self, core: Core, workspace: Workspace, history: dict[str, np.ndarray]) -> None:
@@ -160,12 +160,9 @@ class Scene:
         placed = [name for name in ("y", "x", "z", "h") if name in names]
         self.position = Components(core, history, placed or ["psi" if "psi" in names else names[0]])
         self.located = bool(placed)
-        measured, level = self.position.measured, self.position.axes[:, :2].any(1)
-        # a fix has all horizontal components, if there are any
-        self._fixed = level | ~level.any()
-        fixed = np.isfinite(measured[:, self._fixed]).all(1, keepdims=True)
-        known = np.where(np.isnan(measured), self.position.error, measured)
-        self.fixes = np.where(fixed, known, np.nan)
+        measured = self.position.measured
+        fixed = np.isfinite(measured).all(1, keepdims=True)
+        self.fixes = np.where(fixed, measured, np.nan)
 
     def charts(self, most: int) -> list[Chart]:
         """Charts of estimates, of a single unknown input and of the score.
@@ -227,9 +224,7 @@ class Scene:
             labels["ellipse"] = "estimate ±2σ"
         if self.located and position.members is not None:
             labels["cloud"] = f"ensemble of {position.members.shape[1]}"
-        if self.located and set(self.core.config.sensors.gives).issuperset(
-            np.array(position.names)[self._fixed]
-        ):
+        if self.located and set(position.names) <= set(self.core.config.sensors.gives):
             labels["fix"] = "position fix"
         labels["start"] = "start"
         if around.surface is not None:

@@ -60,7 +60,6 @@ class Flight(Task):
     ahead: tuple[float, float] = (20.0, 60.0)  # m, look-ahead; in the first, the bank can follow
     horizon: int = 900  # steps
 
-    margin = 20.0  # m, distance of the path from obstacles
     altitudes = 80.0, 120.0  # m, commanded
     dt = 0.1  # s
 
@@ -77,20 +76,25 @@ class Flight(Task):
 
     # --- what is drawn ----------------------------------------------------------------------------
 
+    @property
+    def margin(self) -> float:
+        """Distance [m] of the path from obstacles; 20 m for the PUNA."""
+        return self.radius / 6.5
+
     def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """Draw scenarios ``(B, 97)`` from uniforms ``(B, 14)``.
 
         The start is the origin, on any heading. The goal lies within 90 deg of that heading, and
         its heading within 90 deg of the direct way. One of three obstacles is in the way of the
-        shortest path, and the path leads round it; the others lie beside the path. Between
-        given poses, obstacles that do not fit are left out.
+        shortest path, and the path leads round it; the others lie beside the path.
 
         Args:
             uniforms: Random numbers for the poses, the altitude and the obstacles.
             options: ``{"start": (x, y, heading), "goal": (x, y, heading), "obstacles": [(x, y,
-                radius), ...], "altitude": h}`` replace random values. With obstacles but no poses,
-                these are (0, 0, 0) and (750, 0, 0). ``{"radius": 100.0}`` sets the radius of the
-                path's turns [m], 100 in the paper.
+                radius), ...]}`` give a scene, in which a path is planned. Without one of these, the
+                start is (0, 0, 0), the goal (750, 0, 0), and there are no obstacles.
+                ``{"altitude": h}`` replaces the random altitude. ``{"radius": 100.0}`` sets the
+                radius of the path's turns [m], 100 in the paper.
 
         Raises:
             ValueError: for an unknown option, a value out of range, poses that no path joins, or
@@ -98,21 +102,14 @@ class Flight(Task):
         """
         for option in options:
             one_of("reset option", option, _OPTIONS)
-        radius = self._checked_radius(options["radius"]) if "radius" in options else self.radius
-        obstacles, poses = np.zeros((0, 3)), np.full((2, 3), np.nan)
-        if "obstacles" in options:
-            obstacles = self._obstacles(options["obstacles"])
-            poses[:] = [0.0, 0.0, 0.0], [750.0, 0.0, 0.0]
-        for pose, name in zip(poses, ("start", "goal"), strict=True):
-            if name in options:
-                pose[:] = three_numbers(name, options[name], "metres x and y and rad")
-        if np.isfinite(poses).all():  # between two given poses at least the shortest path
-            path = self._planned(poses[0], poses[1], obstacles, radius)
-            scenarios = np.tile(path, (len(uniforms), 1))
-        if "obstacles" not in options:
-            given = np.tile(poses.ravel(), (len(uniforms), 1))
-            scenarios = self._drawn(uniforms, given, np.array(radius))
-            self._check_lengths(scenarios[:, LENGTH], radius)
+        radius = self.radius
+        if "radius" in options:
+            least, what = 0.75 * radius, f"between {0.75 * radius:.0f} and {radius:.0f} m"
+            radius = number("radius", options["radius"], least, radius, what)
+        if {"start", "goal", "obstacles"} & set(options):
+            scenarios = np.tile(self._planned(options, radius), (len(uniforms), 1))
+        else:
+            scenarios = self._drawn(uniforms, np.array(radius))
         low, high = self.altitudes
         scenarios[:, ALTITUDE] = low + (high - low) * uniforms[:, 13]
         if "altitude" in options:
@@ -121,64 +118,45 @@ class Flight(Task):
             )
         return scenarios
 
-    def _checked_radius(self, value: object) -> float:
-        """Radius [m] of the path's turns, within the bank's limit in still air."""
-        tightest = self.body.cruise_speed**2 / (self.body.gravity * np.tan(self.body.bank_limit))
-        what = f"between {tightest:.0f} and {10.0 * tightest:.0f} m"
-        return number("radius", value, tightest, 10.0 * tightest, what)
-
-    @compiled(axes=(1, 1, 0))
-    def _drawn(self, uniforms: np.ndarray, given: np.ndarray, turn: np.ndarray) -> np.ndarray:
-        """Scenarios ``(..., 97)`` without altitudes.
-
-        Args:
-            uniforms: ``(..., 14)``.
-            given: ``(..., 6)`` start and goal, NaN where they are drawn.
-            turn: Radius [m] of the path's turns.
-        """
+    @compiled(axes=(1, 0))
+    def _drawn(self, uniforms: np.ndarray, turn: np.ndarray) -> np.ndarray:
+        """Scenarios ``(..., 97)`` without altitudes, whose paths have turns of a radius [m]."""
         heading, bearing, distance, turned = (uniforms[..., i] for i in range(4))
         along, across, size = (uniforms[..., i:13:3] for i in (4, 5, 6))
         nowhere, (near, far), (low, high) = 0.0 * heading, self.distance, self.obstacle_radius
         start = np.stack([nowhere, nowhere, np.pi * (2.0 * heading - 1.0)], -1)
-        start = np.where(np.isnan(given[..., :3]), start, given[..., :3])
         bearing = start[..., 2] + np.pi * (bearing - 0.5)
         distance = near + (far - near) * distance
         north, east = distance * np.cos(bearing), distance * np.sin(bearing)
-        way = np.stack([north, east, bearing + np.pi * (turned - 0.5)], -1)
-        goal = np.where(np.isnan(given[..., 3:]), start * [1.0, 1.0, 0.0] + way, given[..., 3:])
+        goal = np.stack([north, east, bearing + np.pi * (turned - 0.5)], -1)
         radius = low + (high - low) * size
-        margin, longest = np.array(self.margin), np.array(self._longest)
         across = 2.0 * across - 1.0
-        return _listed(*scene(start, goal, turn, along, across, radius, margin, longest))
+        return _listed(*scene(start, goal, turn, along, across, radius, np.array(self.margin)))
 
-    def _planned(
-        self, start: np.ndarray, goal: np.ndarray, obstacles: np.ndarray, radius: float
-    ) -> np.ndarray:
-        """Scenario ``(97,)`` without an altitude, of poses ``(3,)`` and obstacles ``(m, 3)``."""
+    def _planned(self, options: dict[str, Any], radius: float) -> np.ndarray:
+        """Scenario ``(97,)`` without an altitude, from given poses and obstacles."""
+        poses = {"start": (0.0, 0.0, 0.0), "goal": (750.0, 0.0, 0.0)}
+        start, goal = (
+            three_numbers(name, options.get(name, pose), "metres x and y and rad")
+            for name, pose in poses.items()
+        )
+        obstacles = self._obstacles(options.get("obstacles", ()))
         path = plan(start, goal, radius, obstacles, self.margin)
         if len(path.segments) > SEGMENTS:
             raise ValueError(
                 f"the path has {len(path.segments)} pieces, more than {SEGMENTS}: leave out"
                 " obstacles"
             )
-        self._check_lengths(np.array([path.length]), radius)
+        longest = 0.8 * self.horizon * self.dt * self.body.cruise_speed
+        if not radius <= path.length <= longest:
+            wanted = f"{radius:.0f} to {longest:.0f} m long, got {path.length:.0f} m"
+            raise ValueError(f"the path to the goal must be {wanted}")
         if _comes_back(path, radius):
             raise ValueError(
                 "the path comes back to where it was on the same heading: move the start or the"
                 " goal"
             )
         return _listed(path.segments, obstacles)
-
-    @property
-    def _longest(self) -> float:
-        """Length [m] of the longest permitted path."""
-        return 0.8 * self.horizon * self.dt * self.body.cruise_speed
-
-    def _check_lengths(self, lengths: np.ndarray, radius: float) -> None:
-        wrong = lengths[(lengths < radius) | (lengths > self._longest)]
-        if wrong.size:
-            wanted = f"{radius:.0f} to {self._longest:.0f} m long, got {wrong[0]:.0f} m"
-            raise ValueError(f"the path to the goal must be {wanted}")
 
     def _obstacles(self, value: object) -> np.ndarray:
         """Checked obstacles of a reset option, few and near enough."""

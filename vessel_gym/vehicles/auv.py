@@ -74,18 +74,8 @@ class AUVParameters(Particulars):
     water_density: float = 1025.0  # kg/m3, sea water; Fossen (2011)
     gravity: float = 9.81  # m/s2
     given: tuple[tuple[str, float], ...] = ()  # coefficients by name
-    with_added_mass: bool = False  # do given Y_ur, ..., N_ur include Kirchhoff's terms (Prestero)?
 
-    TABLES = {
-        "particulars": (
-            "length", "diameter", "z_g", "buoyancy_excess", "mass", "roll_inertia", "pitch_inertia",
-            "water_density", "gravity",
-        ),
-        "fins": ("fin_area", "fin_position", "fin_aspect", "fin_taper", "fin_limit", "fin_rate"),
-        "propulsion": ("cruise_speed", "thrust_limit", "thrust_lag", "propeller_torque"),
-        "coefficients": ("with_added_mass", "axial_drag", *Coefficients._fields),
-    }  # fmt: skip
-    """Keys of a vehicle file by table; keys that are no fields of this class go to ``given``."""
+    GIVEN = ("mass", "roll_inertia", "pitch_inertia", *Coefficients._fields)
     names: ClassVar[tuple[str, ...]]
     """Coefficients of the equations of motion."""
 
@@ -103,14 +93,7 @@ class AUVParameters(Particulars):
     def coefficients(self) -> Coefficients:
         """Hydrodynamic coefficients: given ones, and estimates from the dimensions."""
         given = {name: x for name, x in self.given if name in Coefficients._fields}
-        c = self.torpedo.coefficients()._replace(**given)
-        held = {  # N_uv and M_uw: Munk's moment (1924)
-            "Y_ur": c.X_udot, "Z_uq": -c.X_udot, "N_uv": c.Y_vdot - c.X_udot,
-            "M_uw": c.X_udot - c.Z_wdot, "N_ur": c.Y_rdot, "M_uq": -c.Z_qdot,
-        }  # fmt: skip
-        if not self.with_added_mass:
-            return c
-        return c._replace(**{name: given[name] - x for name, x in held.items() if name in given})
+        return self.torpedo.coefficients()._replace(**given)
 
     @cached_property
     def buoyancy(self) -> float:
@@ -140,25 +123,6 @@ class AUVParameters(Particulars):
     def cruise_thrust(self) -> float:
         """Thrust [N] that balances the axial drag at ``cruise_speed``."""
         return -self.coefficients.X_uu * self.cruise_speed**2
-
-    def values(self, factors: np.ndarray) -> dict[str, Any]:
-        """Parameters of the equations of motion by name, with factors on the first of `UNCERTAIN`.
-
-        The factors are ``(..., f)``.
-        """
-        c: dict[str, Any] = self.coefficients._asdict()
-        f = dict(zip(UNCERTAIN, np.moveaxis(factors, -1, 0), strict=False))
-        for kind, factor in f.items():
-            for name in _FACTORS[kind]:
-                c[name] = c[name] * factor
-        # The geometric mean keeps the added mass positive definite, however far its diagonal is
-        # scaled.
-        coupling = np.sqrt(f["lateral added mass"] * f["pitch and yaw added inertia"])
-        for name in ("Y_rdot", "N_vdot", "Z_qdot", "M_wdot"):
-            c[name] = c[name] * coupling
-        c = self._with_body(c)
-        vertical, lateral = _inertia(c)
-        return c | _inverse("uwq", vertical) | _inverse("vpr", lateral)
 
     def _with_body(self, c: dict[str, Any]) -> dict[str, Any]:
         """Coefficients by name, with masses and inertias of body and added mass together."""
@@ -209,8 +173,20 @@ class AUVParameters(Particulars):
         Args:
             factors: Factors ``(..., f)`` on the first of `UNCERTAIN`; default: 1.
         """
-        values = self.values(factors)
-        return np.stack(np.broadcast_arrays(*(values[name] for name in self.names)), -1)
+        c: dict[str, Any] = self.coefficients._asdict()
+        f = dict(zip(UNCERTAIN, np.moveaxis(factors, -1, 0), strict=False))
+        for kind, factor in f.items():
+            for name in _FACTORS[kind]:
+                c[name] = c[name] * factor
+        # The geometric mean keeps the added mass positive definite, however far its diagonal is
+        # scaled.
+        coupling = np.sqrt(f["lateral added mass"] * f["pitch and yaw added inertia"])
+        for name in ("Y_rdot", "N_vdot", "Z_qdot", "M_wdot"):
+            c[name] = c[name] * coupling
+        c = self._with_body(c)
+        vertical, lateral = _inertia(c)
+        c |= _inverse("uwq", vertical) | _inverse("vpr", lateral)
+        return np.stack(np.broadcast_arrays(*(c[name] for name in self.names)), -1)
 
 
 def _inertia(c: dict[str, Any]) -> list[np.ndarray]:

@@ -70,7 +70,7 @@ class CorvetteParameters(Particulars):
     """Particulars of a ship in SI units: the content of a vehicle file.
 
     A file states a source for each number, and may leave out numbers with a default. ``given``
-    holds measured or computed derivatives by name (see ``TABLES``), which replace estimates. They
+    holds measured or computed derivatives by name (see ``GIVEN``), which replace estimates. They
     are non-dimensional as Clarke's (prime I: divided by ``rho / 2`` and powers of L and U), and
     exclude the ship's own mass (Yr, not Yr - m). Rudder to starboard is positive.
     """
@@ -102,22 +102,9 @@ class CorvetteParameters(Particulars):
     lateral_area: float | None = None  # m2 above the water; None: 0.083 L^2, as the corvette's
     given: tuple[tuple[str, float], ...] = ()  # derivatives by name
 
-    TABLES = {
-        "particulars": ("length", "beam", "draught", "mass", "x_g", "yaw_radius", "water_density"),
-        "derivatives": (
-            "Xudot", "Yvdot", "Yrdot", "Nvdot", "Nrdot", "Yv", "Yr", "Nv", "Nr", "drag_coefficient",
-        ),
-        "rudder": (
-            "rudder_area", "rudder_aspect", "rudder_limit", "rudder_rate", "slipstream",
-            "straightening", "Ydelta",
-        ),
-        "propulsion": (
-            "speed", "resistance", "thrust_coefficient", "thrust_slope", "advance_ratio", "race",
-        ),
-        "roll": ("metacentric_height", "roll_period", "gravity_height"),
-        "air": ("frontal_area", "lateral_area"),
-    }  # fmt: skip
-    """Keys of a vehicle file by table; keys that are no fields of this class go to ``given``."""
+    GIVEN = (
+        "Xudot", "Yvdot", "Yrdot", "Nvdot", "Nrdot", "Yv", "Yr", "Nv", "Nr", "Ydelta",
+    )  # fmt: skip
 
     @cached_property
     def block_coefficient(self) -> float:

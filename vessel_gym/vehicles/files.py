@@ -20,15 +20,13 @@ from vessel_gym.toml_file import TomlFile
 
 _DATA = Path(__file__).with_name("data")
 _KINDS = {
-    "ship": {3: ("corvette_equations", "CorvetteParameters")},
-    "auv": {6: ("segorogeni", "SegorogeniParameters"), 3: ("itsunusa", "ItsunusaParameters")},
-    "fixed-wing": {3: ("puna", "PunaParameters")},
-    "rov": {6: ("rov", "ROVParameters")},
+    "ship": ("corvette_equations", "CorvetteParameters"),
+    "auv": ("segorogeni", "SegorogeniParameters"),
+    "vertical-auv": ("itsunusa", "ItsunusaParameters"),
+    "fixed-wing": ("puna", "PunaParameters"),
+    "rov": ("rov", "ROVParameters"),
 }
-"""Module and class of the parameters by kind and degrees of freedom; defaults come first."""
-
-_HEAD = ("kind", "degrees_of_freedom")
-"""Keys outside of tables."""
+"""Module and class of the parameters by kind."""
 _ANGLES = (
     "rudder_limit", "rudder_rate", "fin_limit", "fin_rate", "alpha_low", "alpha_high",
     "alpha_rate", "bank_limit",
@@ -119,7 +117,7 @@ class _File(TomlFile):
             own["given"] = given
         parameters = cls(**own)
         for name, sentence in parameters.mistakes():
-            raise self.fault(self._where(cls, name), sentence)
+            raise self.fault(self._where(name), sentence)
         return parameters
 
     def _class(self, expected: type[Any]) -> type[Any]:
@@ -129,67 +127,53 @@ class _File(TomlFile):
         kind = self.data["kind"]
         if not isinstance(kind, str) or kind not in _KINDS:
             raise self.fault(("kind",), unknown("kind", kind, _KINDS))
-        freedom = self.data.get("degrees_of_freedom", next(iter(_KINDS[kind])))
-        if type(freedom) is not int or freedom not in _KINDS[kind]:
-            choices = " or ".join(map(str, _KINDS[kind]))
-            sentence = f"degrees_of_freedom must be {choices}, got {short_repr(freedom)}"
-            raise self.fault(("degrees_of_freedom",), sentence)
-        module, name = _KINDS[kind][freedom]
-        cls = getattr(import_module(f"vessel_gym.vehicles.{module}"), name)
+        module, name = _KINDS[kind]
+        cls: type[Any] = getattr(import_module(f"vessel_gym.vehicles.{module}"), name)
         if not issubclass(cls, expected):
             wanted = expected.__name__.removesuffix("Parameters")
-            found = f"kind {kind!r} with {freedom} degrees of freedom"
             hint = "docs/vehicles.md has an environment for each"
-            raise self.fault(("kind",), f"{found}, where {wanted} is needed: {hint}")
+            raise self.fault(("kind",), f"kind {kind!r}, where {wanted} is needed: {hint}")
         return cls
 
     def _values(self, cls: type[Any]) -> dict[str, Any]:
         """Numbers of the file by name, in the units of the class."""
-        tables, values = cls.TABLES | {"sources": ()}, {}
+        keys, values = cls.file_keys(), dict[str, Any]()
         for table, content in self.data.items():
-            if table in _HEAD:
+            if table == "kind":
                 continue
             if not isinstance(content, dict):
-                raise self.fault((table,), unknown("key outside of tables", table, _HEAD))
-            if table not in tables:
-                raise self.fault((table,), unknown("table", table, tables))
+                raise self.fault((table,), unknown("key outside of tables", table, ("kind",)))
             for key, value in content.items():
-                if table == "sources":
-                    if not isinstance(value, str):
-                        sentence = f"a source is a text, got {short_repr(value)}"
-                        raise self.fault((table, key), sentence)
-                    continue
                 name = key.removesuffix("_deg")
-                if name not in tables[table] or (name != key and name not in _ANGLES):
-                    raise self.fault((table, key), unknown(f"key in [{table}]", key, tables[table]))
-                if name in values:
-                    raise self.fault((table, key), f"{name} is given twice, in rad and in degrees")
                 try:
+                    if table == "sources":
+                        if not isinstance(value, str):
+                            raise ValueError(f"a source is a text, got {short_repr(value)}")
+                        continue
+                    if name not in keys or (name != key and name not in _ANGLES):
+                        raise ValueError(unknown("key", key, keys))
+                    if name in values:
+                        raise ValueError(f"{name} is given twice")
                     values[name] = _value(name, key, value)
                 except ValueError as error:
                     raise self.fault((table, key), str(error)) from None
         for each in fields(cls):
             if each.default is MISSING and each.name not in values:
-                table, _ = self._where(cls, each.name)
-                raise self.fault((table,), f"[{table}] needs a {each.name!r}")
+                raise self.fault((), f"a {self.data['kind']} needs a {each.name!r}")
         return values
 
-    def _where(self, cls: type[Any], name: str) -> tuple[str, ...]:
-        """Table and key of a number, or the table alone if ``name`` is a table."""
-        if name in cls.TABLES:
-            return (name,)
-        table = next(table for table, keys in cls.TABLES.items() if name in keys)
-        content = self.data.get(table, {})
-        return (table, f"{name}_deg" if f"{name}_deg" in content else name)
+    def _where(self, name: str) -> tuple[str, ...]:
+        """Table and key of a number, or ``name`` if it may be a table."""
+        for table, content in self.data.items():
+            for key in (name, f"{name}_deg"):
+                if isinstance(content, dict) and key in content:
+                    return table, key
+        return (name,)
 
 
 def _value(name: str, key: str, value: object) -> Any:
-    """Checked number, tuple of numbers or truth value; angles in rad."""
+    """Checked number or tuple of numbers; angles in rad."""
     low, high, what = _RANGES.get(name, _ANY if re.match(r"[XYZKMN]_", name) else _POSITIVE)
-    if name == "with_added_mass":
-        if not isinstance(value, bool):
-            raise ValueError(f"{name} must be true or false, got {short_repr(value)}")
-        return value
     if name in _SIZES:
         return _numbers(name, value, _SIZES[name], low, high)
     if name in ("positions", "directions"):
@@ -218,11 +202,8 @@ class Particulars:
         ValueError: naming an invalid number.
     """
 
-    TABLES: ClassVar[dict[str, tuple[str, ...]]]
-    """Keys of a vehicle file by table; keys that are no fields of the class go to `given`.
-
-    The field `given` is a tuple of pairs (name, number).
-    """
+    GIVEN: ClassVar[tuple[str, ...]] = ()
+    """Names of numbers that are no fields of the class, but pairs (name, number) in `given`."""
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     def __post_init__(self) -> None:
@@ -237,7 +218,11 @@ class Particulars:
             raise ValueError(
                 f"given must be a tuple of pairs (name, number), got {short_repr(given)}"
             )
-        names = {name for table in cls.TABLES.values() for name in table}
         for name, value in given:
-            one_of("name in given", name, sorted(names - set(cls.__dataclass_fields__)))
+            one_of("name in given", name, cls.GIVEN)
             _value(name, name, value)
+
+    @classmethod
+    def file_keys(cls) -> tuple[str, ...]:
+        """Keys of a vehicle file."""
+        return *(each.name for each in fields(cls) if each.name != "given"), *cls.GIVEN

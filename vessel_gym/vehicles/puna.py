@@ -17,7 +17,7 @@ ch. 9, for the point mass and the bank.
 from collections import namedtuple
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -40,15 +40,9 @@ Coefficients = namedtuple("Coefficients", (
 
 COEFFICIENTS = Coefficients._fields
 
-_FACTORS = {
-    "lift": ("lift_1", "lift_0"),
-    "drag of the angle of attack": ("drag_2", "drag_1"),
-    "drag at zero angle": ("drag_0",),
-    "mass": ("mass",),
-    "thrust": ("thrust",),
-    "bank": ("bank_rate",),
-}
-UNCERTAIN = tuple(_FACTORS)
+UNCERTAIN = (
+    "lift", "drag of the angle of attack", "drag at zero angle", "mass", "thrust", "bank",
+)  # fmt: skip
 """Parameters that `mismatch` spreads: one factor scales all coefficients of a kind."""
 _NOMINAL = np.ones(len(UNCERTAIN))
 
@@ -80,19 +74,11 @@ class PunaParameters(Particulars):
     alpha_rate: float = 0.5  # rad/s, assumed: the short-period motion that a point mass leaves out
     bank_limit: float = float(np.deg2rad(35.0))  # rad, assumed
 
-    TABLES = {
-        "particulars": ("mass", "area", "gravity"),
-        "aerodynamics": ("drag", "lift", "density"),
-        "limits": ("alpha_low", "alpha_high", "alpha_rate", "bank_limit", "bank_rate"),
-        "propulsion": ("cruise_speed", "thrust_limit", "thrust_lag"),
-    }
-    """Keys of a vehicle file by table."""
-
     def mistakes(self) -> Iterator[tuple[str, str]]:
         """Errors in the particulars: the name of a number, and a sentence."""
         if self.alpha_low >= self.alpha_high:
-            lower = f"where the lower is {self.alpha_low:g} rad"
-            yield "alpha_high", f"{self.alpha_high:g} rad are no upper limit {lower}"
+            upper = f"where the upper is {self.alpha_high:g} rad"
+            yield "alpha_low", f"{self.alpha_low:g} rad are no lower limit {upper}"
         if self.lift[0] <= 0.0:
             less = f"not {self.lift[0]:g} a rad"
             yield "lift", f"a wing lifts more at a higher angle of attack, {less}"
@@ -111,14 +97,13 @@ class PunaParameters(Particulars):
         Args:
             factors: Factors ``(..., 6)`` on the `UNCERTAIN` ones; default: 1.
         """
-        nominal = (
-            self.mass, self.area, self.gravity, *self.drag, *self.lift, *self.density, 1.0,
-            self.bank_rate,
+        lift, drag, drag_0, mass, thrust, bank = np.moveaxis(factors, -1, 0)
+        (A1, A2, A3), (B1, B2) = self.drag, self.lift
+        c = Coefficients(
+            mass * self.mass, self.area, self.gravity, drag * A1, drag * A2, drag_0 * A3,
+            lift * B1, lift * B2, *self.density, thrust, bank * self.bank_rate,
         )  # fmt: skip
-        c = np.tile(nominal, (*factors.shape[:-1], 1))
-        for i, names in enumerate(_FACTORS.values()):
-            c[..., [COEFFICIENTS.index(name) for name in names]] *= factors[..., i, None]
-        return c
+        return np.stack(np.broadcast_arrays(*c), -1)
 
     @cached_property
     def cruise(self) -> np.ndarray:
@@ -252,12 +237,8 @@ def puna_rates(
     ], -1)  # fmt: skip
 
 
-@compiled
-def printed_rates(
-    state: np.ndarray, control: np.ndarray, wind: np.ndarray, coefficients: np.ndarray
-) -> np.ndarray:
-    """`puna_rates` with the forces of eq. 1."""
-    return puna_rates(state, control, wind, coefficients, as_printed=True)
+printed_rates = compiled(partial(puna_rates.function, as_printed=True))
+"""`puna_rates` with the forces of eq. 1."""
 
 
 def airspeed(state: np.ndarray, wind: np.ndarray) -> np.ndarray:

@@ -78,15 +78,6 @@ class ROVParameters(Particulars):
     M_qq: float
     N_rr: float
 
-    TABLES = {
-        "particulars": (
-            "mass", "roll_inertia", "pitch_inertia", "yaw_inertia", "z_g", "buoyancy_excess",
-            "gravity",
-        ),
-        "thrusters": ("positions", "directions", "thrust_limit", "thrust_lag"),
-        "coefficients": UNCERTAIN,
-    }  # fmt: skip
-
     @cached_property
     def allocation(self) -> np.ndarray:
         """Force and moment ``(6, n)`` of a unit of thrust of each thruster."""

@@ -20,7 +20,7 @@ _AIR_DENSITY = 1.224  # kg/m3
 Motion = Callable[..., list[Any]]
 """Momentary sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] ``(...)`` in a wave.
 
-Arguments are the frequency of the wave [rad/s], its constant (see `StripTheory.frequency_constant`),
+Arguments are the frequency of the wave [rad/s], its constant by `StripTheory.frequency_constant`,
 its wave numbers along the hull ``k cos(beta)`` and across it ``k sin(beta)`` [1/m], the frequency
 of encounter [rad/s], and the elevation of the surface amidships [m], real and imaginary part.
 """

@@ -12,6 +12,7 @@ hydrodynamic coefficient, and its printed inverse inertia matrix has negative ei
 from collections import namedtuple
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -192,12 +193,8 @@ def segorogeni_rates(
     return np.stack([*accelerations, *motion(velocity, angles, current)], -1)
 
 
-@compiled
-def printed_rates(
-    state: np.ndarray, control: np.ndarray, current: np.ndarray, coefficients: np.ndarray
-) -> np.ndarray:
-    """`segorogeni_rates` with the printed kinematics."""
-    return segorogeni_rates(state, control, current, coefficients, as_printed=True)
+printed_rates = compiled(partial(segorogeni_rates.function, as_printed=True))
+"""`segorogeni_rates` with the printed kinematics."""
 
 
 @compiled
