@@ -115,7 +115,7 @@ def load_agent(name: str | Path, env: Any, parameters: Mapping[str, float] | Non
 
 def _guided(name: str, env: Any, parameters: Mapping[str, float]) -> Agent:
     """A registered controller, which needs estimates and guidance."""
-    if env.core.config.observe_mode == "measurement":
+    if env.core.config.options.observe == "measurement":
         raise ValueError(f'the {name} needs estimates: use observe="mean" or "mean+std"')
     if not env.core.config.options.guidance:
         raise ValueError(f"the {name} goes by guidance: leave out guidance")

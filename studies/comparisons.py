@@ -22,7 +22,7 @@ from estimators import nees
 from studies.markdown import NONE, ROOT, number, table
 from vessel_gym.disturbances import Fault
 from vessel_gym.envs import SigmaCorvetteEnv
-from vessel_gym.sensors import SensorSuite
+from vessel_gym.sensors import in_quality
 
 CORVETTE, EPISODES = "SigmaCorvette-v0", 100
 SETTINGS = tomllib.loads((ROOT / "studies/data/comparisons.toml").read_text(encoding="utf-8"))
@@ -43,7 +43,7 @@ def assuming(disturbance: Any, role: str = "") -> dict[str, Any]:
 def environment_options(environment: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Options of an environment from those of a file.
 
-    Sensors may be a `SensorSuite`; a disturbance may be a table of faulty
+    Sensors may have the noise and drop-out of another quality; a disturbance may be a table of faulty
     actuators, what acts beside them and parameters of a `Fault`. What a filter assumes may be a
     table of such parameters: it is then told of the world's other disturbances.
     """
@@ -60,7 +60,7 @@ def environment_options(environment: str, options: Mapping[str, Any]) -> dict[st
 
     match made.get("sensors"):
         case {"noise": noise, "dropout": dropout}:
-            made["sensors"] = [*SensorSuite(noise, dropout).of(system.vehicle.sensors)]
+            made["sensors"] = [*in_quality(system.vehicle.sensors, noise, dropout)]
     world = made.get("disturbance")
     match made:
         case {"estimator_options": {"assume": {"disturbance": {**walk}, "as": role}}}:

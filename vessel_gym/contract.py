@@ -135,12 +135,6 @@ def _contradictions(disturbance: Disturbance, vehicle: Vehicle) -> Iterator[str]
         given = getattr(disturbance, attribute)
         if given is not None and len(given) != size:
             yield f"{attribute} of {who} must have {size} entries, got {short_repr(given)}"
-    owners = [
-        next(each for each in type(disturbance).__mro__ if name in vars(each))
-        for name in ("effect", "effect_at")
-    ]
-    if disturbance.uniforms and owners[0] is not owners[1] and issubclass(*owners):
-        yield f"effect of {who} is not used, as a field acts by effect_at: override that"
     modulus = np.abs(np.linalg.eigvals(process.transition)).max(initial=0.0)
     if modulus > 1.0 + 1e-6:
         yield f"process of {who} grows by a factor of {modulus:.3g} a step: 1 is the most"
@@ -228,7 +222,7 @@ def _checked(
     for rows in [slice(None, None, -1), *(slice(row, row + 1) for row in range(_ROWS))]:
         some = [each if each is None else each[rows] for each in arguments]
         _compare(
-            tuple(each[rows] for each in kept), _results(what, plain, some, shapes), _SAME,
+            [each[rows] for each in kept], _results(what, plain, some, shapes), _SAME,
             f"{what} gives a vehicle alone other numbers than in a batch: rows must share nothing,"
             " so compute along the last axis, as by np.sum(x, -1)",
         )  # fmt: skip
@@ -239,8 +233,9 @@ def _checked(
     if any_axes:
         title = f"{what} must take any leading axes, so index from behind, by x[..., i]: it"
         pairs = [each if each is None else np.stack([each, each]) for each in arguments]
-        for pair in _results(title, plain, pairs, shapes):
-            _compare(tuple(pair), found * 2, _SAME, f"{title} gives other numbers for two axes")
+        twice = [np.stack([each, each]) for each in found]
+        given = _results(title, plain, pairs, shapes)
+        _compare(given, twice, _SAME, f"{title} gives other numbers for two axes")
     if is_compiled(method) if compiles is None else compiles:
         axes = [0 if each is None else each.ndim - 1 for each in arguments]
         traced = method if isinstance(method, Compiled) else compiled(method, axes=axes)
@@ -268,8 +263,6 @@ def _results(
             returned = method(*given)
     except Exception as error:
         advice = "write it for any number of rows, with np.where for if and & for and"
-        if "read-only" in str(error):
-            advice = "its arguments may only be read, so compute a new array"
         if what.endswith("compiled,"):
             advice = "use what docs/engine.md lists, or leave out @compiled"
         reason = f"{type(error).__name__}: {short_repr(str(error))}"
@@ -280,12 +273,11 @@ def _results(
     for array, shape in zip(results, shapes, strict=True):
         if not (isinstance(array, np.ndarray) and array.dtype.kind in "fiub"):
             raise ValueError(f"{what} must give arrays of real numbers, got {short_repr(array)}")
-        row = array.shape[len(leading) :] if shape == _ANY else shape
-        if array.shape != (*leading, *row) or len(row) != len(shape):
-            numbers = "one number" if shape == _NUMBER else "a row"
-            numbers += f" of {shape[0]} numbers" if shape not in (_ANY, _NUMBER) else ""
+        row = array.shape[-1:] if shape == _ANY else shape
+        if array.shape != (*leading, *row):
+            wanted = "a row of numbers" if shape == _ANY else f"numbers of shape {shape}"
             raise ValueError(
-                f"{what} must give {numbers} for each vehicle: for {many} it gave shape"
+                f"{what} must give {wanted} for each vehicle: for {many} it gave shape"
                 f" {array.shape}"
             )
         if not np.isfinite(array).all():

@@ -6,11 +6,12 @@ if a whole fix drifts) and scale. For faults of actuators see `vessel_gym.distur
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from estimators.checks import as_number, numbers, short_repr
-from vessel_gym.checks import check_numbers, instance, one_of
+from vessel_gym.checks import instance, one_of
 
 KINDS = {
     "off": "",
@@ -37,22 +38,17 @@ class SensorFault:
             measurement. One number in the units of the channels, or one for each channel.
         begin: Time after an episode's start [s]; a pair: drawn uniformly between both in each
             episode.
-        end: Time after an episode's start [s] at which the fault ends, or a pair as for ``begin``;
-            infinity: never.
-        duration: Time [s] from the drawn beginning to the end, instead of ``end``; None: use
-            ``end``.
+        duration: Time [s] from the beginning to the end of the fault; infinity: it never ends.
 
     Raises:
-        ValueError: for an unknown kind, an invalid size for the kind, invalid times, or a duration
-            together with an end.
+        ValueError: for an unknown kind, an invalid size for the kind, or invalid times.
     """
 
     sensor: str
     kind: str
     size: float | tuple[float, ...] | None = None
     begin: float | tuple[float, float] = 0.0
-    end: float | tuple[float, float] = np.inf
-    duration: float | None = None
+    duration: float = np.inf
 
     def __post_init__(self) -> None:
         instance("sensor of a fault", self.sensor, str)
@@ -67,33 +63,26 @@ class SensorFault:
             )
         if self.kind == "garbage" and np.any(np.less(size, 0.0)):  # type: ignore[arg-type]
             raise ValueError(f"size of {self} must be 0 or more, got {short_repr(self.size)}")
-        (_, begin), (end, _) = self.times("begin"), self.times("end")
-        check_numbers(str(self), {"duration": self.duration}, positive="duration?")
-        if self.duration is not None and end < np.inf:
-            raise ValueError(f"{self} has a duration, which fixes its end: leave one of them out")
-        if not begin < end:
+        earliest, latest = self.begins
+        if not 0.0 <= earliest <= latest < np.inf:
             raise ValueError(
-                f"{self} must begin before it ends, got begin {short_repr(self.begin)} and end"
-                f" {short_repr(self.end)}"
+                f"begin of {self} must be 0 s or more, or two such times in order, got"
+                f" {short_repr(self.begin)}"
+            )
+        if not as_number(self.duration) > 0.0:
+            raise ValueError(
+                f"duration of {self} must be a time above 0 s, got {short_repr(self.duration)}"
             )
 
     def __str__(self) -> str:
         return f"the fault {self.kind!r} of {self.sensor}"
 
-    def times(self, name: str) -> tuple[float, float]:
-        """Earliest and latest time [s] of the beginning or end; ``name`` is "begin" or "end".
-
-        Raises:
-            ValueError: if that time is neither a number of at least 0 nor an ordered pair of such
-                numbers.
-        """
-        time = getattr(self, name)
-        pair = time if isinstance(time, list | tuple) or np.ndim(time) else (time, time)
+    @property
+    def begins(self) -> tuple[float, float]:
+        """Earliest and latest time [s] of the beginning; NaN for anything else."""
+        begin: Any = self.begin
+        pair = begin if isinstance(begin, list | tuple) or np.ndim(begin) else (begin, begin)
         earliest, latest = map(as_number, pair) if len(pair) == 2 else (np.nan, np.nan)
-        possible = latest < np.inf or (name == "end" and earliest == np.inf)
-        if not (possible and 0.0 <= earliest <= latest):
-            raise ValueError(f"{name} of {self} must be 0 s or more, or two such times in order, "
-                             f"got {short_repr(time)}")  # fmt: skip
         return earliest, latest
 
 

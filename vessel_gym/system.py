@@ -14,7 +14,7 @@ from vessel_gym.disturbances import Disturbance
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.models.structure import readers
 from vessel_gym.sensor_faults import SensorFault, lost_fix
-from vessel_gym.sensors import SUITE_NAMES, SUITES, Sensor, Sensors
+from vessel_gym.sensors import SUITE_NAMES, SUITES, Sensor, Sensors, in_quality
 from vessel_gym.tasks.task import Estimate, Task
 from vessel_gym.vehicles.vehicle import Trims, Vehicle
 
@@ -174,12 +174,7 @@ class System:
 
                 choice = read_grades(self).suite(name)
             else:
-                choice = SUITES.get(name, SUITES["nominal"]).of(self.nominal_sensors)
-        elif not (all_are(Sensor, choice) and choice):
-            named = ", ".join(SUITE_NAMES)
-            raise TypeError(
-                f"sensors must be one of {named}, or Sensor objects, got {short_repr(choice)}"
-            )
+                choice = in_quality(self.nominal_sensors, **SUITES.get(name, {}))
         return Sensors(
             choice,
             vehicle.state_names,

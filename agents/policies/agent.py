@@ -27,7 +27,7 @@ class TrainedAgent:
         )
         policy, self._network = load(path, actions)
         core, size = getattr(env.unwrapped, "core", None), int(np.prod(observations.shape))
-        observe = None if core is None else core.config.observe_mode
+        observe = None if core is None else core.config.options.observe
         here = "is none of vessel_gym" if core is None else f"gives {observe!r}"
         # Two kinds of observation may have the same length.
         if policy.observe not in (None, observe):

@@ -132,7 +132,7 @@ def _environment(model: Any) -> dict[str, Any]:
         inner = inner.env
     if core := getattr(unwrapped, "core", None):
         config = core.config
-        known |= {"observe": config.observe_mode, "vehicle": vehicle_of(config.system.vehicle)}
+        known |= {"observe": config.options.observe, "vehicle": vehicle_of(config.system.vehicle)}
         return known | {"environment": config.system.name}
     return known | {"environment": unwrapped.spec.id if unwrapped.spec else ""}
 

@@ -351,5 +351,5 @@ def _fault(fault: Any) -> SensorFault:
     try:
         return SensorFault(**fault)
     except TypeError:
-        text = "faults must be tables of sensor, kind and perhaps size, begin, end, duration, got"
+        text = "faults must be tables of sensor, kind and perhaps size, begin, duration, got"
         raise TypeError(f"{text} {fault!r}") from None

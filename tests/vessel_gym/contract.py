@@ -14,7 +14,6 @@ from pages import OWN
 import vessel_gym  # noqa: F401  (registers the environments)
 from vessel_gym.envs import VesselEnv, VesselVectorEnv
 from vessel_gym.models.estimation import estimator_names
-from vessel_gym.sensors import SensorSuite
 from vessel_gym.simulation.configuration import observed
 from vessel_gym.simulation.core import Core
 from vessel_gym.simulation.delivery import Delivery
@@ -62,7 +61,7 @@ CARRIED = [
 MODES = ("mean", "mean+std", "measurement")
 NATURE = "truth", "unknown_input", "parameters", "measurement", "available"
 """Keys of info that are the same to the last bit in every batch, under equal actions."""
-BROKEN = SensorSuite(noise=1.0, dropout=0.7, outliers=0.2, outlier_scale=1e4)
+BROKEN = {"dropout": 0.7, "outliers": 0.2, "outlier_scale": 1e4}
 """Worse than any suite that users can choose: long gaps and absurd measurements."""
 
 
@@ -204,11 +203,10 @@ def observations(core: Core) -> dict[str, np.ndarray]:
 
     One of raw measurements shows those alone: its reference is where the truth is.
     """
-    chosen, seen = core.config.observe_mode, {}
-    for mode in dict.fromkeys((*MODES, chosen)) if chosen != "measurement" else (chosen,):
-        core.config.observe_mode = mode
-        seen[mode] = core.observe()
-    core.config.observe_mode = chosen
+    mission, seen = copy(core.config.mission), {}
+    for mode in MODES if not mission.measured else ("measurement",):
+        mission.observe, mission.measured = mode, mode == "measurement"
+        seen[mode] = mission.observation(core.now, core.now.reference).astype(np.float32)
     return seen
 
 

@@ -200,7 +200,7 @@ def test_a_reset_of_some_environments_may_seed_them():
     env.reset(seed=0)
     mask = np.array([False, True, True])
     observations, _ = env.reset(
-        seed=[-7, 40, 50], options={"reset_mask": mask}
+        seed=[7, 40, 50], options={"reset_mask": mask}
     )  # the first counts for nothing
     for row, seed in ((1, 40), (2, 50)):
         expected, _ = gym.make("SigmaCorvette-v0").reset(seed=seed)

@@ -8,7 +8,7 @@ import pytest
 from contract import FEW_MEMBERS, OURS, SPREAD, make_core, random_walk, single_class
 
 from estimators import RandomKeys
-from vessel_gym.sensors import SUITES, Bias, Sensor
+from vessel_gym.sensors import SUITES, Bias, Sensor, in_quality
 from vessel_gym.simulation.core import Core
 
 SEED, ROWS, STEPS = 5, 3, 12
@@ -52,7 +52,7 @@ def test_the_measurements_of_a_step_can_be_had_by_themselves(env_id: str):
 @every_environment
 @pytest.mark.parametrize("place", [0, 1])
 def test_one_sensor_more_moves_the_numbers_of_no_other(env_id: str, place: int):
-    own = SUITES["degraded"].of(single_class(env_id).system.vehicle.sensors)
+    own = in_quality(single_class(env_id).system.vehicle.sensors, **SUITES["degraded"])
     bias = Bias(("more bias",), start=(1.0,), pace=(0.1,))
     quality = {"sd": (1.0, 1.0), "dropout": 0.3, "outliers": 0.2, "bias": bias}
     more = Sensor(

@@ -23,7 +23,7 @@ def late_and_faulty(env_id: str) -> dict[str, Any]:
     """Options with every sensor two steps late, and the first one stuck."""
     vehicle = single_class(env_id).system.vehicle
     sensors = [replace(each, latency=2.0 * vehicle.dt) for each in vehicle.sensors]
-    fault = SensorFault(sensors[0].name, "stuck", begin=3.0 * vehicle.dt, end=9.0 * vehicle.dt)
+    fault = SensorFault(sensors[0].name, "stuck", begin=3.0 * vehicle.dt, duration=6.0 * vehicle.dt)
     return {"sensors": sensors, "sensor_faults": [fault]}
 
 

@@ -15,7 +15,7 @@ from scipy.stats import binom, chi2
 
 from estimators import RandomKeys
 from vessel_gym.processes import Process
-from vessel_gym.sensors import SUITES, Bias, Sensor, Sensors, SensorSuite, plain
+from vessel_gym.sensors import SUITES, Bias, Sensor, Sensors, in_quality, plain
 
 FALSE_ALARM = 1e-6
 SD = np.array([2e-3, 0.5, 3.0])
@@ -44,10 +44,10 @@ def read(
 
 
 def corrupted(
-    suite: SensorSuite, seed: int, n: int = 20_000, exact: float = 0.0, nominal=APART, steps=0
+    suite: dict[str, Any], seed: int, n: int = 20_000, exact: float = 0.0, nominal=APART, steps=0
 ):
     """Measurements, their mask and the normals in them: n at one step, or as many as ``steps`` says."""
-    sensors = made(suite.of(nominal))
+    sensors = made(in_quality(nominal, **suite))
     drawn = numbers(sensors, seed, n)
     normals = [drawn[:, i].normals(len(sensor.channels)) for i, sensor in enumerate(sensors.each)]
     steps = np.broadcast_to(steps, n)
@@ -70,18 +70,18 @@ def assert_rate(events: np.ndarray, rate: float):
 
 
 def test_only_worst_of_three_suites_loses_measurements():
-    assert list(SUITES) == ["clean", "nominal", "degraded"]
-    assert SUITES["clean"].noise < SUITES["nominal"].noise == SUITES["degraded"].noise == 1.0
-    assert [suite.dropout > 0.0 for suite in SUITES.values()] == [False, False, True]
+    clean, nominal, degraded = (in_quality(TOGETHER, **suite)[1] for suite in SUITES.values())
+    assert max(clean.sd) < max(nominal.sd) == max(degraded.sd)
+    assert clean.dropout == nominal.dropout == 0.0 < degraded.dropout
 
 
 def test_measurements_are_the_exact_ones_plus_scaled_normals():
-    measurements, _, normals = corrupted(SensorSuite(noise=0.7), seed=1, exact=-2.0)
+    measurements, _, normals = corrupted({"noise": 0.7}, seed=1, exact=-2.0)
     np.testing.assert_allclose(measurements, -2.0 + 0.7 * SD * normals, rtol=1e-14)
 
 
 def test_drop_outs_and_outliers_are_independent_at_their_rates():
-    suite = SensorSuite(noise=1.0, dropout=0.2, outliers=0.05, outlier_scale=10.0)
+    suite = {"dropout": 0.2, "outliers": 0.05}
     measurements, available, normals = corrupted(suite, seed=4)
     outlier = np.abs(measurements / (SD * normals)) > 5.0
     for channel in range(3):
@@ -111,7 +111,7 @@ TOGETHER = (
 
 
 def test_the_channels_of_a_sensor_are_lost_and_spoilt_together():
-    suite = SensorSuite(noise=1.0, dropout=0.10, outliers=0.05)
+    suite = {"dropout": 0.10, "outliers": 0.05}
     measurements, available, normals = corrupted(suite, seed=8, nominal=TOGETHER)
     assert_rate(~available[:, 0], 0.25)  # its own losses and the suite's
     assert_rate(~available[:, 2], 0.10)
@@ -122,14 +122,14 @@ def test_the_channels_of_a_sensor_are_lost_and_spoilt_together():
 
 
 def test_a_suite_changes_the_quality_of_sensors_and_nothing_else():
-    log, fix = SensorSuite(noise=2.0, dropout=0.10, outliers=0.05, outlier_scale=7.0).of(TOGETHER)
+    log, fix = in_quality(TOGETHER, 2.0, 0.10, 0.05, 7.0)
     assert (log.sd, log.dropout, log.outliers, log.outlier_scale) == ((0.2, 0.2), 0.25, 0.05, 7.0)
     for one, other in zip((log, fix), TOGETHER, strict=True):
         for field in fields(Sensor):
             if field.name not in ("sd", "dropout", "outliers", "outlier_scale"):
                 assert getattr(one, field.name) is getattr(other, field.name), field.name
-    assert SUITES["clean"].of(TOGETHER)[0].dropout == 0.0
-    assert SensorSuite(noise=1.0, dropout=0.95).of(TOGETHER)[0].dropout == 1.0
+    assert in_quality(TOGETHER, **SUITES["clean"])[0].dropout == 0.0
+    assert in_quality(TOGETHER, dropout=0.95)[0].dropout == 1.0
 
 
 # --- rates ----------------------------------------------------------------------------------------
@@ -336,11 +336,11 @@ MISDECLARED = [
     (fix(bias=Bias(("b", "c", "d"), start=(1.0,) * 3)), ValueError, r"fix has 2 channels, but a bias on 3"),
     (of(fix(gives=("a", "longitude"))), ValueError, r"unknown state that fix gives 'longitude': choose from a, b, .*"),
     (of(fix(), fix()), ValueError, r"two sensors are called 'fix': give each a name of its own"),
-    (of(), TypeError, r"sensors must be Sensor objects, one at least, got \[\]"),
+    (of(), TypeError, r"sensors must be .* Sensor objects, one at least, got \[\]"),
     (of(fix(reads=plain((0,)))), ValueError, r"reads of fix must give 2 values for each state: \(2, 3, 6\) gave "
                                              r"\(2, 3, 1\), expected \(2, 3, 2\)"),
     (lambda: Bias(("b",), (1.0,), time=10.0, pace=(0.1,)), ValueError, r"the bias .* is stationary: give it no .*"),
-    (lambda: Bias(("b",), start=(1.0, 2.0)), ValueError, r"the bias .* needs a tuple of 1 values of start, got .*"),
+    (lambda: Bias(("b",), start=(1.0, 2.0)), ValueError, r"the bias .* has 1 channels, so start must have 1 entries.*"),
 ]  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from vessel_gym.sensors.sensor import (
     Bias,
     Known,
     Sensor,
-    SensorSuite,
+    in_quality,
     plain,
 )
 
@@ -26,7 +26,7 @@ __all__ = [
     "Bias",
     "Known",
     "Sensor",
-    "SensorSuite",
     "Sensors",
+    "in_quality",
     "plain",
 ]  # fmt: skip

@@ -108,9 +108,6 @@ class Sensors:
                 gain[own.start : own.start + k, first : first + states] = sensor.bias.gain
         return gain
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Sensors, (self.each, self.state_names, self.exogenous_names, self.dt, self.faults)
-
     @property
     def reads_compiled(self) -> bool:
         """Are all functions ``reads`` compiled, and is all noise constant?"""
@@ -287,7 +284,8 @@ def _checked_sensors(sensors: Any) -> tuple[Sensor, ...]:
         ValueError: for two sensors with one name.
     """
     if not all_are(Sensor, sensors) or not sensors:
-        raise TypeError(f"sensors must be Sensor objects, one at least, got {short_repr(sensors)}")
+        named = "the name of a suite, or Sensor objects, one at least"
+        raise TypeError(f"sensors must be {named}, got {short_repr(sensors)}")
     names = [sensor.name for sensor in sensors]
     for name in names:
         if names.count(name) > 1:

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.checks import numbers, short_repr
 from estimators.engine import compiled
-from vessel_gym.checks import all_are, check_names, check_numbers, function, instance
+from vessel_gym.checks import check_names, check_numbers, function, instance
 from vessel_gym.processes import Process
 
 Known = Mapping[str, np.ndarray]
@@ -44,19 +44,14 @@ class Bias:
     constant: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        names: Any = self.names
-        if not isinstance(names, tuple | list) or not names:  # letters of a text are no names
-            raise ValueError(f"names of a bias must be a tuple of names, got {short_repr(names)}")
-        check_names("names of a bias", names)
-        object.__setattr__(self, "names", tuple(names))
+        check_names("names of a bias", self.names)
+        if not self.names:
+            raise ValueError("names of a bias must be one or more")
+        object.__setattr__(self, "names", tuple(self.names))
         for name in ("start", "pace", "constant"):
-            values = getattr(self, name)
-            values = (0.0,) * len(names) if isinstance(values, tuple) and not values else values
-            if not isinstance(values, tuple | list) or len(values) != len(names):
-                wanted = f"a tuple of {len(names)} values of {name}"
-                raise ValueError(f"the bias {self.names} needs {wanted}, got {short_repr(values)}")
-            for value in values:
-                check_numbers(f"the bias {self.names}", {name: value}, not_negative=name)
+            k, values = len(self.names), getattr(self, name)
+            values = (0.0,) * k if isinstance(values, tuple) and not values else values
+            _check_entries(f"the bias {self.names}", name, values, k, "not_negative")
             object.__setattr__(self, name, tuple(map(float, values)))
         check_numbers(self, positive="scale time?")
         if self.time is not None and any(self.pace):
@@ -157,22 +152,11 @@ class Sensor:
         Raises:
             ValueError: naming the attribute.
         """
-        for name in ("sd", "range", "scale", "gives"):
+        kinds = {"sd": "not_negative", "scale": "positive", "range": "", "gives": ""}
+        for name, kind in kinds.items():
             values = getattr(self, name)
-            if callable(values) if name == "sd" else values is None:
-                continue
-            several = isinstance(values, tuple | list) or np.ndim(values) > 0
-            if not (several and len(values) == k):
-                single = k == 1 and isinstance(values, int | float)
-                hint = f": write ({values!r},)" if single else ""
-                raise ValueError(
-                    f"{title} has {k} channels, so {name} must have {k} entries, got"
-                    f" {short_repr(values)}{hint}"
-                )
-        for name, kind in (("sd", "not_negative"), ("scale", "positive")):
-            values = getattr(self, name)
-            for value in () if values is None or callable(values) else values:
-                check_numbers(title, {name: value}, **{kind: name})
+            if not (callable(values) if name == "sd" else values is None):
+                _check_entries(title, name, values, k, kind)
         for ends in self.range or ():
             pair = numbers(ends)
             if pair is None or pair.shape != (2,) or not pair[0] < pair[1]:
@@ -219,40 +203,61 @@ class Sensor:
         return round(steps)
 
 
+def _check_entries(title: str, name: str, values: Any, k: int, kind: str) -> None:
+    """Refuse anything but k entries of a kind of numbers, one for each channel.
+
+    Raises:
+        ValueError: naming the attribute.
+    """
+    several = isinstance(values, tuple | list) or np.ndim(values) > 0
+    if not (several and len(values) == k):
+        hint = f": write ({values!r},)" if k == 1 and isinstance(values, int | float) else ""
+        raise ValueError(
+            f"{title} has {k} channels, so {name} must have {k} entries, got"
+            f" {short_repr(values)}{hint}"
+        )
+    for value in values if kind else ():
+        check_numbers(title, {name: value}, **{kind: name})
+
+
 SLOWEST = 1e9
 """Most steps from one measurement to the next."""
 LONGEST = 1000
 """Longest delay of a measurement in steps; filters keep the history of that many steps."""
 
 
-@dataclass(frozen=True)
-class SensorSuite:
-    """Quality of sensors, relative to a vehicle's nominal ones."""
+def in_quality(
+    nominal: Sequence[Sensor],
+    noise: float = 1.0,
+    dropout: float = 0.0,
+    outliers: float = 0.0,
+    outlier_scale: float = 10.0,
+    lossless: bool = False,
+) -> tuple[Sensor, ...]:
+    """Sensors in another quality than the nominal one.
 
-    noise: float  # standard deviation relative to nominal
-    dropout: float = 0.0  # probability that a sensor's measurement is lost, besides its own
-    outliers: float = 0.0  # probability that it is an outlier
-    outlier_scale: float = 10.0  # size of an outlier's noise relative to nominal
-    lossless: bool = False  # no sensor loses a measurement
+    Args:
+        nominal: Sensors of a vehicle.
+        noise: Standard deviations relative to nominal.
+        dropout: Probability that a sensor's measurement is lost, besides its own.
+        outliers: Probability that a measurement is an outlier, besides the sensor's own.
+        outlier_scale: Noise of an outlier relative to ordinary noise, for sensors without outliers
+            of their own.
+        lossless: Does no sensor lose a measurement?
 
-    def __post_init__(self) -> None:
-        check_numbers(self, not_negative="noise outlier_scale", share="dropout outliers")
-        instance("lossless of SensorSuite", self.lossless, bool)
-
-    def of(self, nominal: Sequence[Sensor]) -> tuple[Sensor, ...]:
-        """Sensors of a vehicle in this quality."""
-        if not all_are(Sensor, nominal):
-            raise TypeError(f"nominal must be Sensor objects, got {short_repr(nominal)}")
-        return tuple(
-            replace(
-                sensor,
-                sd=_scaled(self.noise, sensor.sd),
-                dropout=0.0 if self.lossless else min(sensor.dropout + self.dropout, 1.0),
-                outliers=min(sensor.outliers + self.outliers, 1.0),
-                outlier_scale=sensor.outlier_scale if sensor.outliers else self.outlier_scale,
-            )
-            for sensor in nominal
+    Raises:
+        ValueError: for numbers out of range.
+    """
+    return tuple(
+        replace(
+            sensor,
+            sd=_scaled(noise, sensor.sd),
+            dropout=0.0 if lossless else min(sensor.dropout + dropout, 1.0),
+            outliers=min(sensor.outliers + outliers, 1.0),
+            outlier_scale=sensor.outlier_scale if sensor.outliers else outlier_scale,
         )
+        for sensor in nominal
+    )
 
 
 def _scaled(factor: float, sd: Any) -> Any:
@@ -265,12 +270,12 @@ def _scaled_at(factor: float, sd: Callable[[np.ndarray], np.ndarray], y: np.ndar
     return factor * np.asarray(sd(y))
 
 
-SUITES = {
-    "clean": SensorSuite(noise=0.05, lossless=True),
-    "nominal": SensorSuite(noise=1.0),
-    "degraded": SensorSuite(noise=1.0, dropout=0.10, outliers=0.05),
+SUITES: dict[str, dict[str, Any]] = {
+    "clean": {"noise": 0.05, "lossless": True},
+    "nominal": {},
+    "degraded": {"dropout": 0.10, "outliers": 0.05},
 }
-"""Suites for the sensors of every vehicle, and for `vessel_gym.wrappers.EstimatedObservation`."""
+"""Suites for the sensors of any vehicle and environment: arguments of `in_quality`."""
 SUITE_NAMES = (*SUITES, "budget", "denied")
 """Names of all suites of an environment.
 

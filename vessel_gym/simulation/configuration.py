@@ -166,12 +166,12 @@ class Configuration:
         world: True world, with vehicle, sensors and disturbance.
         numpy_methods: Methods in NumPy of vehicle, disturbance and task, whose results in a step
             must be finite, and the fields of the record that they fill in.
+        sensors: Sensors of the world.
         delivery: Faults and delays of measurements.
         estimators: The estimator and, with ``raw``, that of raw measurements.
         mission: The task's part of a step.
         estimation: Estimator and its model.
         raw: Estimation from raw measurements, if they are observed with guidance; otherwise None.
-        observe_mode: One of `OBSERVE`.
         prior_index: Indices of the true state's components in the filter's widest model.
         scale: Scale of the scores.
 
@@ -181,13 +181,14 @@ class Configuration:
     """
 
     def __init__(self, system: System, options: Options, by_rows: bool = False) -> None:
-        self.system, self.options, self.observe_mode = system, options, options.observe
+        self.system, self.options = system, options
         self.world = world = _world(
             system, options.sensors, options.sensor_faults, options.disturbance
         )
         vehicle, raw = system.vehicle, options.observe == "measurement"
+        self.sensors: Sensors = world.sensors
         self.numpy_methods = _numpy_methods(vehicle, world.disturbance, system.task)
-        rest = world.sensors, world.disturbance
+        rest = self.sensors, world.disturbance
         choice = system.estimator if options.estimator is None else options.estimator
         self.estimation: Estimation = build(system, choice, options.estimator_options, *rest)
         if by_rows:
@@ -202,13 +203,13 @@ class Configuration:
         self.prior_index = tuple(
             vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])
         )
-        guided = bool(options.guidance) and options.observe == "mean"
-        ending = str(options.termination)
-        self.mission = _mission(system.task, self.estimation, ending, self.prior_index, guided, raw)
+        ending, guidance = str(options.termination), bool(options.guidance)
+        given = system.task, self.estimation, ending, self.prior_index, options.observe
+        self.mission = _mission(*given, guidance, self.raw)
         self.true_state = TrueState.of(world, self.estimation.space)
         self.unknown_input = UnknownInput.of(world, self.estimation.inputs)
         true = self.true_state, self.unknown_input
-        self.delivery = Delivery(world.sensors)
+        self.delivery = Delivery(self.sensors)
         both = (self.estimation, "belief"), (self.raw, "raw")
         self.estimators = [
             Estimator(each, field, partial(_oracle, *true)) for each, field in both if each
@@ -249,7 +250,7 @@ class Configuration:
     @cached_property
     def observation_size(self) -> int:
         """Number of components of an observation."""
-        seen = observed(self.observe_mode, bool(self.options.guidance))
+        seen = observed(self.options.observe, bool(self.options.guidance))
         states = len(self.estimation.space.names)
         task, vehicle = self.system.task, self.system.vehicle
         sizes = observation_sizes(task, vehicle, self.sensors.size, states)
@@ -260,11 +261,6 @@ class Configuration:
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         return self
-
-    @property
-    def sensors(self) -> Sensors:
-        """Sensors of the world."""
-        return self.world.sensors
 
     @property
     def disturbance_name(self) -> str:

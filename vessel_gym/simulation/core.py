@@ -13,7 +13,6 @@ from vessel_gym.checks import checked_action, is_compiled, refuse_not_finite
 from vessel_gym.checks import options as checked_options
 from vessel_gym.simulation.configuration import Configuration, Options
 from vessel_gym.simulation.draws import DRAWN, filter_prior, next_episodes, start_numbers
-from vessel_gym.simulation.mission import estimate_of
 from vessel_gym.simulation.state import State
 from vessel_gym.simulation.whole_step import Moment
 from vessel_gym.system import System
@@ -199,33 +198,11 @@ class Core:
         observation = self.last.observation
         if observation is None:
             now, task = self.now, self.config.system.task
-            with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
-                parts = np.concatenate(self._observed(), -1)
-                observation = np.clip(parts, -task.BOUND, task.BOUND)
+            observation = self.config.mission.observation(now, now.reference)
             if not is_compiled(task):
                 name = f"the observation of {type(task).__name__}"
                 refuse_not_finite(name, observation, now.steps, None, now.belief.mean, now.state)
         return observation.astype(np.float32, "C")
-
-    def _observed(self) -> list[np.ndarray]:
-        """Parts of the observations before clipping."""
-        now, config, task = self.now, self.config, self.config.system.task
-        mission = task.observe_mission(now.scenario, now.steps, now.actuators)
-        if config.observe_mode == "measurement":
-            given = now.y, now.available, now.scenario, now.steps
-            parts = [task.observe_measurements(config.sensors, *given), mission]
-            if config.raw is None:
-                return parts
-            estimate = estimate_of(config.raw.space, now.raw)
-            reference = task.reference(now.scenario, now.steps, estimate.state)
-            return [task.observe(estimate, now.scenario, reference, now.actuators), *parts]
-        std = "std" in config.observe_mode
-        estimate = estimate_of(config.estimation.space, now.belief, std)
-        if config.options.guidance:
-            parts = [task.observe(estimate, now.scenario, now.reference, now.actuators)]
-        else:
-            parts = [task.observe_state(estimate, now.scenario), mission]
-        return [*parts, task.observe_std(estimate)] if std else parts
 
     # --- what is scored ---------------------------------------------------------------------------
 

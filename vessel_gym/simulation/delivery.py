@@ -45,14 +45,10 @@ class Delivery:
         times, keys = np.zeros(shape), np.zeros(shape, np.uint64)
         for i, fault in enumerate(self.sensors.faults):
             drawn = RandomKeys(now.sensing[:, self._sensor_index[i]]).of("fault", i)
-            keys[:, i], share = drawn.keys, drawn.uniforms(2)
-            for j, name in enumerate(("begin", "end")):
-                earliest, latest = fault.times(name)
-                # infinity minus infinity is NaN
-                later = share[:, j] * (latest - earliest) if earliest < latest else 0.0
-                times[:, i, j] = earliest + later
-            if fault.duration is not None:
-                times[:, i, 1] = times[:, i, 0] + fault.duration
+            earliest, latest = fault.begins
+            keys[:, i] = drawn.keys
+            times[:, i, 0] = earliest + drawn.uniforms(1)[:, 0] * (latest - earliest)
+            times[:, i, 1] = times[:, i, 0] + fault.duration
         return times, keys
 
     def __call__(self, now: State) -> None:

@@ -21,12 +21,11 @@ DRAWN = ("task", "vehicle", "parameters", "filter", "field")
 """Streams of random numbers at an episode's start, before those of the world and the sensors."""
 
 
-def seeds_of(seed: Any, num_envs: int, rows: list[int]) -> list[int]:
+def seeds_of(seed: Any, num_envs: int) -> list[int]:
     """Seeds of the environments: s, s + 1, ... for a number s; a random s for None.
 
     Raises:
-        ValueError: for a seed that is not a whole number, a wrong number of seeds, or a negative
-            seed in ``rows``.
+        ValueError: for a seed that is negative or not a whole number, or a wrong number of seeds.
     """
     if seed is None:
         seed = int(np.random.SeedSequence().generate_state(1)[0])
@@ -40,9 +39,9 @@ def seeds_of(seed: Any, num_envs: int, rows: list[int]) -> list[int]:
         raise ValueError(f"seed must be a whole number or a list of them, got {short_repr(seed)}")
     if len(seeds) != num_envs:
         raise ValueError(f"got {len(seeds)} seeds for {num_envs} environments")
-    if not all(is_integer(seeds[row]) and seeds[row] >= 0 for row in rows):
+    if not all(is_integer(each) and each >= 0 for each in seeds):
         raise ValueError(f"seeds must be whole numbers >= 0, got {short_repr(seed)}")
-    return [int(each) if is_integer(each) else 0 for each in seeds]
+    return [*map(int, seeds)]
 
 
 def next_episodes(
@@ -67,7 +66,7 @@ def next_episodes(
     if seed is None and seeds:
         episode[rows] += 1
         return seeds, episode
-    new, episode[rows] = seeds_of(seed, len(episode), rows.tolist()), 0
+    new, episode[rows] = seeds_of(seed, len(episode)), 0
     chosen = {*rows.tolist()}
     return [new[i] if i in chosen else seeds[i] for i in range(len(episode))], episode
 

@@ -20,27 +20,31 @@ class Mission:
         estimation: Filter, and its model with its parts.
         termination: One of `vessel_gym.simulation.configuration.TERMINATIONS`.
         prior_index: Indices of the true state's components that the prior describes.
-        guided: Are estimates with guidance, and nothing else, observed? Then each step gives the
-            observation.
-        measured: Are raw measurements observed? Then the reference is evaluated at the true state.
+        observe: One of `vessel_gym.simulation.configuration.OBSERVE`. If raw measurements are
+            observed, the reference is evaluated at the true state.
+        guidance: Do observations describe the mission relative to what is observed?
+        raw: Estimation from raw measurements, for guidance from them; None without it.
 
     Attributes:
         begin: Stage that starts episodes.
         step: Stage that scores a step.
+        observes: Does each step give the observation? It does for estimates with guidance.
     """
 
     def __init__(
         self, task: Any, estimation: Estimation, termination: str, prior_index: Sequence[int],
-        guided: bool, measured: bool,
+        observe: str, guidance: bool, raw: Estimation | None,
     ) -> None:  # fmt: skip
         self.task, self.space, self.prior_index = task, estimation.space, list(prior_index)
-        self.true_end, self.guided, self.measured = termination == "task", guided, measured
+        self.observe, self.guidance, self.raw = observe, guidance, raw
+        self.true_end, self.measured = termination == "task", observe == "measurement"
+        self.observes = guidance and observe == "mean"
         self.commanding = task.commanding if is_compiled(task) else None
         compiled = is_compiled(task) and is_compiled(self.space.disturbance)
         self.step, self.begin = Stage(self._step, compiled), Stage(self._begin, compiled)
 
     def _step(self, now: State) -> Changes:
-        """Reference, reward, end, score state and, if ``guided``, the observation."""
+        """Reference, reward, end, score state and, if ``observes``, the observation."""
         task, acting = self.task, now.exogenous[..., : self.space.increments_and_flows]
         reference = self._reference(now, self.measured)
         ending = reference
@@ -55,7 +59,7 @@ class Mission:
         return scored | self._seen(now, reference)
 
     def _begin(self, now: State) -> Changes:
-        """Reference at an episode's start and, if ``guided``, the observation."""
+        """Reference at an episode's start and, if ``observes``, the observation."""
         reference = self._reference(now, self.measured)
         start = {"score_state": self.task.initial_score_state(now.state, now.scenario)}
         return start | self.asked(now, now.steps + 1, reference) | self._seen(now, reference)
@@ -84,15 +88,40 @@ class Mission:
         return self.task.reference(now.scenario, now.steps, state)
 
     def _seen(self, now: State, reference: np.ndarray) -> Changes:
-        """The reference and, if ``guided``, the observation of mode ``"mean"``, clipped."""
-        if not self.guided:
-            return {"reference": reference}
+        """The reference and, if ``observes``, the observation."""
+        observed = {"observation": self.observation(now, reference)} if self.observes else {}
+        return {"reference": reference} | observed
+
+    def observation(self, now: State, reference: np.ndarray) -> np.ndarray:
+        """Observations ``(B, k)``, clipped to the task's bound."""
         task = self.task
         with np.errstate(over="ignore", invalid="ignore"):  # diverged estimates are clipped
-            estimate = estimate_of(self.space, now.belief)
-            seen = task.observe(estimate, now.scenario, reference, now.actuators)
-            seen = np.clip(seen, -task.BOUND, task.BOUND)
-        return {"reference": reference, "observation": seen}
+            parts = self._of_measurements(now) if self.measured else self._of_belief(now, reference)
+            return np.clip(np.concatenate(parts, -1), -task.BOUND, task.BOUND)
+
+    def _of_belief(self, now: State, reference: np.ndarray) -> list[np.ndarray]:
+        """Parts of an observation of estimates."""
+        task, std = self.task, self.observe == "mean+std"
+        estimate = estimate_of(self.space, now.belief, std)
+        if self.guidance:
+            parts = [task.observe(estimate, now.scenario, reference, now.actuators)]
+        else:
+            mission = task.observe_mission(now.scenario, now.steps, now.actuators)
+            parts = [task.observe_state(estimate, now.scenario), mission]
+        return [*parts, task.observe_std(estimate)] if std else parts
+
+    def _of_measurements(self, now: State) -> list[np.ndarray]:
+        """Parts of an observation of raw measurements."""
+        task, scenario, steps = self.task, now.scenario, now.steps
+        parts = [
+            task.observe_measurements(self.space.sensors, now.y, now.available, scenario, steps),
+            task.observe_mission(scenario, steps, now.actuators),
+        ]
+        if self.raw is None:
+            return parts
+        estimate = estimate_of(self.raw.space, now.raw)
+        reference = task.reference(scenario, steps, estimate.state)
+        return [task.observe(estimate, scenario, reference, now.actuators), *parts]
 
 
 def estimate_of(space: StateSpace, belief: Any, std: bool = False) -> Estimate:

@@ -180,17 +180,30 @@ def _read_only(value: Any) -> Any:
 
 
 class Stages:
-    """Stages one after the other, of which a user's NumPy lets only some be compiled."""
+    """Stages one after the other, in one program if all of them are compiled.
 
-    compiled = False
+    Args:
+        stages: Stages in their order.
+
+    Attributes:
+        compiled: Are all of them compiled?
+    """
 
     def __init__(self, *stages: Stage) -> None:
-        self.stages = stages
+        self._stages, self.compiled = stages, all(stage.compiled for stage in stages)
+        self._parts = (Stage(self.function, True),) if self.compiled else stages
+
+    def function(self, now: State) -> Changes:
+        """The arrays of all."""
+        changes: Changes = {}
+        for stage in self._stages:
+            changes |= stage.function(now.but(**changes))
+        return changes
 
     def __call__(self, now: State) -> None:
         """Fill in the arrays of all."""
-        for stage in self.stages:
-            stage(now)
+        for part in self._parts:
+            part(now)
 
 
 def arrays_of(now: State) -> dict[str, np.ndarray]:

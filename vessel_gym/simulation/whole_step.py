@@ -163,7 +163,7 @@ class WholeStep:
     @staticmethod
     def serves(world: World, estimation: Estimation, mission: Mission) -> bool:
         """Can these stages be one program? Not with users' NumPy, late or faulty sensors."""
-        compiled = world.step.compiled and mission.step.compiled and mission.guided
+        compiled = world.step.compiled and mission.step.compiled and mission.observes
         in_time = not world.sensors.horizon and not world.sensors.faults
         plain = compiled and in_time and not estimation.tells_truth
         return plain and estimation.filter.joins_steps()

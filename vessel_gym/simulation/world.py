@@ -38,24 +38,9 @@ class World:
         self.start_roots = [process.start_root for process in processes]
         self.root = block_diagonal(disturbance.white, disturbance.process.root, sensors.bias.root)
         moves = is_compiled(vehicle) and is_compiled(disturbance)
-        senses = sensors.reads_compiled
-        if moves and senses:
-            self.step: Any = Stage(self._step, True)
-            self.begin: Any = Stage(self._begin, True)
-        else:
-            sense = Stage(self._sense, senses)
-            self.step = Stages(Stage(self._move, moves), sense)
-            self.begin = Stages(Stage(self._place, moves), sense)
-
-    def _step(self, now: State) -> Changes:
-        """The truth a step later, and what sensors measure of it."""
-        moved = self._move(now)
-        return moved | self._sense(now.but(**moved))
-
-    def _begin(self, now: State) -> Changes:
-        """The truth at an episode's start, and what sensors measure of it."""
-        placed = self._place(now)
-        return placed | self._sense(now.but(**placed))
+        sense = Stage(self._sense, sensors.reads_compiled)
+        self.step = Stages(Stage(self._move, moves), sense)
+        self.begin = Stages(Stage(self._place, moves), sense)
 
     def _move(self, now: State) -> Changes:
         """The truth a step later."""

@@ -96,7 +96,7 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         checks.function("observation", observation, "the state")
         self._state = state or observed_state
         if prior is None and isinstance(model, Model):
-            prior = self._sampled_prior(model)
+            prior = _sampled_prior(env, self._state, model)
         of_row = None if observation is None else partial(_of_row, observation)
         self.watch = Watch(
             env.observation_space, env.action_space, 1, time_step(env), model, prior, of_row,
@@ -128,18 +128,6 @@ class EstimatedObservation(gym.Wrapper, RecordConstructorArgs):
         own: Callable[..., Any] = self.env.get_wrapper_attr("compute_reward")
         return own
 
-    def _sampled_prior(self, model: Model) -> Gaussian:
-        """Prior of the model's states from copies of the environment."""
-        prior = _sampled_prior(self.env, self._state, model.state_angles)
-        if len(prior.mean) != model.n:
-            given = "the observation has" if self._state is observed_state else "state= gives"
-            raise ValueError(
-                f"the model has {model.n} states, and {given} {len(prior.mean)} numbers: give"
-                " state=, a function of (env, observation) that returns the states of the"
-                " model, in its order"
-            )
-        return prior
-
     def _observed(self, seen: Any) -> Any:
         if isinstance(seen, dict):  # values of any kind may pass
             observed = self.watch.observe({key: [value] for key, value in seen.items()})
@@ -166,15 +154,13 @@ def _of_row(observation: Callable[[np.ndarray], Any], x: np.ndarray) -> Any:
     return observation(x[0])
 
 
-def _sampled_prior(
-    env: gym.Env, state: Callable[[gym.Env, Any], Any], angles: tuple[int, ...]
-) -> Gaussian:
-    """Mean and covariance of the initial states of a copy of an environment.
+def _sampled_prior(env: gym.Env, state: Callable[[gym.Env, Any], Any], model: Model) -> Gaussian:
+    """Mean and covariance of a model's states at the starts of a copy of an environment.
 
     The mean of an angle is the direction of the mean of unit vectors.
 
     Raises:
-        ValueError: if the environment cannot be copied.
+        ValueError: if the environment cannot be copied, or has another number of states.
     """
     try:
         spec: Any = deepcopy(env.spec)
@@ -187,6 +173,12 @@ def _sampled_prior(
         ) from error
     x = np.array([state(copy, copy.reset(seed=seed)[0]) for seed in range(_STARTS)], float)
     copy.close()
-    mean, turning = x.mean(0), list(angles)
+    if x.shape[1:] != (model.n,):
+        raise ValueError(
+            f"the model has {model.n} states, and the environment shows {x.shape[1:]}: give state=,"
+            " a function of (env, observation) that returns the states of the model, in its order"
+        )
+    mean, turning = x.mean(0), list(model.state_angles)
     mean[turning] = np.arctan2(np.sin(x[:, turning]).mean(0), np.cos(x[:, turning]).mean(0))
-    return Gaussian(mean, np.atleast_2d(np.cov(difference(x, mean, angles).T)))
+    cov = np.cov(difference(x, mean, model.state_angles).T)
+    return Gaussian(mean, np.atleast_2d(cov))

@@ -30,13 +30,13 @@ from estimators import (
     factory,
     wrap,
 )
-from estimators.checks import numbers, short_repr
+from estimators.checks import as_number, numbers, short_repr
 from estimators.randomness import word
 from vessel_gym import checks
 from vessel_gym.models.estimation import LATE, Estimation, EstimatorChoice, is_own, own_filter
 from vessel_gym.models.reference_filters import DeadReckoning, Oracle
 from vessel_gym.sensor_faults import SensorFault
-from vessel_gym.sensors import SUITES, Sensor, Sensors
+from vessel_gym.sensors import SUITES, Sensor, Sensors, in_quality
 from vessel_gym.simulation.configuration import OBSERVE
 from vessel_gym.simulation.delivery import Delivery
 from vessel_gym.simulation.draws import next_episodes
@@ -88,7 +88,7 @@ class Watch:
         self.sensors = _sensors(model, sensors, u.size, sensor_faults, dt)
         options = checks.options("estimator_options", estimator_options)
         late = checks.one_of("value of late", options.pop("late", LATE[0]), LATE)
-        R = self.sensors.noise(partial(_expected, self.sensors), prior.mean, u.ravel())
+        R = self.sensors.noise(model.measurement, prior.mean, u.ravel())
         self.filter = _filter(replace(cast(Any, model), R=R), estimator, options)
         horizon = self.sensors.horizon
         estimation = Estimation(self.filter, cast(Any, None), (), late, horizon)
@@ -258,8 +258,8 @@ def time_step(env: Any) -> float:
     if makers := getattr(base, "env_fns", ()):  # environments in other processes
         with closing(makers[0]()) as one:
             return time_step(one)
-    dt = getattr(base, "dt", None)
-    return float(dt) if isinstance(dt, int | float | np.floating) and 0.0 < dt < np.inf else 1.0
+    dt = as_number(getattr(base, "dt", 1.0))
+    return dt if 0.0 < dt < np.inf else 1.0
 
 
 def observed_state(env: Any, seen: Any) -> Any:
@@ -317,7 +317,7 @@ def _sensors(
     """
     states = tuple(f"x{i}" for i in range(model.n))
     if isinstance(sensors, str):
-        suite = SUITES[checks.one_of("sensor suite", sensors, SUITES)]
+        quality = SUITES[checks.one_of("sensor suite", sensors, SUITES)]
         R: Any = model.R
         if callable(R) or R.ndim > 2 or np.any(np.diag(np.diagonal(R)) != R):
             raise ValueError(
@@ -327,19 +327,13 @@ def _sensors(
         sd = np.sqrt(np.diagonal(R)).tolist()
         reads = [partial(_channel, model, i) for i in range(len(sd))]
         own = [Sensor(f"y{i}", (f"y{i}",), reads[i], (sd[i],)) for i in range(len(sd))]
-        sensors = suite.of(own)
+        sensors = in_quality(own, **quality)
     made = Sensors(sensors, states, tuple(f"u{i}" for i in range(inputs)), dt, faults)
     if made.bias.size:
         raise ValueError("sensors here have no bias: make it a state of the model")
     if made.size != model.p:
         raise ValueError(f"the sensors have {made.size} channels, the model reads {model.p}")
     return made
-
-
-def _expected(sensors: Sensors, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-    """Measurements without noise ``(..., p)`` in states ``(..., n)``."""
-    assert u is not None
-    return sensors.exact(x, np.broadcast_to(u, x.shape[:-1] + u.shape[-1:]))
 
 
 def _channel(model: Model, i: int, state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
@@ -350,8 +344,9 @@ def _filter(model: Model, estimator: EstimatorChoice, options: dict[str, Any]) -
     """A filter of the package or the user's own, the oracle or dead reckoning."""
     if is_own(estimator):
         return own_filter(estimator, options, model)
-    makers: dict[str, Callable[..., Filter]] = {
-        **{name: partial(factory.make, name, model) for name in factory.names()},
-        "truth": partial(Oracle, model.n, 0), "dead-reckoning": partial(DeadReckoning, model),
-    }  # fmt: skip
-    return makers[checks.one_of("estimator", estimator, makers)](**options)
+    name = checks.one_of("estimator", estimator, (*factory.names(), "truth", "dead-reckoning"))
+    if name == "truth":
+        return Oracle(model.n, 0, **options)
+    if name == "dead-reckoning":
+        return DeadReckoning(model, **options)
+    return factory.make(name, model, **options)

@@ -133,7 +133,7 @@ SegorogeniAUV-v0 = {}
 SigmaCorvette-v0 = {}
 [conditions]
 late = { sensors = "degraded", latency = { "acoustic position" = 1.0, receiver = 2.0 } }
-spoofed = { faults = [{ sensor = "receiver", kind = "drift", size = [0.5, -0.2], begin = [20.0, 40.0], end = inf }] }
+spoofed = { faults = [{ sensor = "receiver", kind = "drift", size = [0.5, -0.2], begin = [20, 40], duration = inf }] }
 slow = { sensors = { receiver = "SBAS at 0.5 Hz", "rate gyro" = "consumer MEMS" } }
 """
     late, spoofed, slow = read(tmp_path, text).conditions
@@ -173,7 +173,7 @@ i = { sensors = { gyroscope = 3 } }
             " which is no whole number"
         ),
         6: "latency must be a table of seconds by sensor, got 1.0",
-        7: "faults must be tables of sensor, kind and perhaps size, begin, end, duration, got",
+        7: "faults must be tables of sensor, kind and perhaps size, begin, duration, got",
         8: "gyroscope has 3 channels, so size of the fault 'bias' of gyroscope must be one number or 3",
         9: "faults must be a list of tables",
         10: "unknown grade of gyroscope 'consumer MEMZ' (did you mean 'consumer MEMS'?)",
@@ -256,7 +256,7 @@ ONE = "[environments]\nSigmaCorvette-v0 = {}\n"
         ('[agents]\nx = { kind = "math:pi" }', "'math:pi' makes no agent: it cannot be called"),
         ("[agents]\nx = { kind = 3 }", "kind must be a name, got 3"),
         ('[agents]\nPPO = { kind = "ppo", trained_on = [] }', "trained_on must be a list of names, one or more"),
-        ('[conditions]\nx = { sensors = "math:pi" }', "sensors must be one of clean, nominal, degraded, budget, "),
+        ('[conditions]\nx = { sensors = "math:pi" }', "sensors must be the name of a suite, or Sensor"),
         ('[tune]\nconditions = ["each", "nominal"]', 'conditions must be names of conditions, or ["each"] alone'),
         ('[conditions]\nx = { disturbance = "math:pi" }', "disturbance must be one of calm, moderate, rough, or a"),
     ],

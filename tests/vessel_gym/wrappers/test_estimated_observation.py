@@ -17,7 +17,7 @@ from gymnasium.utils.env_checker import check_env
 from refusals import refused
 
 from estimators import Filter, Gaussian, LinearModel, NonlinearModel
-from vessel_gym.sensors import SUITES, Sensor, SensorSuite
+from vessel_gym.sensors import SUITES, Sensor
 from vessel_gym.wrappers import EstimatedObservation
 from vessel_gym.wrappers.watch import plain_action
 
@@ -61,7 +61,7 @@ EXACT = ("cart_pole", "pendulum", "mountain_car", "inverted_pendulum")
 @pytest.mark.parametrize("env_id", EXACT)
 @pytest.mark.parametrize("estimator", ["ekf", "ukf", "etkf"])
 def test_without_noise_estimate_is_state_within_20_steps(env_id: str, estimator: str, monkeypatch):
-    monkeypatch.setitem(SUITES, "perfect", SensorSuite(noise=1e-6, lossless=True))
+    monkeypatch.setitem(SUITES, "perfect", {"noise": 1e-6, "lossless": True})
     env = built(env_id, estimator=estimator, sensors="perfect")
     env.action_space.seed(0)
     _, info = env.reset(seed=0)

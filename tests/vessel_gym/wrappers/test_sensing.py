@@ -39,7 +39,7 @@ def test_measurements_that_come_late_are_fused_where_they_belong(estimator: str)
 
 
 def test_faults_of_sensors_act_and_stand_in_info():
-    fault = SensorFault("y1", "bias", size=0.5, begin=5.0, end=9.0)
+    fault = SensorFault("y1", "bias", size=0.5, begin=5.0, duration=4.0)
     flights = [flown(cart_pole(sensor_faults=faults), steps=12) for faults in ((), [fault])]
     for k, (one, other) in enumerate(zip(*flights, strict=True)):
         on = 5 <= k < 9
