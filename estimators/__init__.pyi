@@ -31,7 +31,6 @@ from estimators.filter import Model as Model
 from estimators.filter import Rng as Rng
 from estimators.input_observability import InputConditions as InputConditions
 from estimators.input_observability import input_conditions as input_conditions
-from estimators.iterated import IteratedExtendedKalmanFilter as IteratedExtendedKalmanFilter
 from estimators.kalman import ExtendedKalmanFilter as ExtendedKalmanFilter
 from estimators.kalman import KalmanFilter as KalmanFilter
 from estimators.metrics import chi_square_band as chi_square_band

@@ -13,7 +13,6 @@ from estimators.filter import Filter, Model
 _FILTERS = {
     "kf": "KalmanFilter",
     "ekf": "ExtendedKalmanFilter",
-    "iekf": "IteratedExtendedKalmanFilter",
     "steady-kf": "SteadyKalmanFilter",
     "kf-umv-ui": "UMVFilter",
     "kf-umv-ui-wdf": "DelayedUMVFilter",

@@ -62,7 +62,7 @@ def smooth(series: Series[Record], lag: int | None = None) -> Record:
     if not getattr(filter, "reversible", False):
         raise TypeError(
             f"{getattr(filter, 'name', filter)} has no smoother: smooth a series of kf, ekf, ukf,"
-            " iekf, robust-kf, kf-umv-ui, kf-umv-ui-wdf, ekf-ui-wdf, ukf-umv or of members"
+            " robust-kf, kf-umv-ui, kf-umv-ui-wdf, ekf-ui-wdf, ukf-umv or of members"
         )
     z, P = with_input(updated)
     D, J, left = _gains(filter, updated[:-1], predicted[1:], P[:-1])

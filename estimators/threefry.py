@@ -23,8 +23,8 @@ from estimators.engine import (
 
 _PARITY = 0x1BD11BDAA9FC1A22
 _ROTATIONS = (16, 42, 12, 31), (16, 32, 24, 21)
-_MANTISSA, _SQRT_HALF = 2**52 - 1, 0x3FE6A09E667F3BCD
-"""Bits of a double's mantissa, and all bits of sqrt(1/2)."""
+_MANTISSA, _SQRT_HALF, _TWO_TO_52 = 2**52 - 1, 0x3FE6A09E667F3BCD, 0x4330000000000000
+"""Bits of a double's mantissa, and all bits of sqrt(1/2) and 2^52."""
 
 
 def _mix(x: np.ndarray, y: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarray]:
@@ -57,19 +57,23 @@ def uniform(word: np.ndarray) -> np.ndarray:
     return as_float(word >> 11) * 2.0**-53
 
 
+def _float(m: np.ndarray) -> np.ndarray:
+    """Whole numbers below 2^52 as floats, for processors that convert words one by one."""
+    return bits_float(m | _TWO_TO_52) - 2.0**52
+
+
 def _log_unit(m: np.ndarray) -> np.ndarray:
     """``ln((m + 0.5) / 2^32)`` of whole numbers below 2^32."""
-    bits = float_bits(as_float(m) + 0.5) + (
-        2**62 - _SQRT_HALF
-    )  # the mantissa then lies within sqrt(2) of 1
+    bits = float_bits(_float(m) + 0.5) + (2**62 - _SQRT_HALF)
+    # within sqrt(2) of 1 by its mantissa
     f = bits_float((bits & _MANTISSA) + _SQRT_HALF) - 1.0
-    return log_scaled(f, as_float(bits >> 52) - 1056.0)
+    return log_scaled(f, _float(bits >> 52) - 1056.0)
 
 
 def _sincos_of_turn(m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Sine and cosine of ``(m + 0.5) / 2^32`` turns."""
     quarter = (m + 0x20000000) >> 30
-    angle = (as_float(m) - as_float(quarter << 30) + 0.5) * 1.4629180792671596e-09  # 2 pi / 2^32
+    angle = (_float(m) - _float(quarter << 30) + 0.5) * 1.4629180792671596e-09  # 2 pi / 2^32
     sine, cosine = sincos_near_zero(angle)
     odd = (quarter & 1) == 1
     s, c = np.where(odd, cosine, sine), np.where(odd, sine, cosine)

@@ -121,9 +121,7 @@ HEADING_SHIP = System(
     disturbances=SEAS,
     estimator="kf-umv-ui",
     filter_model="corrected",
-    filter_models=dict.fromkeys(
-        ("ekf", "iekf", "ukf", "enkf", "enkf-sr", "etkf", "pf"), "nonlinear"
-    ),
+    filter_models=dict.fromkeys(("ekf", "ukf", "enkf", "enkf-sr", "etkf", "pf"), "nonlinear"),
     tuning=tuning,
 )
 register_environment(HEADING_SHIP)

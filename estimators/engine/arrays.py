@@ -1,6 +1,6 @@
 """Arrays of tracers, which NumPy stacks, indexes and broadcasts like any objects."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -27,15 +27,43 @@ class TracedArray(np.ndarray):
     @staticmethod
     def of(value: Any) -> "TracedArray":
         """A scalar, list or array as a traced array."""
-        array = np.empty((), object)
-        if isinstance(value, Tracer):
-            array[()] = value
-        else:
-            array = np.asarray(value, object)
+        # NumPy takes five times as long to find the array of a tracer.
+        array = value.__array__() if isinstance(value, Tracer) else np.asarray(value, object)
         return array.view(TracedArray)
 
     def __array_ufunc__(self, ufunc: Any, method: str, *operands: Any, **others: Any) -> Any:
-        return _apply(ufunc, method, operands, others)
+        """One of NumPy's functions entry by entry, or its reduction."""
+        name, (out,) = ufunc.__name__, others.pop("out", (None,))
+        if others.pop("dtype", None) not in (None, float) or others.keys() - {"axis", "keepdims"}:
+            raise NotTraceable(f"a traced function cannot have np.{name} with such options in it")
+        if name in ("matmul", "vecdot", "matvec", "vecmat") and method == "__call__":
+            found = ufunc(*(np.asarray(_plain(each), object) for each in operands), **others)
+        elif name not in SCALAR_FUNCTIONS or method not in ("__call__", "reduce", "accumulate"):
+            raise NotTraceable(f"a traced function cannot have np.{name} in it, so used")
+        elif method == "__call__":
+            found = each_entry(SCALAR_FUNCTIONS[name], *operands)
+        else:
+            array = _plain(operands[0])
+            if np.ndim(array) == 0:
+                raise NotTraceable(
+                    f"np.{name} of a number a row is over the batch: give it an axis of the row"
+                )
+            if ufunc is np.add:  # a sum of masks counts them
+                array = each_entry(
+                    lambda x: cast(x, "i") if getattr(x, "kind", "") == "b" else x, array
+                ).view(np.ndarray)
+            # with an identity, so that several axes can be reduced
+            each = np.frompyfunc(SCALAR_FUNCTIONS[name], 2, 1, identity=ufunc.identity)
+            found = getattr(each, method)(array, *operands[1:], **others)
+        if out is not None:
+            if not isinstance(out, TracedArray):
+                raise NotTraceable(
+                    "a traced function cannot write into a fresh array of floats: use np.stack or"
+                    " np.where"
+                )
+            out[...] = found
+            return out
+        return _wrapped(found)
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
         if (own := FUNCTIONS.get(function)) is not None:
@@ -70,14 +98,6 @@ class TracedArray(np.ndarray):
         total = self.sum(axis, **others)
         return total / (self.size / np.size(total))
 
-    def clip(  # type: ignore[override]
-        self, low: Any = None, high: Any = None, *, min: Any = None, max: Any = None
-    ) -> Any:
-        """The entries clipped to bounds."""
-        low, high = low if min is None else min, high if max is None else max
-        x = self if low is None else np.maximum(self, low)
-        return x if high is None else np.minimum(x, high)
-
 
 Tracer.array = TracedArray
 
@@ -103,7 +123,7 @@ def _wrapped(value: Any) -> Any:
 def each_entry(function: Callable[..., Any], *operands: Any) -> Any:
     """A function of scalars, applied to each entry."""
     found = np.frompyfunc(function, len(operands), 1)(*map(_plain, operands))
-    return found if isinstance(found, Tracer) else TracedArray.of(found)
+    return _wrapped(found)
 
 
 SCALAR_FUNCTIONS: dict[str, Callable[..., Any]] = {
@@ -111,6 +131,7 @@ SCALAR_FUNCTIONS: dict[str, Callable[..., Any]] = {
     "where": where,
     "positive": lambda x: x,
     "square": lambda x: power(x, 2),
+    "clip": lambda x, low, high: operation("minimum", operation("maximum", x, low), high),
     "power": power,
     "sign": lambda x: where(x > 0.0, 1.0, where(x < 0.0, -1.0, x + 0.0)),
     **dict.fromkeys(("deg2rad", "radians"), lambda x: x * (np.pi / 180.0)),
@@ -120,41 +141,6 @@ SCALAR_FUNCTIONS: dict[str, Callable[..., Any]] = {
     "logical_not": lambda x: operation("invert", cast(x, "b")),
 }
 """NumPy's functions entry by entry, of scalars, by their names."""
-
-
-def _apply(ufunc: Any, method: str, operands: Sequence[Any], others: dict[str, Any]) -> Any:
-    """One of NumPy's functions entry by entry, or its reduction."""
-    name, (out,) = ufunc.__name__, others.pop("out", (None,))
-    if others.pop("dtype", None) not in (None, float) or others.keys() - {"axis", "keepdims"}:
-        raise NotTraceable(f"a traced function cannot have np.{name} with such options in it")
-    if name in ("matmul", "vecdot", "matvec", "vecmat") and method == "__call__":
-        found = ufunc(*(np.asarray(_plain(each), object) for each in operands), **others)
-    elif name not in SCALAR_FUNCTIONS or method not in ("__call__", "reduce", "accumulate"):
-        raise NotTraceable(f"a traced function cannot have np.{name} in it, so used")
-    elif method == "__call__":
-        found = each_entry(SCALAR_FUNCTIONS[name], *operands)
-    else:
-        array = _plain(operands[0])
-        if np.ndim(array) == 0:
-            raise NotTraceable(
-                f"np.{name} of a number a row is over the batch: give it an axis of the row"
-            )
-        if ufunc is np.add:  # a sum of masks counts them
-            array = each_entry(
-                lambda x: cast(x, "i") if getattr(x, "kind", "") == "b" else x, array
-            ).view(np.ndarray)
-        # with an identity, so that several axes can be reduced
-        each = np.frompyfunc(SCALAR_FUNCTIONS[name], 2, 1, identity=ufunc.identity)
-        found = getattr(each, method)(array, *operands[1:], **others)
-    if out is not None:
-        if not isinstance(out, TracedArray):
-            raise NotTraceable(
-                "a traced function cannot write into a fresh array of floats: use np.stack or"
-                " np.where"
-            )
-        out[...] = found
-        return out
-    return found if isinstance(found, Tracer) else _wrapped(found)
 
 
 def _interpolated(x: Any, xp: Any, fp: Any) -> Any:
@@ -200,7 +186,7 @@ def _full(a: Any, value: Any, *_: Any, **__: Any) -> TracedArray:
 
 
 def _reduction(ufunc: Any) -> Callable[..., Any]:
-    return lambda a, axis=None, **others: _apply(ufunc, "reduce", (a,), {"axis": axis} | others)
+    return lambda a, axis=None, **others: ufunc.reduce(a, axis=axis, **others)
 
 
 FUNCTIONS: dict[Any, Callable[..., Any]] = {
@@ -210,7 +196,7 @@ FUNCTIONS: dict[Any, Callable[..., Any]] = {
     **dict.fromkeys((np.zeros_like, np.empty_like), lambda a, *_, **__: _full(a, 0.0)),
     np.ones_like: lambda a, *_, **__: _full(a, 1.0),
     np.full_like: _full,
-    np.round: lambda x: np.rint(x),
+    np.round: np.rint,
     np.interp: _interpolated,
 }
 for _name, _ufunc in {
@@ -233,4 +219,4 @@ def entries(value: Any, program: Program) -> list[Tracer]:
     """The scalars of a traced result in order, constants among them."""
     if isinstance(value, Tracer):
         return [value]
-    return [*map(partial(constant, program), np.asarray(value, object).reshape(-1))]
+    return [*map(partial(constant, program), np.asarray(value, object).flat)]

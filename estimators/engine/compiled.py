@@ -1,14 +1,12 @@
 """Functions of arrays ``(..., n)`` that run compiled, traced at the first call with each shape."""
 
-import math
 from collections.abc import Callable, Sequence
 from functools import partial, update_wrapper
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
 
-from estimators.engine.arrays import TracedArray, entries
+from estimators.engine.arrays import TracedArray, each_entry, entries
 from estimators.engine.function import Argument, Function
 from estimators.engine.matching import in_memory
 from estimators.engine.matrices import TracedMatrix, is_small, is_traced, stored, view
@@ -19,7 +17,6 @@ from estimators.engine.tracer import Tracer, cast
 def trace(
     function: Callable[..., Any],
     rows: Sequence[Argument | None],
-    matrices: bool | Sequence[bool] = False,
     sealed: bool = False,
     own: int = 0,
 ) -> Function:
@@ -27,43 +24,33 @@ def trace(
 
     Args:
         function: Pure; it gets tracers of a row of each argument.
-        rows: Shape and kind of a row of each argument; None for an argument that is None.
-        matrices: Are operations of large vectors and matrices loops (`TracedMatrix`), not
-            unrolled? One answer, or one for each row.
+        rows: A row of each argument; None for an argument that is None.
         sealed: See `Function`.
         own: See `Function`.
 
     Raises:
         NotTraceable: if the function uses an operation that cannot be traced.
     """
-    program, given = Program(), list[Any]()
-    whole = [matrices] * len(rows) if isinstance(matrices, bool) else matrices
-    for i, (row, as_matrix) in enumerate(zip(rows, whole, strict=True)):
-        inputs = matrix_inputs if as_matrix and row and row.kind in "fb" else scalar_inputs
-        given.append(None if row is None else inputs(program, i, *row))
+    program = Program()
+    given = [None if row is None else _input(program, i, row) for i, row in enumerate(rows)]
     results = function(*given)
     names = tuple(results) if isinstance(results, dict) else ()
     several = isinstance(results, tuple | list | dict)
-    listed = [*results.values()] if names else results if several else [results]
-    outputs = [*map(partial(_output, program), listed)]
+    listed = results.values() if names else results if several else [results]
+    outputs = [_output(program, each) for each in listed]
     return Function(program, rows, outputs, several, names, sealed, own)
 
 
-def scalar_inputs(program: Program, argument: int, shape: tuple[int, ...], kind: str) -> Any:
-    """Tracers of the entries of an argument."""
-    scalars = np.empty(math.prod(shape), object)
-    for column in range(scalars.size):
-        value = program.add("input", (), kind, None, (argument, column))
-        scalars[column] = Tracer(program, value)
-    return scalars.reshape(shape).view(TracedArray)
+def _input(program: Program, argument: int, row: Argument) -> Any:
+    """An argument as a vector or matrix, or as the tracers of its entries."""
+    if row.whole and row.shape and row.kind in "fb":
+        value = program.add("input_matrix", (), "f", row.size, (argument,))
+        return stored(program, value, row.shape, row.kind)
 
+    def entry(column: int) -> Tracer:
+        return Tracer(program, program.add("input", (), row.kind, None, (argument, column)))
 
-def matrix_inputs(program: Program, argument: int, shape: tuple[int, ...], kind: str) -> Any:
-    """An argument as a vector, matrix or number."""
-    if not shape:
-        return scalar_inputs(program, argument, shape, kind)[()]
-    value = program.add("input_matrix", (), "f", math.prod(shape), (argument,))
-    return stored(program, value, shape, kind)
+    return each_entry(entry, np.arange(row.size).reshape(row.shape))
 
 
 class SideBySide(list[Any]):
@@ -76,20 +63,14 @@ def _output(program: Program, result: Any) -> tuple[list[Any], Argument]:
         parts = [_output(program, each) for each in result]
         size = sum(argument.size for _, argument in parts)
         return [each for part, _ in parts for each in part], Argument((size,))
-    if not isinstance(result, Tracer):
-        result = TracedArray.of(result) if not isinstance(result, TracedMatrix) else result
-    if isinstance(result, TracedMatrix) and not is_small(result):
-        return [view(program, result)], Argument(result.shape, _kind(entries(result, program)))
+    result = result if is_traced(result) else TracedArray.of(result)
     scalars = entries(result, program)
-    kind = _kind(scalars)
-    values = [*map(attrgetter("value"), map(partial(cast, kind=kind), scalars))]
-    return values, Argument(result.shape, kind)
-
-
-def _kind(scalars: Sequence[Tracer]) -> str:
-    """The kind of an array of numbers."""
-    kinds = {*map(attrgetter("kind"), scalars)}
-    return kinds.pop() if len(kinds) == 1 else "f"
+    kinds = {x.kind for x in scalars}
+    kind = kinds.pop() if len(kinds) == 1 else "f"
+    row = Argument(result.shape, kind)
+    if isinstance(result, TracedMatrix) and not is_small(result):
+        return [view(program, result)], row
+    return [cast(x, kind).value for x in scalars], row
 
 
 class Compiled:
@@ -98,6 +79,7 @@ class Compiled:
     Args:
         function: As for `compiled`; it may also return a dictionary, whose values a call returns.
         axes: As for `compiled`.
+        matrices: As for `compiled`.
         options: Options of `trace`.
 
     Attributes:
@@ -106,10 +88,14 @@ class Compiled:
     """
 
     def __init__(
-        self, function: Callable[..., Any], axes: Sequence[int] | None = None, **options: Any
+        self,
+        function: Callable[..., Any],
+        axes: Sequence[int] | None = None,
+        matrices: bool = False,
+        **options: Any,
     ) -> None:
         update_wrapper(self, function)
-        self.function, self._axes, self._options = function, axes, options
+        self.function, self._rows, self._options = function, (axes, matrices), options
         self._traced: dict[Any, Function] = {}
         self._last: Any = None, None  # constants of the last call, and what it called
         self.names: tuple[str, ...] = ()
@@ -125,7 +111,7 @@ class Compiled:
         own, bound = vars(instance), self.function.__get__(instance)
         place = f"{self.function.__module__}.{self.function.__qualname__}"
         if place not in own or own[place].function != bound:  # a copy has those of its original
-            own[place] = Compiled(bound, self._axes, **self._options)
+            own[place] = Compiled(bound, *self._rows, **self._options)
         return own[place]
 
     def __call__(self, *arrays: Any, **static: Any) -> Any:
@@ -137,11 +123,11 @@ class Compiled:
         """Results for arguments unlike those of the last call."""
         if any(map(is_traced, arrays)):
             return self.function(*arrays, **static)
-        axes = self._axes or (1,) * len(arrays)
+        axes, matrices = self._rows
         held = [None if each is None else in_memory(each) for each in arrays]
         rows = [
-            None if a is None else Argument(a.shape[a.ndim - k :], a.dtype.kind)
-            for a, k in zip(held, axes, strict=True)
+            None if a is None else Argument(a.shape[a.ndim - k :], a.dtype.kind, matrices)
+            for a, k in zip(held, axes or (1,) * len(held), strict=True)
         ]
         key = *rows, *static.items()
         if key not in self._traced:
@@ -156,7 +142,7 @@ class Compiled:
         if (instance := self.__self__) is not None:
             return getattr, (instance, self.function.__name__)
         name = getattr(self.function, "__qualname__", "<locals>")
-        made = partial(Compiled, **self._options), (self.function, self._axes)
+        made = partial(Compiled, **self._options), (self.function, *self._rows)
         return made if "<locals>" in name else name
 
 
@@ -184,4 +170,4 @@ def compiled(
         return function
     if function is None:
         return partial(compiled, axes=axes, matrices=matrices)
-    return Compiled(function, axes, matrices=matrices)
+    return Compiled(function, axes, matrices)

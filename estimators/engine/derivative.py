@@ -1,10 +1,14 @@
 """Exact derivatives of traced functions in forward mode: a tangent beside each value.
 
-Tangents are sparse: entries that are zero everywhere are left out. Loops that are not unrolled
-have no derivative. At a kink, such as `numpy.abs` at 0 or `numpy.maximum` of equal numbers, the
-derivative is that of the branch taken. Derivatives of whole numbers, rounding and lookups are zero.
+Tangents are sparse: entries that are zero everywhere are left out. A value on which much depends,
+such as an intermediate state of an integration, is the seed of tangents of its own, which the chain
+rule joins to those of the inputs in the end (Griewank & Walther 2008, Evaluating Derivatives, ch.
+9). Loops that are not unrolled have no derivative. At a kink, such as `numpy.abs` at 0 or
+`numpy.maximum` of equal numbers, the derivative is that of the branch taken. Derivatives of whole
+numbers, rounding and lookups are zero.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from operator import attrgetter
 from typing import Any
@@ -51,6 +55,8 @@ _PARTIALS: dict[str, Callable[..., tuple[Any, ...]]] = {
 
 Tangent = dict[int, Any]
 """Derivatives by some of the seeds, by their index; the others are zero."""
+_DENSE, _OFTEN = 2, 3
+"""Values with more derivatives and uses than these are seeds."""
 
 
 def jacobian(outputs: Any, inputs: Any) -> Any:
@@ -64,14 +70,31 @@ def jacobian(outputs: Any, inputs: Any) -> Any:
     found, tangents = entries(values, program), dict[int, Tangent]()
     for i, seed in enumerate(seeds.flat):
         tangents[seed.value] = {i: 1.0}
-    for each in program.live([*map(attrgetter("value"), found)]):
+    live = program.live([*map(attrgetter("value"), found)])
+    uses = Counter(value for each in live for value in each.operands)
+    inner = dict[int, Tangent]()
+    for each in live:
         if each.result not in tangents and any(map(tangents.get, each.values)):
-            tangents[each.result] = _tangent(program, each, tangents)
+            tangent = _tangent(program, each, tangents)
+            if len(tangent) > _DENSE and uses[each.result] > _OFTEN:
+                seed = seeds.size + len(inner)
+                inner[seed], tangent = tangent, {seed: 1.0}
+            tangents[each.result] = tangent
     slopes = np.zeros((len(found), seeds.size)).astype(object)
     for row, output in zip(slopes, found, strict=True):
-        for i, slope in tangents.get(output.value, {}).items():
+        for i, slope in _chained(tangents.get(output.value, {}), inner).items():
             row[i] = slope
     return slopes.reshape(values.shape + seeds.shape).view(TracedArray)
+
+
+def _chained(tangent: Tangent, inner: dict[int, Tangent]) -> Tangent:
+    """A tangent by the inputs, from one by inputs and the inner seeds, by their tangents."""
+    total = dict(tangent)
+    for seed in reversed(inner):  # each depends on earlier ones
+        if (factor := total.pop(seed, None)) is not None:
+            for earlier, slope in inner[seed].items():
+                total[earlier] = _sum(total.get(earlier), factor, slope)
+    return total
 
 
 def _tangent(program: Program, instruction: Instruction, tangents: dict[int, Tangent]) -> Tangent:

@@ -86,6 +86,14 @@ class Module:
         ])  # fmt: skip
         return name
 
+    def intrinsic(self, opcode: str, width: int) -> str:
+        """Declare one of LLVM's own functions and return its name."""
+        T, lanes = type_of("f", width), "" if width == 1 else f"v{width}"
+        name = f"@llvm.{_INTRINSICS[opcode]}.{lanes}f64"
+        types = f"{T}, {T}" if opcode == "copysign" else T
+        self.declared[f"declare {T} {name}({types})"] = None
+        return name
+
     def text(self, function: str) -> str:
         """The module with a function beside its own."""
         return "\n".join(
@@ -118,11 +126,11 @@ class Lanes(Program):
             pair, function = f"{{{T}, {T}}}", self.emitter.module.elementary("sincos", self.width)
             both = self.emitter.line(f"call {pair} {function}({T} {names[0]})")
             text = f"extractvalue {pair} {both}, {opcode == 'cos':d}"
-        elif opcode in EXPANSIONS:
-            function = self.emitter.module.elementary(opcode, self.width)
-            text = f"call {T} {function}({', '.join(f'{T} {each}' for each in names)})"
-        elif opcode in _INTRINSICS:
-            text = self.emitter.call(_INTRINSICS[opcode], kinds, self.width, *names)
+        elif opcode in EXPANSIONS or opcode in _INTRINSICS:
+            module = self.emitter.module
+            add = module.elementary if opcode in EXPANSIONS else module.intrinsic
+            given = ", ".join(f"{T} {each}" for each in names)
+            text = f"call {T} {add(opcode, self.width)}({given})"
         elif opcode in _OPERATIONS:
             text = f"{_OPERATIONS[opcode]['fiub'.index(kinds[0])]} {T} {', '.join(names)}"
         elif opcode == "where":
@@ -188,16 +196,6 @@ class Emitter:
             self._lanes[width] = Lanes(self, width)
         return self._lanes[width]
 
-    def call(self, intrinsic: str, kinds: str, width: int, *operands: str) -> str:
-        """A call of one of LLVM's intrinsics with operands of these kinds."""
-        scalar = "f64" if kinds[0] == "f" else "i64"
-        types = [type_of(kind, width) for kind in kinds]
-        name = f"@llvm.{intrinsic}.{scalar if width == 1 else f'v{width}{scalar}'}"
-        self.module.declared[f"declare {types[0]} {name}({', '.join(types)})"] = None
-        return (
-            f"call {types[0]} {name}({', '.join(map(' '.join, zip(types, operands, strict=True)))})"
-        )
-
     def scalar(self, value: int) -> Tracer:
         """A scalar of the program."""
         return Tracer(self.own, self._own_value(value))
@@ -228,15 +226,20 @@ class Emitter:
             self.line(f"load {type_of('f', width)}, ptr {address}, align 8")
         )
 
-    def spread(self, x: Tracer, width: int) -> Tracer:
-        """A number broadcast to lanes."""
+    def spread(self, x: Tracer, width: int, each: bool = False) -> Tracer:
+        """A number of some lanes in more: all of them repeated, or each of them."""
         lanes: Any = x.program
         if lanes.width == width:
             return x
-        T = type_of(x.kind, width)
-        first = self.line(f"insertelement {T} poison, {type_of(x.kind, 1)} {lanes.name(x)}, i32 0")
-        all_lanes = f"shufflevector {T} {first}, {T} poison, <{width} x i32> zeroinitializer"
-        return self.lanes(width).value(self.line(all_lanes), x.kind)
+        name, T = lanes.name(x), type_of(x.kind, lanes.width)
+        if lanes.width == 1:
+            one, T = T, f"<1 x {T}>"
+            name = self.line(f"insertelement {T} poison, {one} {name}, i32 0")
+        period = width // lanes.width
+        order = (lane // period if each else lane % lanes.width for lane in range(width))
+        lines = ", ".join(f"i32 {lane}" for lane in order)
+        repeated = self.line(f"shufflevector {T} {name}, {T} poison, <{width} x i32> <{lines}>")
+        return self.lanes(width).value(repeated, x.kind)
 
     def loop(
         self, first: Any, count: Any, body: Callable[..., Any], initial: Sequence[Tracer] = (),
@@ -319,19 +322,15 @@ class Emitter:
         self.module.declared[f"declare i1 {name}({T})"] = None
         return self.one.value(self.line(f"call i1 {name}({T} {self.own.name(mask)})"), "b")
 
-    def places(self, index: Tracer, count: int) -> list[Tracer]:
-        """Whole numbers of the lanes, clipped to ``[0, count - 1]``, of a float or an integer."""
-        zero = KINDS[index.kind].type(0)
-        vector = self.own.name(cast(within(index, zero, zero + (count - 1)), "i"))
-        return [self.one.value(self.lane(vector, "i", lane), "i") for lane in range(self.width)]
-
     def _emit_lookup(self, instruction: Instruction) -> None:
         value: Any = instruction.operands[0]
         place, count, across, column = instruction.attributes
-        entries = self.places(self.scalar(value), count)
-        vector = self.gather(
-            lambda lane: self.one.name(
-                self.read(self.constant(place, entries[lane] * across + column), 1)
-            )
-        )
-        self.scalars[instruction.result] = self.own.value(vector).value
+        index = self.scalar(value)  # a float or an integer
+        zero = KINDS[index.kind].type(0)
+        entries = self.own.name(cast(within(index, zero, zero + (count - 1)), "i"))
+
+        def one(lane: int) -> str:
+            entry = self.one.value(self.lane(entries, "i", lane), "i")
+            return self.one.name(self.read(self.constant(place, entry * across + column), 1))
+
+        self.scalars[instruction.result] = self.own.value(self.gather(one)).value

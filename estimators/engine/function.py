@@ -1,29 +1,32 @@
 """Compiled functions: a program for each row of a batch of arrays in C order."""
 
 import ctypes
-import itertools
 import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from functools import partial
-from operator import itemgetter
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from estimators.engine import machine
 from estimators.engine.matching import in_memory, invoker
-from estimators.engine.program import KINDS, LITERAL, LOOPS, Instruction, Program, value_of
+from estimators.engine.program import KINDS, LITERAL, LOOPS, Instruction, Program, View, value_of
 
 FEW = 4
 """Least number of rows for which vectors are faster; fewer have the program of a single row."""
 
 
 class Argument(NamedTuple):
-    """An argument of a compiled function: the shape and kind of its rows."""
+    """An argument of a compiled function: shape and kind of a row.
+
+    With ``whole``, operations of its large vectors and matrices are loops
+    (`estimators.engine.matrices`), not unrolled.
+    """
 
     shape: tuple[int, ...]
     kind: str = "f"
+    whole: bool = False
 
     @property
     def size(self) -> int:
@@ -68,9 +71,9 @@ class Function:
         self.program, self.names, self.count = program, names, len(arguments)
         self._several = several
         self._sealed = len(outputs) - own if sealed else 0
-        self.outputs: tuple[Any, ...] = tuple(map(itemgetter(0), outputs))
-        self.results: tuple[Argument, ...] = tuple(map(itemgetter(1), outputs))
-        values = [*map(value_of, itertools.chain(*self.outputs))]
+        self.outputs = [parts for parts, _ in outputs]
+        self.results = [row for _, row in outputs]
+        values = [value_of(each) for parts in self.outputs for each in parts]
         self.instructions = program.complete(values)
         read = {each.attributes[0] for each in self.instructions if each.opcode in _INPUTS}
         self.arguments = {
@@ -175,9 +178,14 @@ def _laid_out(
     """
     places: dict[int, int] = {}
     total, free = 0, defaultdict[int, list[int]](list)
-    last = {value: at for at, each in enumerate(instructions) for value in each.values}
+    of_matrices = [
+        (at, each)
+        for at, each in enumerate(instructions)
+        if each.result in program.sizes or View in map(type, each.operands)
+    ]
+    last = {value: at for at, each in of_matrices for value in each.values}
     last |= dict.fromkeys(outputs, len(instructions))
-    for at, each in enumerate(instructions):
+    for at, each in of_matrices:
         size = program.sizes.get(each.result)
         if size is not None:
             if not free[size]:

@@ -5,6 +5,7 @@ covariance is computed in its lower half, and quotients by one number are produc
 reciprocal. Those of large ones are single instructions.
 """
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ def product(a: Any, b: Any) -> Any:
     """``A B``."""
     (rows, inner), (length, columns) = a.shape, b.shape
     if is_small(a, b):
-        return _array([[_inner(row, column) for column in b.T] for row in a], (rows, columns))
+        return _array((_inner(row, column) for row in a for column in b.T), (rows, columns))
     if inner != length:
         raise ValueError(f"matrices of shapes {a.shape} and {b.shape} a row have no product")
     return loop("matmul", (rows, columns), a, b)
@@ -99,15 +100,15 @@ def orthogonal(a: Any) -> Any:
     return a if a.shape[1] == 1 else loop("rotate", a.shape, a, attributes=(0,))
 
 
-def _array(entries: Any, shape: tuple[int, ...]) -> Any:
+def _array(entries: Iterable[Any], shape: tuple[int, ...]) -> Any:
     """A matrix of scalars."""
-    return matrix(TracedArray.of(entries).reshape(shape))
+    return matrix(np.fromiter(entries, object).reshape(shape).view(TracedArray))
 
 
 def _symmetric(n: int, entry: Any) -> Any:
     """A symmetric matrix of the entries of its lower half."""
     half = [[entry(i, j) for j in range(i + 1)] for i in range(n)]
-    return _array([[half[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)], (n, n))
+    return _array((half[max(place)][min(place)] for place in np.ndindex(n, n)), (n, n))
 
 
 def _inner(x: Any, y: Any) -> Any:

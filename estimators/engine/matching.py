@@ -71,10 +71,9 @@ def is_layout_known() -> bool:
 
 def is_right(invoke: _Invoker) -> bool:
     """Does a program that doubles a number give the right array, and others for other arguments?"""
-    dtype, x = KINDS["f"], np.array([[1.5, 0.0]])
-    x = x if x.dtype is dtype else x.view(dtype)
+    x = in_memory([[1.5, 0.0]])
     code = machine.load(b"doubles", lambda name: _DOUBLES.replace("@doubles(", f"@{name}("))
-    like = id(dtype), 2, 1, 2
+    like = id(x.dtype), 2, 1, 2
     others = (x[0],), (x.astype(np.int64),), (np.zeros((1, 4))[:, ::2],)
     unlike = (), (x, x), (x, x, x), *((*each, None, x) for each in others)
     for several in (False, True):
@@ -84,7 +83,7 @@ def is_right(invoke: _Invoker) -> bool:
         if type(found) is not (tuple if several else np.ndarray):
             return False
         (y,) = found if several else (found,)
-        right = y.dtype is dtype and y.shape == x.shape and y[0, 0] == 3.0 and y.flags.owndata
+        right = y.dtype is x.dtype and y.shape == x.shape and y[0, 0] == 3.0 and y.flags.owndata
         passed_on = [invoke(table, _number, *each) for each in unlike]
         if not right or y.flags.writeable == several or passed_on != [*map(len, unlike)]:
             return False

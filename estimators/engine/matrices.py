@@ -175,7 +175,8 @@ def columnwise(function: Any, *operands: Any) -> TracedMatrix:
 
     def body(*parameters: tuple[int, ...]) -> list[int]:
         columns = (
-            TracedArray.of([Tracer(program, value) for value in column]) for column in parameters
+            np.fromiter(map(partial(Tracer, program), column), object).view(TracedArray)
+            for column in parameters
         )
         arguments = [next(columns) if np.ndim(x) == 2 else by_entries(x) for x in operands]
         return [cast(each, "f").value for each in entries(function(*arguments), program)]

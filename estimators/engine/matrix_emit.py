@@ -7,7 +7,7 @@ from typing import Any
 from estimators.engine.arrays import SCALAR_FUNCTIONS
 from estimators.engine.emit import Emitter, Module, type_of
 from estimators.engine.program import Columns, Instruction, Program, View
-from estimators.engine.tracer import Tracer, cast, constant
+from estimators.engine.tracer import Tracer, cast, constant, operation
 
 CHUNK = 8
 """Numbers in a vector, and partial sums of an inner product, whose number defines its rounding."""
@@ -82,10 +82,10 @@ class MatrixEmitter(Emitter):
         if isinstance(view, int):
             return self.spread(cast(self.scalar(view), "f"), width)
         place = self.address(view.value, _entry(view, i, j))
-        if view.value in self.program.tables and self.width > 1:
-            return self.spread(self.read(place, 1), width)
+        shared = view.value in self.program.tables  # by all rows
         moving = view.steps[1] == 1 and view.shape[1] > 1
-        return self.spread(self.read(place, width if moving else self.width), width)
+        entries = self.read(place, (1 if shared else self.width) * (count if moving else 1))
+        return self.spread(entries, width, each=shared)
 
     def matrix(self, value: int, shape: tuple[int, int], start: int = 0) -> Matrix:
         """A value as a matrix, row by row."""
@@ -151,28 +151,26 @@ class MatrixEmitter(Emitter):
         self.over(rows, columns, some, CHUNK if together else 1)
 
     def _emit_columns(self, instruction: Instruction) -> None:
-        """A function of columns: one after the other in a batch, eight side by side for one row."""
+        """A function of columns, of which as many stand side by side as fill eight lanes."""
         loop: Columns = instruction.attributes[0]
         views: Any = instruction.operands[: len(loop.parameters)]
         outer: Any = instruction.operands[len(loop.parameters) :]
-        together = self.width == 1 and loop.size >= CHUNK and all(v.steps[1] == 1 for v in views)
-        width = CHUNK if together else self.width
+        neighbours = loop.size >= CHUNK and all(view.steps[1] == 1 for view in views)
+        count = max(CHUNK // self.width, 1) if neighbours else 1
+        width = count * self.width
         target = self.matrix(instruction.result, (len(loop.results), loop.size))
 
         def some(at: Index) -> None:
-            j = at
-            if together:  # the last ones begin before the end, and compute some again
-                last = self.one.name(at * CHUNK), str(loop.size - CHUNK)
-                j = self.one.value(self.line(self.call("smin", "ii", 1, *last)), "i")
+            j = operation("minimum", at, loop.size - count)  # the last ones compute some again
             inside = copy(self)
             inside.width, inside.own = width, self.lanes(width)
             inside.scalars = {value: self.spread(self.scalar(value), width).value for value in outer
                               if value not in self.program.constants}  # fmt: skip
             for view, parameters in zip(views, loop.parameters, strict=True):
                 for i, value in enumerate(parameters):
-                    inside.scalars[value] = self.load(view, i, j, width // self.width).value
+                    inside.scalars[value] = self.load(view, i, j, count).value
             inside.block(loop.body)
             for i, value in enumerate(loop.results):
                 target[i, j] = inside.scalar(value)
 
-        self.loop(0, -(-loop.size // CHUNK) if together else loop.size, some)
+        self.loop(0, loop.size, some, step=count)

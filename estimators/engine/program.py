@@ -20,10 +20,9 @@ KINDS = {
 LITERAL = (0.0, 1.0, -1.0, 0.5, -0.5, 2.0, np.inf, -np.inf)
 """Floats that are literals in the code; other constants are read from memory."""
 LOOPS = frozenset((
-    "each", "join", "columns", "matmul", "solve_lower", "cholesky", "semidefinite_cholesky",
-    "rotate",
+    "each", "join", "matmul", "solve_lower", "cholesky", "semidefinite_cholesky", "rotate",
 ))  # fmt: skip
-"""Opcodes of loops."""
+"""Opcodes of loops whose lanes are rows alone."""
 _LONGEST = 100_000  # values of a program; LLVM needs a second for 20,000
 
 
@@ -51,7 +50,7 @@ class Instruction(NamedTuple):
     @property
     def values(self) -> set[int]:
         """The values that it reads."""
-        return {*map(value_of, self.operands)}
+        return {each.value if isinstance(each, View) else each for each in self.operands}
 
 
 def value_of(operand: int | View) -> int:
@@ -121,8 +120,8 @@ class Program:
         """An instruction's result, or the earlier result of the same instruction."""
         key = opcode, operands, kind, size, attributes
         for block in self._blocks:
-            if key in block:
-                return block[key].result
+            if (earlier := block.get(key)) is not None:
+                return earlier.result
         if len(self.kinds) > _LONGEST:
             raise NotTraceable(
                 "its loops are too long to be unrolled: use NumPy's functions of arrays"

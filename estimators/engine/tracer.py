@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable
 from functools import partial
-from operator import attrgetter
 from typing import Any, ClassVar, NoReturn
 
 import numpy as np
@@ -45,7 +44,7 @@ class Tracer(_Operators):
     __float__ = __int__ = __index__ = __complex__ = __iter__ = __len__ = __hash__ = _no_number
 
     def __array__(self, dtype: Any = None, copy: Any = None) -> np.ndarray:
-        if dtype not in (None, object, np.dtype(object)):
+        if np.dtype(dtype or object) != object:
             self._no_number()
         array = np.empty((), object)
         array[()] = self
@@ -75,13 +74,27 @@ class Tracer(_Operators):
         """The number itself, as all numbers are real."""
         return self
 
+    __pos__ = conjugate
+
+    def __neg__(self) -> Any:
+        return operation("negative", self)
+
+    def __abs__(self) -> Any:
+        return operation("absolute", self)
+
+    def __invert__(self) -> Any:
+        return operation("invert", self)
+
+    def __pow__(self, exponent: Any) -> Any:
+        return power(self, exponent)
+
 
 def constant(program: Program, value: Any) -> Tracer:
     """The tracer of a constant scalar."""
-    if isinstance(value, np.ndarray):
-        value = value[()]
     if isinstance(value, Tracer):
         return value
+    if isinstance(value, np.ndarray):
+        return constant(program, value[()])
     kind = "f" if isinstance(value, float) else np.asarray(value).dtype.kind
     if kind not in KINDS:
         raise NotTraceable(f"a traced function computes with real numbers and masks, not {value!r}")
@@ -135,6 +148,8 @@ ELEMENTARY = frozenset((
 _BITWISE = frozenset(("bitwise_and", "bitwise_or", "bitwise_xor"))
 _GIVE_MASKS = frozenset(("greater", "greater_equal", "equal", "not_equal"))
 _SHIFTS = frozenset(("left_shift", "right_shift"))
+_OF_WORDS = _BITWISE | _SHIFTS
+"""Opcodes of whole numbers and masks."""
 _PROMOTING = frozenset(("add", "subtract", "multiply", *_GIVE_MASKS, *_BITWISE))
 """Opcodes whose operands are converted to one kind."""
 
@@ -166,20 +181,19 @@ def operation(opcode: str, *operands: Any) -> Any:
     if (program := program_of(operands)) is None:
         with np.errstate(all="ignore"):
             return getattr(np, opcode)(*operands)
-    traced: list[Any] = [*map(partial(constant, program), operands)]
+    traced: list[Any] = [constant(program, each) for each in operands]
     if opcode in _COMPOSED:
         return _COMPOSED[opcode](*traced)
-    kinds = {*map(attrgetter("kind"), traced)}
+    kinds = {x.kind for x in traced}
     if opcode == "multiply" and kinds == {"b"}:
         opcode = "bitwise_and"
-    if kinds != {"f"} or opcode in _BITWISE | _SHIFTS:
+    if opcode in _OF_WORDS or kinds != {"f"}:
         traced = _converted(opcode, traced, kinds)
     kind = "b" if opcode in _GIVE_MASKS else traced[0].kind
-    values = [*map(known, traced)]
-    if opcode not in ELEMENTARY and None not in values:
-        exact = [KINDS[x.kind].type(value) for x, value in zip(traced, values, strict=True)]
-        return constant(program, operation(opcode, *exact))
-    return Tracer(program, program.add(opcode, (*map(attrgetter("value"), traced),), kind))
+    values = (*[x.value for x in traced],)
+    if opcode not in ELEMENTARY and program.constants.keys() >= {*values}:
+        return constant(program, operation(opcode, *map(known, traced)))
+    return Tracer(program, program.add(opcode, values, kind))
 
 
 def where(mask: Any, chosen: Any, other: Any) -> Any:
@@ -261,9 +275,12 @@ def power(x: Any, exponent: Any) -> Any:
     return result if twice > 0 else operation("divide", 1.0, result)
 
 
+_SCALARS = Tracer, float, int, np.generic
+
+
 def _operator(opcode: str, swapped: bool = False) -> Callable[[Tracer, Any], Any]:
     def apply(self: Tracer, other: Any) -> Any:
-        if not isinstance(other, Tracer | float | int | np.generic):
+        if not isinstance(other, _SCALARS):
             return NotImplemented
         return operation(opcode, other, self) if swapped else operation(opcode, self, other)
 
@@ -277,11 +294,6 @@ OPERATORS = {
     "eq": "equal", "ne": "not_equal",
 }  # fmt: skip
 """Python's operators of two numbers, and NumPy's functions."""
-UNARY = {"neg": "negative", "abs": "absolute", "invert": "invert"}
 for _name, _opcode in OPERATORS.items():
     setattr(Tracer, f"__{_name}__", _operator(_opcode))
     setattr(Tracer, f"__r{_name}__", _operator(_opcode, True))
-for _name, _opcode in UNARY.items():
-    setattr(Tracer, f"__{_name}__", lambda self, opcode=_opcode: operation(opcode, self))
-for _name, _method in (("pos", lambda self: self), ("pow", power)):
-    setattr(Tracer, f"__{_name}__", _method)

@@ -372,7 +372,6 @@ CASES = (
     _kalman_case("pf", "", particles=40),
     _case("pf on a turning vehicle", "pf", turning_vehicle, "", particles=40),
     _case("ekf on a turning vehicle", "ekf", turning_vehicle, "deterministic"),
-    _kalman_case("iekf", _EXACT),
     _case("steady-kf", "steady-kf", kalman_system, ""),
     _case(
         "steady-kf with two rates", "steady-kf", kalman_system, "", measured=[[1, 1, 1], [1, 0, 1]]

@@ -24,7 +24,7 @@ from tests.estimators.cases import (
 FAR = np.array([6e5, -5e6])
 """A place in UTM coordinates [m]."""
 NONLINEAR = (
-    "ekf", "iekf", "ukf", "enkf", "etkf", "pf", "huber-kf", "robust-kf",
+    "ekf", "ukf", "enkf", "etkf", "pf", "huber-kf", "robust-kf",
 )  # fmt: skip
 PUSHED = ("ekf-ui-wdf", "ukf-umv")
 

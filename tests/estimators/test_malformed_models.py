@@ -15,7 +15,6 @@ OPTIONS: dict[tuple[str, str], list[Any]] = {
     ("enkf", "members"): [1, 2.5], ("enkf", "inflation"): [0.0, np.inf], ("etkf", "draws"): ["some"],
     ("huber-kf", "gamma"): [0.0, np.nan], ("huber-kf", "iterations"): [0],
     ("robust-kf", "radius"): [-0.1, np.nan],
-    ("iekf", "iterations"): [], ("iekf", "tolerance"): [],
     ("pf", "particles"): [], ("pf", "threshold"): [], ("pf", "jitter"): [],
 }  # fmt: skip
 

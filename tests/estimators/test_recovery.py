@@ -118,9 +118,7 @@ def test_a_precise_measurement_leaves_a_covariance(name: str, precision: float):
 # --- numbers that are not finite ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "name", ["ekf", "iekf", "ukf", "enkf", "etkf", "pf", "huber-kf", "robust-kf"]
-)
+@pytest.mark.parametrize("name", ["ekf", "ukf", "enkf", "etkf", "pf", "huber-kf", "robust-kf"])
 def test_a_channel_that_is_not_finite_costs_that_channel_alone(name: str):
     """The root of a negative number, and in the third row the slope of the root at 0."""
 

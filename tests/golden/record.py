@@ -55,7 +55,6 @@ ESTIMATORS = (
 )  # fmt: skip
 OTHERS = (
     "kf",
-    "iekf",
     "kf-umv-ui-wdf",
     "ekf-ui-wdf",
     "ukf-umv",

@@ -23,7 +23,8 @@ def step(
     substeps: int,
 ) -> np.ndarray:
     """The state ``(..., n)`` after ``dt``; control ``(..., 2 a)`` holds the actuators before and after."""
-    return runge_kutta(rates, state, *np.split(control, 2, -1), flow, c, dt, substeps)
+    before, after = np.split(control, 2, -1)
+    return runge_kutta(rates, state, before, after - before, flow, c, dt, substeps)
 
 
 corvette_step: Step = partial(step, corvette_rates)

@@ -364,7 +364,7 @@ def _held(mean: np.ndarray) -> np.ndarray:
     ones; so the factor falls to 0 at two thirds of a wave a step.
     """
     half_a_wave, last = 2.0 / np.pi, np.sin(2.0 * np.pi / 3.0) / (2.0 * np.pi / 3.0)
-    share = np.minimum(np.maximum((mean - last) / (half_a_wave - last), 0.0), 1.0)
+    share = np.minimum(np.maximum((mean - last) * (1.0 / (half_a_wave - last)), 0.0), 1.0)
     return share / np.maximum(mean, half_a_wave)
 
 

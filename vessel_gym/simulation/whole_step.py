@@ -209,7 +209,7 @@ class WholeStep:
     def _trace(self, last: State) -> None:
         """Trace the stages for rows of the record."""
         arrays = ((name, a) for name, a in arrays_of(last).items() if name not in _BEFORE)
-        rows = {name: Argument(a.shape[1:], a.dtype.kind) for name, a in arrays}
+        rows = {name: Argument(a.shape[1:], a.dtype.kind, "." in name) for name, a in arrays}
         alone = "action", *_FIXED
         numbers = [n for n, row in rows.items() if row.kind == "f" and n not in alone]
         (self._observed,) = rows["observation"].shape
@@ -223,10 +223,8 @@ class WholeStep:
             others = map(after.__getitem__, self.others)
             return [SideBySide(map(after.__getitem__, numbers)), *others, *info]
 
-        arguments = [Argument((layout.size,)), *rows.values()]
-        whole = [True, *("." in name for name in rows)]
-        own = len(self._info)
-        self._program = trace(function, arguments, whole, sealed=True, own=own)
+        arguments = [Argument((layout.size,), whole=True), *rows.values()]
+        self._program = trace(function, arguments, sealed=True, own=len(self._info))
         self._lay_out([*rows])
 
     def _lay_out(self, apart: list[str]) -> None:

@@ -17,17 +17,16 @@ RATE, CURVATURE, SPEED = range(HEADING + 1, 4)
 _ABSURD = 1e9  # m: the square of a diverged position stays finite
 
 
-def _clothoid(
-    length: np.ndarray, total: np.ndarray, curvature: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """Position and direction on a clothoid whose curvature rises to ``curvature`` over ``total``.
+def _clothoid(length: np.ndarray, sharpness: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Position and direction on a clothoid, whose curvature is ``sharpness`` [1/m2] times length.
 
     Series of the Fresnel integrals, with errors of 1e-5 of the length for turns up to 0.6 rad.
     """
-    angle = 0.5 * curvature * length * length / total
+    angle = 0.5 * sharpness * length * length
     square = angle * angle
-    ahead = length * (1.0 - square * (1.0 / 10.0 - square * (1.0 / 216.0 - square / 9360.0)))
-    return ahead, length * angle * (1.0 / 3.0 - square * (1.0 / 42.0 - square / 1320.0)), angle
+    ahead = 1.0 - square * (1.0 / 10.0 - square * (1.0 / 216.0 - 1.0 / 9360.0 * square))
+    aside = angle * (1.0 / 3.0 - square * (1.0 / 42.0 - 1.0 / 1320.0 * square))
+    return length * ahead, length * aside, angle
 
 
 @compiled
@@ -145,30 +144,31 @@ class CircleTrack(Track):
         """
         heading, curvature = scenario[..., HEADING], scenario[..., CURVATURE]
         lead, ramp = self._lengths(scenario)
+        radius, sharpness = 1.0 / curvature, curvature / ramp
         north, east = (np.clip(state[..., i], -_ABSURD, _ABSURD) for i in range(2))
         ahead, aside = ahead_and_aside(north, east, heading)
         # The circle: among the rounds, take the nearest point that is closest to the guess.
-        forward, sideways, turned = _clothoid(ramp, ramp, curvature)
+        forward, sideways, turned = _clothoid(ramp, sharpness)
         sin, cos = sincos(turned)
         # x and y relative to the circle's centre
-        x, y = ahead - (lead + forward - sin / curvature), aside - (sideways + cos / curvature)
+        x, y = ahead - (lead + forward - radius * sin), aside - (sideways + radius * cos)
         expected = turned + curvature * (guess - (lead + ramp))
         round_to = expected + wrapped(np.arctan2(x * curvature, -y * curvature) - expected)
-        along = lead + ramp + (round_to - turned) / curvature
-        on_circle, off_circle = along >= lead + ramp, 1.0 / np.abs(curvature) - np.sqrt(x**2 + y**2)
+        along = lead + ramp + radius * (round_to - turned)
+        on_circle, off_circle = along >= lead + ramp, np.abs(radius) - np.sqrt(x**2 + y**2)
         # The clothoid by Newton's method; before its beginning the length stays at 0, where the
         # clothoid continues the straight.
         length = np.clip(ahead - lead, 0.0, ramp)
         for _ in range(4):
-            forward, sideways, direction = _clothoid(length, ramp, curvature)
+            forward, sideways, direction = _clothoid(length, sharpness)
             missing, off = ahead_and_aside(ahead - lead - forward, aside - sideways, direction)
-            slope = np.maximum(1.0 - off * curvature * length / ramp, 0.2)
+            slope = np.maximum(1.0 - off * sharpness * length, 0.2)
             length = np.clip(length + missing / slope, 0.0, ramp)
         return (
             np.where(on_circle, along, np.where(ahead <= lead, ahead, lead + length)),
             np.where(on_circle, np.sign(curvature) * off_circle, off),
             heading + np.where(on_circle, round_to, direction),
-            np.where(on_circle, curvature, curvature * length / ramp),
+            np.where(on_circle, curvature, sharpness * length),
         )
 
     @compiled(axes=(1, 0))
@@ -181,7 +181,8 @@ class CircleTrack(Track):
         """Positions [m] and directions [rad] ``(..., 3)`` at distances ``along (...)`` [m]."""
         curvature = scenario[..., CURVATURE]
         lead, ramp = self._lengths(scenario)
-        forward, sideways, turned = _clothoid(np.clip(along - lead, 0.0, ramp), ramp, curvature)
+        length = np.clip(along - lead, 0.0, ramp)
+        forward, sideways, turned = _clothoid(length, curvature / ramp)
         direction = turned + np.maximum(along - lead - ramp, 0.0) * curvature
         sin, cos = sincos(turned)
         sin_after, cos_after = sincos(direction)

@@ -351,4 +351,4 @@ def first_reason(*masks: np.ndarray) -> np.ndarray:
 
 def wrapped(angle: np.ndarray) -> np.ndarray:
     """Angle in (-pi, pi]; angles within half a turn of 0 keep all digits."""
-    return angle + 2.0 * np.pi * np.floor(0.5 - angle / (2.0 * np.pi))
+    return angle + 2.0 * np.pi * np.floor(0.5 - 0.5 / np.pi * angle)

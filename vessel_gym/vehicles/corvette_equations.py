@@ -275,13 +275,14 @@ def _cross_flow(v: np.ndarray, r: np.ndarray, a: np.ndarray) -> tuple[np.ndarray
     cubed = a * a * a
     sign = np.where(v >= 0.0, 1.0, -1.0)  # if the flow has one sign along the hull
     sway = sign * (2.0 * a * v * v + 2.0 / 3.0 * cubed * r * r)
-    yaw = sign * 4.0 / 3.0 * cubed * v * r
+    yaw = sign * (4.0 / 3.0 * cubed * v * r)
     bow, stern = v + a * r, v - a * r
     bow_cubed, stern_cubed = np.abs(bow) * (bow * bow), np.abs(stern) * (stern * stern)
-    cubic, quartic = (bow_cubed - stern_cubed) / 3.0, (bow * bow_cubed - stern * stern_cubed) / 4.0
+    cubic = 1.0 / 3.0 * (bow_cubed - stern_cubed)
+    quartic = 0.25 * (bow * bow_cubed - stern * stern_cubed)
     # at slower rates r * r would underflow, and the effect is negligible
-    turning = np.where(np.abs(r) * a >= 1e-12, r, 1e150)
-    both_sway, both_yaw = cubic / turning, (quartic - v * cubic) / (turning * turning)
+    over = 1.0 / np.where(np.abs(r) * a >= 1e-12, r, 1e150)
+    both_sway, both_yaw = cubic * over, (quartic - v * cubic) * over * over
     one_sign = np.abs(r) * a <= np.abs(v)
     return np.where(one_sign, sway, both_sway), np.where(one_sign, yaw, both_yaw)
 
@@ -291,7 +292,8 @@ def propelled_rudder(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Load of the propellers, normal force on the rudder [N], sine and cosine of its angle."""
     # At constant revolutions, thrust and race of a propeller grow as the ship slows down.
-    load = np.maximum(1.0 + c.thrust_rise * (1.0 - u / c.service_speed), 0.0)
+    rise = c.thrust_rise / c.service_speed
+    load = np.maximum(1.0 + c.thrust_rise - rise * u, 0.0)
     race = np.sqrt(u * u + c.race_power * load) - np.abs(u)
     # Inflow to the rudder: drift and yaw rate in a turn reduce the angle of attack.
     inflow = c.slipstream * u + c.race * race
@@ -354,8 +356,8 @@ def corvette_rates(
     Y, N = _hull(u, v, r, c)
     Y = Y - force * cos_rudder + forces[1]
     N = N + c.half_length * force * cos_rudder + forces[2]
-    determinant = m_vv * m_rr - m_vr * m_rv
-    sway, yaw = (m_rr * Y - m_vr * N) / determinant, (m_vv * N - m_rv * Y) / determinant
+    over = 1.0 / (m_vv * m_rr - m_vr * m_rv)
+    sway, yaw = (m_rr * Y - m_vr * N) * over, (m_vv * N - m_rv * Y) * over
     # Side force on the ship's mass without external forces; the part without the rudder's acts on
     # the hull.
     side_force = c.mass * (sway + u * r) + c.mass_x_g * yaw - forces[1] + force * cos_rudder
@@ -366,7 +368,7 @@ def corvette_rates(
     )  # fmt: skip
     return np.stack([
         u * cos - carried * sin + north, u * sin + carried * cos + east, r,
-        X / c.surge_inertia, sway, yaw, p, K / c.roll_inertia,
+        X * (1.0 / c.surge_inertia), sway, yaw, p, K * (1.0 / c.roll_inertia),
     ], -1)  # fmt: skip
 
 

@@ -15,7 +15,7 @@ Arguments are the state, actuators ``(..., a)``, a flow ``(..., f)`` and coeffic
 
 
 def runge_kutta(
-    rates: Rates, state: np.ndarray, before: np.ndarray, after: np.ndarray, flow: np.ndarray,
+    rates: Rates, state: np.ndarray, before: np.ndarray, change: np.ndarray, flow: np.ndarray,
     c: np.ndarray, dt: float, substeps: int = 1,
 ) -> np.ndarray:  # fmt: skip
     """State ``(..., n)`` a step later.
@@ -27,13 +27,13 @@ def runge_kutta(
         rates: Equations of motion, `estimators.engine.compiled` or plain NumPy.
         state: ``(..., n)``.
         before: Actuators ``(..., a)`` at the beginning of the step.
-        after: Actuators ``(..., a)`` at the end of the step.
+        change: Change of the actuators ``(..., a)`` over the step.
         flow: ``(..., f)``.
         c: Coefficients ``(..., k)``.
         dt: Length of the step [s].
         substeps: Number of equal parts of the step.
     """
-    change, part = after - before, _part if isinstance(rates, Compiled) else _part.function
+    part = _part if isinstance(rates, Compiled) else _part.function
     for i in range(substeps):
         shares = i / substeps, (i + 0.5) / substeps, (i + 1) / substeps
         state = part(state, before, change, flow, c, dt / substeps, shares, rates=rates)

@@ -141,10 +141,10 @@ class Ship(SimulatedVehicle):
 
         Without roll, the substeps need to resolve only sway and yaw.
         """
-        rudder, substeps = u[..., :1], resolving_substeps(self.dt, self._plane_mode)
-        moved = runge_kutta(
-            corvette_rates, self._placed(x), rudder, rudder, flow, self._nominal, self.dt, substeps
-        )
+        rudder, still = u[..., :1], np.zeros(1)
+        given = self._placed(x), rudder, still, flow, self._nominal, self.dt
+        substeps = resolving_substeps(self.dt, self._plane_mode)
+        moved = runge_kutta(corvette_rates, *given, substeps)
         return moved[..., : len(_ESTIMATED)]
 
     def known_input(

@@ -58,4 +58,5 @@ class SimulatedVehicle(Vehicle):
     ) -> np.ndarray:  # fmt: skip
         """State ``(..., n)`` one step later, without increments."""
         rates = self.printed_equations if self.as_printed else self.equations
-        return runge_kutta(rates, state, before, after, flow, parameters, self.dt, self.substeps)
+        given = state, before, after - before, flow, parameters
+        return runge_kutta(rates, *given, self.dt, self.substeps)

@@ -13,7 +13,7 @@ from estimators.engine.function import Argument
 from tests.estimators.cases import random_covariance
 
 ROWS = (1, 2, 7, 8, 9, 64, 70, 200)
-SHAPES = Argument((3, 3)), Argument((3, 2)), Argument((3,)), Argument((3,), "b")
+SHAPES = [Argument(*row, True) for row in (((3, 3), "f"), ((3, 2), "f"), ((3,), "f"), ((3,), "b"))]
 Formula = Callable[[Any, Any, Any, Any], Any]
 
 
@@ -59,8 +59,8 @@ def arguments(rows: int) -> list[np.ndarray]:
 
 def compute(formula: Any, *arguments: np.ndarray) -> np.ndarray:
     """A formula of matrices, compiled and computed."""
-    rows = [Argument(each.shape[1:], each.dtype.kind) for each in arguments]
-    return trace(formula, rows, matrices=True).compute(*arguments)
+    rows = [Argument(each.shape[1:], each.dtype.kind, True) for each in arguments]
+    return trace(formula, rows).compute(*arguments)
 
 
 NAMES = list(formulas(*arguments(1)))
@@ -72,7 +72,7 @@ def formula(name: str) -> Formula:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_formula_has_the_same_bits_alone_and_in_any_batch(name: str):
-    function = trace(formula(name), SHAPES, matrices=True)
+    function = trace(formula(name), SHAPES)
     for rows in ROWS:
         parts = arguments(rows)
         found = function.compute(*parts)
@@ -116,7 +116,7 @@ def test_large_matrices_are_loops_and_empty_ones_are_zero():
     def formula(S: Any) -> Any:
         return linalg.cholesky(S) @ S
 
-    function = trace(formula, [Argument((30, 30))], matrices=True)
+    function = trace(formula, [Argument((30, 30), whole=True)])
     assert len(function.instructions) < 10
     S, H = random_covariance(np.random.default_rng(0), 30, (6,)), np.zeros((5, 3, 0))
     assert_allclose(function.compute(S), formula(S), rtol=1e-11, atol=1e-11)
@@ -136,6 +136,6 @@ def test_large_matrices_are_loops_and_empty_ones_are_zero():
     ],
 )
 def test_what_numpy_refuses_is_refused_while_it_is_traced(formula: Formula):
-    for traced in (lambda: formula(*arguments(11)), lambda: trace(formula, SHAPES, matrices=True)):
+    for traced in (lambda: formula(*arguments(11)), lambda: trace(formula, SHAPES)):
         with pytest.raises((ValueError, IndexError)):
             traced()
