@@ -1,9 +1,11 @@
 """Files that are written whole or not at all."""
 
+import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 
 @contextmanager
@@ -22,6 +24,46 @@ def replacing(path: Path) -> Iterator[Path]:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text in UTF-8, whole or not at all.
+
+    Raises:
+        OSError: as `replacing`.
+    """
+    with replacing(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def write_tables(path: Path, comment: str, tables: Mapping[str, Mapping[str, Any]]) -> None:
+    """Write tables as a TOML file, whole or not at all; None is ``"none"``, as in studies.
+
+    Raises:
+        TypeError: for a class or another object in a table.
+        OSError: as `replacing`.
+    """
+    lines = [f"# {comment}"]
+    for name, table in tables.items():
+        lines += ["", f"[{_key(name)}]", *(f"{_key(k)} = {_toml(v)}" for k, v in table.items())]
+    write_text(path, "\n".join([*lines, ""]))
+
+
+def _key(name: str) -> str:
+    return name if name.isidentifier() and name.isascii() else json.dumps(name)
+
+
+def _toml(value: Any) -> str:
+    """A value in TOML."""
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{_key(k)} = {_toml(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, float):
+        return str(value)  # also nan, which JSON spells otherwise
+    if not isinstance(value, str | int | None):
+        raise TypeError(f"a file cannot hold {value!r}: name your own part as module:object")
+    return json.dumps("none" if value is None else value, ensure_ascii=False)
 
 
 def check_file(path: Path) -> Path:

@@ -25,8 +25,9 @@ from pathlib import Path
 from typing import Any
 
 import vessel_gym
-from agents.files import replacing
+from agents.files import write_text
 from agents.source import source_digest
+from vessel_gym.extras import require
 
 _PATIENCE = 30  # seconds for a Dask scheduler or its first worker to answer
 
@@ -138,7 +139,9 @@ def run(
     Raises:
         OSError: if the run cannot go on, as on a full disk or when a process is killed; what was
             finished is kept.
+        ModuleNotFoundError: without joblib, or with a scheduler without Dask.
     """
+    require("dask" if scheduler else "joblib")
     folder = Path(folder).resolve() / "jobs"
     folder.mkdir(parents=True, exist_ok=True)
     wanted = {job.key: job for last in jobs for job in (*last.needs, last)}
@@ -259,8 +262,7 @@ def compute(job: Job, folder: Path) -> End:
         return job.key, {"failure": f"{job.label}: {traceback.format_exc()}"}
     seconds = time.process_time() - begin
     record = {"job": job.description, "values": values, "cpu_seconds": seconds, "sha256": digest}
-    with replacing(folder / f"{job.key}.json") as temporary:
-        temporary.write_text(json.dumps(record), encoding="utf-8")
+    write_text(folder / f"{job.key}.json", json.dumps(record))
     return job.key, record
 
 

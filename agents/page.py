@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agents.files import replacing
+from agents.files import write_text
 from agents.statistics import Interval, crossed_interval
+from vessel_gym.extras import require
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -27,7 +28,7 @@ def number(value: float, decimals: int, signed: bool = False) -> str:
     return "–" if "n" in text else text.replace("-", "−")
 
 
-def text(value: Interval | float | None, decimals: int, signed: bool = False) -> str:
+def text(value: Interval | float | None, decimals: int = 3, signed: bool = False) -> str:
     """A number, or an interval: "mean ± half", an uneven one by its ends; a dash for None.
 
     There are more decimals where these would show none of the interval's width.
@@ -43,17 +44,9 @@ def text(value: Interval | float | None, decimals: int, signed: bool = False) ->
     return f"{mean} [{low}, {high}]"
 
 
-def interval(of: Interval | None, decimals: int = 3) -> str:
-    """A mean and half of its interval; a dash without an interval."""
-    if of is None:
-        return "–"
-    mean = round(of.mean, decimals) + 0.0  # no minus zero
-    return f"{mean:,.{decimals}f} ± {of.half:.{decimals}f}"
-
-
 def mean_and_half(values: np.ndarray, decimals: int = 3) -> str:
     """The mean ``(seeds,)`` or ``(runs, seeds)`` with its 95 % interval."""
-    return interval(crossed_interval(np.atleast_2d(values)), decimals)
+    return text(crossed_interval(np.atleast_2d(values)), decimals)
 
 
 def listed(items: Sequence[str]) -> str:
@@ -129,6 +122,7 @@ def write_page(
         OSError: if it cannot be written.
         ModuleNotFoundError: without Jinja.
     """
+    require("jinja2")
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     templates = Environment(
@@ -141,8 +135,7 @@ def write_page(
     html = templates.get_template("page.html").render(
         title=title, subtitle=subtitle, answer=answer, blocks=blocks
     )
-    with replacing(path) as temporary:
-        temporary.write_text(html, encoding="utf-8")
+    write_text(path, html)
     for block in blocks:
         if block.table is not None:
             _write_table(
@@ -155,5 +148,4 @@ def _write_table(path: Path, frame: "pd.DataFrame") -> None:
     """Write a table as ``.csv`` and ``.tex``."""
     latex = frame.to_latex(index=False, escape=True).translate(str.maketrans(LATEX))
     for suffix, text in ((".csv", frame.to_csv(index=False)), (".tex", latex)):
-        with replacing(path.with_name(path.name + suffix)) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_text(path.with_name(path.name + suffix), text)

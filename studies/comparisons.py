@@ -13,13 +13,13 @@ import numpy as np
 
 from agents import Rollout, rollout
 from agents.metrics import components, nees_of, scores
-from agents.page import mean_and_half
+from agents.page import mean_and_half, number
 from agents.policies.checkpoint import description, packaged
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import system_of
 from agents.tuning.tuned import SHIPPED, load_tuned
 from estimators import nees
-from studies.markdown import NONE, ROOT, number, table
+from studies.markdown import NONE, ROOT, table
 from vessel_gym.disturbances import Fault
 from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.sensors import in_quality
@@ -146,7 +146,7 @@ def cell(
     if over:
         reference = arm_metrics(**arm | {"arm": over})[metric]
         value = value / (reference.mean() if plain else reference)
-    return number(value, decimals) if plain else mean_and_half(value, decimals)
+    return number(value.mean(), decimals) if plain else mean_and_half(value, decimals)
 
 
 def comparison(name: str, environment: str = "", **more: Any) -> str:
@@ -197,7 +197,7 @@ def consistency(*shown: str, begin: float = 60.0) -> str:
             flown = flown if name == "ekf-waves" else with_leeway(flown)
             late = np.arange(len(flown.alive)) * flown.config.system.vehicle.dt > begin
             counted = flown.alive & late[:, None]
-            found = (number(component_nees(flown, each)[counted], 2) for each in shown)
+            found = (number(component_nees(flown, each)[counted].mean(), 2) for each in shown)
             lines.append([f"{sea}, `{name}`", *found])
     return table(["NEES/n", *shown], lines)
 

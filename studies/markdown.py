@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from datetime import date
 from pathlib import Path
 
-import numpy as np
-
 from agents.page import markdown_table
 from agents.refusal import Refusal
 
@@ -60,8 +58,3 @@ def measured_on() -> str:
 def table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table in Markdown."""
     return markdown_table(heads, rows, len(heads))
-
-
-def number(values: np.ndarray, decimals: int) -> str:
-    """The mean over episodes; a dash where one has no value."""
-    return NONE if np.isnan(values).any() else f"{np.mean(values):.{decimals}f}"

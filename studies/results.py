@@ -13,14 +13,14 @@ import gymnasium as gym
 import numpy as np
 import pandas as pd
 
-from agents.page import interval, mean_and_half
+from agents.page import mean_and_half, number, text
 from agents.refusal import Refusal
 from agents.statistics import Interval, crossed_interval, paired_difference
 from agents.studies.records import FLOOR, ORACLE
 from agents.studies.worlds import system_of
 from estimators import compiled
 from studies.comparisons import SETTINGS, VARIANTS, arm_metrics, assuming
-from studies.markdown import NONE, ROOT, number, table
+from studies.markdown import NONE, ROOT, table
 from vessel_gym.envs import SigmaCorvetteEnv, VesselVectorEnv
 from vessel_gym.tasks.circle_track import CircleTrack
 
@@ -110,7 +110,7 @@ def by_suite(study: str, environment: str, sea: str = "", agent: str = "autopilo
 
     def cell(*at: Any) -> str:
         of = crossed_interval(score[at], len(names) * len(places))
-        return f"{interval(of)}; {np.nanmean(travel[at]):.0f}"
+        return f"{text(of)}; {np.nanmean(travel[at]):.0f}"
 
     means = {name: np.rint([1e3 * score[place, name].mean() for place in places]) for name in names}
     labels: dict[str, list[str]] = {}
@@ -132,7 +132,7 @@ def differences(study: str) -> str:
         pairs = (best, HELD), (best, default), (ORACLE, best)
         gaps = [at.gap(*pair) for pair in pairs]
         bold = ["**" if gap and gap.low > MARGIN else "" for gap in gaps]
-        cells = (f"{star}{interval(gap)}{star}" for gap, star in zip(gaps, bold, strict=True))
+        cells = (f"{star}{text(gap)}{star}" for gap, star in zip(gaps, bold, strict=True))
         rows.append((str(at), f"`{best}`", *cells))
     heads = "", "best filter", "best − `measurement`", "best − default", "`truth` − best"
     return table(heads, rows)
@@ -161,7 +161,7 @@ def latency(study: str) -> str:
         score, error, nees = (
             episodes(study, world, key=key) for key in ("score", "position_rmse", "position_nees")
         )
-        cells = (f"{mean_and_half(score[at])}; {number(error[at], 2)}; {number(nees[at], 2)}"
+        cells = (f"{mean_and_half(score[at])}; {number(error[at].mean(), 2)}; {number(nees[at].mean(), 2)}"
                  for at in places)  # fmt: skip
         rows.append((world.removesuffix("-v0"), *cells))
     return table(("environment", "without latency", *ways), rows)
@@ -217,6 +217,6 @@ def overturn() -> str:
         pair = f"`{name}` − `{other}`" if name else f"best filter − `{other}`"
         held, *names = worlds.values()
         cells = ("; ".join(of) or NONE for of in names)
-        rows.append((pair, interval(usual), f"{len(held)} of {len(others)}", *cells))
+        rows.append((pair, text(usual), f"{len(held)} of {len(others)}", *cells))
     heads = "scores", "in the studies", "same sign in", "opposite sign", "undecided"
     return table(heads, rows)

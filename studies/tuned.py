@@ -5,7 +5,6 @@ They are read from ``results``, where ``vessel-gym ablate tuned`` leaves them, a
 come with the package are made by ``python -m studies.tuned``.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 from itertools import groupby
 from typing import Any
@@ -15,10 +14,10 @@ import pandas as pd
 
 from agents.commands.ablate import STUDIES
 from agents.jobs import load
-from agents.page import interval
+from agents.page import text
 from agents.seeds import tuning_seeds
 from agents.statistics import crossed_interval, paired_difference
-from agents.studies.plan import Flight, plan
+from agents.studies.plan import plan
 from agents.studies.records import ORACLE
 from agents.studies.study import read_study
 from agents.studies.worlds import system_of
@@ -60,7 +59,7 @@ class Arms:
             return NONE
         comparisons = len(self.conditions) * (len(self.names) - 1)
         lost = of[condition, ORACLE] - of[condition, name]
-        return interval(crossed_interval(lost, comparisons))
+        return text(crossed_interval(lost, comparisons))
 
 
 def mean(of: Episodes, *at: str) -> str:
@@ -133,7 +132,7 @@ def shipped() -> str:
             trials = Trials(replace(tuned.arm, conditions=(condition,)), seeds)
             before, after = trials.scores([{}, tuned.values])
             gain = paired_difference(after, before, comparisons=len(tuned.arm.conditions))
-            cells.append(interval(gain))
+            cells.append(text(gain))
         cells += [NONE] * (len(SHIPS) - len(cells))
         nees = f"{tuned.found['position_nees']:.2f}"
         rows.append([f"`{environment}`", f"`{tuned.arm.estimator}`", *cells, nees])
@@ -178,42 +177,40 @@ def overview() -> str:
     return table(["score: as delivered → **tuned**", *(f"`{name}`" for name in columns)], rows)
 
 
-def _tunings() -> Iterator[tuple[tuple[str, str], list[Flight]]]:
-    """Tuned arms by environment and estimator, with a flight for each tuning."""
-    first = {
-        (f.environment, f.estimator, f.run): f
-        for f in plan(read_study(STUDIES[STUDY])).flights
-        if f.policy == TUNED
-    }
-    for arm, flights in groupby(first.values(), lambda f: (f.environment, f.estimator)):
-        yield arm, list(flights)
-
-
 def tunings() -> str:
-    """NEES, overfitting and scatter of the tunings of each arm.
+    """Cost, NEES, overfitting and scatter of the tunings of each arm, in the first condition.
 
-    Overfitting is the gain on tuning seeds less that on other seeds. The scatter is the largest
-    difference between the scores of two tunings, on the same seeds.
+    The cost is the loss under the truth's tuned controller minus what the arm's own controller wins
+    back. Overfitting is the gain on tuning seeds less that on other seeds. The scatter is the
+    largest difference between the mean scores of two tunings.
     """
-    folder, rows = ROOT / "results" / STUDY / "jobs", []
-    for (environment, estimator), flights in _tunings():
-        jobs = [flight.job.needs[0] for flight in flights]
+    folder, study = ROOT / "results" / STUDY / "jobs", read_study(STUDIES[STUDY])
+    first, rows = study.conditions[0].name, list[dict[str, str]]()
+    flights = [f for f in plan(study).flights if (f.policy, f.condition) == (TUNED, first)]
+    for (environment, estimator), arm in groupby(flights, lambda f: (f.environment, f.estimator)):
+        jobs = [flight.job.needs[0] for flight in arm]
         found = [record["values"] for job in jobs if (record := load(job, folder))]
         fits = [load_tuned(folder / f"{job.key}.toml") for job in jobs]
-        over = [f["after"] - f["before"] - f["gain"][0] for f in found]
-        on = Trials(fits[0].arm, tuning_seeds(200, first=FRESH + 1000))
-        each = on.scores([fit.values for fit in fits])
-        means = each.mean(1)
-        one, other = each[means.argmax()], each[means.argmin()]
-        apart = interval(crossed_interval((one - other)[None]))
-        bounds = sorted({name for f in found for name in f["at_bound"]})
+        own = episodes(STUDY, environment, TUNED)[first, estimator]
+        if estimator == ORACLE:
+            best, controllers = own, [fit.values for fit in fits]
+        pairs = zip(fits, controllers, strict=True)
+        under = Trials(fits[0].arm, study.seeds).scores(
+            [fit.values | other for fit, other in pairs]
+        )
+        means = own.mean(1)
+        scores = {
+            "loss under the truth's controller": best - under, "won back": own - under,
+            "overfitting": np.array([[f["after"] - f["before"] - f["gain"][0] for f in found]]),
+            "scatter": own[[means.argmax()]] - own[[means.argmin()]],
+        }  # fmt: skip
         nees = np.mean([f["position_nees"] for f in found])
-        rows.append({
-            "environment": environment, "estimator": estimator,
-            "NEES of the position": NONE if np.isnan(nees) else f"{nees:.2f}",
-            "overfitting": interval(crossed_interval(np.array(over)[None])), "scatter": apart,
-            "at a bound": ", ".join(bounds) or NONE,
-        })  # fmt: skip
+        rows.append(
+            {"environment": environment, "estimator": estimator}
+            | {head: text(crossed_interval(of)) for head, of in scores.items()}
+            | {"NEES of the position": NONE if np.isnan(nees) else f"{nees:.2f}"}
+            | {"at a bound": ", ".join(sorted({n for f in found for n in f["at_bound"]})) or NONE}
+        )
     return _file("tunings.csv", pd.DataFrame(rows))
 
 

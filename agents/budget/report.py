@@ -11,7 +11,7 @@ from agents.budget.result import Budget
 from agents.budget.search import OPEN
 from agents.files import replacing
 from agents.page import bullets, listed, picture, table, text, write_page
-from agents.plotting import INK, PALETTE, data_uri, styled, svg
+from agents.plotting import INK, PALETTE, data_uri, save_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,14 +34,14 @@ def conclusion(budget: Budget) -> list[str]:
     share = f"{100 * budget.keep:g} % of the reference score (truth: perfect state knowledge)"
     suite, number, noun = budget.suites[budget.nearest], len(budget.suites), "All suites"
     if budget.answer is None:
-        reached = text(budget.shares.get(budget.nearest), 3)
+        reached = text(budget.shares.get(budget.nearest))
         found = [
             f"No suite is confirmed to reach {share}.",
-            f"The nearest, {suite}, reaches {reached} of it in the search.",
+            f"The nearest ({suite}) reaches {reached} of it in the search.",
         ]
     else:
         number, noun = sum(o.cost < suite.cost for o in budget.suites), "Cheaper suites"
-        reached = text(budget.confirmed[budget.answer], 3)
+        reached = text(budget.confirmed[budget.answer])
         found = [
             f"The cheapest suite confirmed to reach {share}: {suite}.",
             f"Its price is {suite.cost[0]:g}, and on {budget.episodes} fresh seeds it reaches"
@@ -61,7 +61,7 @@ def assumption(budget: Budget) -> str:
     (worse, better), gap = max(found.items(), key=lambda item: item[1].low)
     return (
         f"{start} This fails in {len(found)} of {number} pairs, most of all here:"
-        f" {budget.suites[worse]} scores {text(gap, 3)} more than {budget.suites[better]}. So a"
+        f" {budget.suites[worse]} scores {text(gap)} more than {budget.suites[better]}. So a"
         " cheaper suite that was not simulated may suffice."
     )
 
@@ -88,8 +88,8 @@ def suites_table(budget: Budget, most: int | None = None) -> pd.DataFrame:
     rows = {
         str(budget.suites[i]): {
             "price": f"{budget.suites[i].cost[0]:g}",
-            "search": text(budget.shares.get(i), 3),
-            "fresh seeds": text(budget.confirmed.get(i), 3),
+            "search": text(budget.shares.get(i)),
+            "fresh seeds": text(budget.confirmed.get(i)),
             "verdict": _verdict(budget, i),
         }
         for i in sorted(nearest)
@@ -159,8 +159,7 @@ def write_report(budget: Budget, notes: list[str]) -> Path:
         every = pd.concat(budget.tables, ignore_index=True).drop_duplicates()
         every[["condition", "estimator", "seed", "end", "score"]].to_parquet(path, index=False)
     figure = prices_figure(budget)
-    with replacing(folder / "budget.svg") as path:
-        path.write_bytes(svg(figure))
+    save_figure(figure, folder / "budget.svg")
     arms = (*study.environments, study.estimators[0].name, study.agents[0].name)
     subtitle = f"vessel-gym {vessel_gym.__version__}: {', '.join(arms)}"
     return write_page(folder / "budget.html", study.title, subtitle, conclusion(budget), [

@@ -1,6 +1,5 @@
 """Suites to choose from: a grade of each sensor, perhaps at a lower rate, and what they cost."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import product
@@ -212,12 +211,3 @@ def _steps(sensor: str, listed: Sequence[Choice]) -> dict[str, float]:
         c.words: float(len({o.grade for o, worse in zip(listed, mean > own, strict=True) if worse}))
         for c, own in zip(listed, mean, strict=True)
     }
-
-
-def prices_toml(prices: Prices) -> str:
-    """Prices as a TOML file."""
-    tables = (
-        [f"[{json.dumps(sensor)}]", *(f"{json.dumps(words)} = {p:g}" for words, p in each.items())]
-        for sensor, each in prices.items()
-    )
-    return "\n\n".join("\n".join(lines) for lines in tables) + "\n"

@@ -51,7 +51,7 @@ def main(
     Returns:
         The exit status: 1 if something failed or is missing.
     """
-    from agents.files import check_folder
+    from agents.files import check_folder, write_text
     from agents.jobs import run
     from agents.studies.examples import examples
     from agents.studies.plan import plan
@@ -66,7 +66,8 @@ def main(
         require("matplotlib", "jinja2", "joblib", "pyarrow", *cluster)
         planned = plan(read_study(path))
         check_folder(out)
-    _introduce(planned.study, path, out)
+    print(planned.study.title)
+    write_text(out / "study.toml", path.read_text(encoding="utf-8"))
 
     def compute(title: str, jobs: list[Any]) -> Any:
         with job_progress(title, processes) as progress:
@@ -113,13 +114,3 @@ def _file(study: Path) -> Path:
         )
     sys.path += [str(path.resolve().parent), str(Path.cwd())]
     return path
-
-
-def _introduce(question: Any, study: Path, out: Path) -> None:
-    """Print the title, and write the study into its folder."""
-    from agents.files import replacing
-
-    print(question.title)
-    text = study.read_bytes()
-    with replacing(out / "study.toml") as path:  # which may be the file itself
-        path.write_bytes(text)

@@ -47,8 +47,8 @@ def main(
         The exit status: 1 if no suite is confirmed.
     """
     from agents.budget.result import Budget, budget_study
-    from agents.budget.suites import prices_toml, suites_of
-    from agents.files import check_folder, replacing
+    from agents.budget.suites import suites_of
+    from agents.files import check_folder, write_tables
     from agents.studies.records import DEFAULT
     from agents.studies.worlds import environment_id
     from vessel_gym.extras import require
@@ -63,8 +63,7 @@ def main(
         out = out or Path("results") / f"budget-{env_id.rpartition(':')[2]}"
         check_folder(out)
     if not (out / "prices.toml").exists():  # the user's own may lie there
-        with replacing(out / "prices.toml") as path:
-            path.write_text(prices_toml(costs), encoding="utf-8")
+        write_tables(out / "prices.toml", "Prices for --prices, in any currency.", costs)
     study = replace(study, episodes=episodes, first_seed=first_seed)
     return _search(Budget(study, suites, keep, out, processes), notes)
 

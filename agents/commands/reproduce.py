@@ -51,6 +51,7 @@ def main(
 
 def _report(made: dict[str, Any], out: Path) -> None:
     """Write the pages, tables and summary of finished papers, and print a row an experiment."""
+    from agents.files import write_text
     from agents.papers.measures import Row, summary_table
     from agents.papers.pages import write_paper
 
@@ -64,4 +65,4 @@ def _report(made: dict[str, Any], out: Path) -> None:
         for name, values in made.items()
     }
     text = json.dumps(summary, ensure_ascii=False, indent=1)
-    (out / "summary.json").write_text(f"{text}\n", encoding="utf-8")
+    write_text(out / "summary.json", f"{text}\n")

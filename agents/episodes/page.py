@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from agents.episodes.figure import episode_figure
-from agents.files import replacing
+from agents.files import write_text
 from agents.page import iframe
 from agents.plotting import KINDS, save_figure
 from vessel_gym.rendering.hulls import HULLS
@@ -95,8 +95,7 @@ class Episode:
         if (path := Path(path)).suffix.lower() in KINDS:
             save_figure(self.figure(), path)
         else:
-            with replacing(path) as temporary:
-                temporary.write_text(self.html(), encoding="utf-8")
+            write_text(path, self.html())
 
     def _repr_html_(self) -> str:
         style = "width:100%;height:720px;border:0"

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.page import markdown_table, mean_and_half
+from agents.page import markdown_table, mean_and_half, text
 from agents.statistics import Interval, mean_interval
 
 AGREES, BETTER, WORSE, INCOMPARABLE = "agrees", "better", "worse", "not comparable"
@@ -35,11 +35,6 @@ def geometric(logs: np.ndarray) -> Interval:
     return Interval(*(float(np.exp(end)) for end in (of.mean, of.low, of.high)))
 
 
-def between(of: Interval, decimals: int) -> str:
-    """A mean and the ends of its interval."""
-    return f"{of.mean:.{decimals}f} [{of.low:.{decimals}f}, {of.high:.{decimals}f}]"
-
-
 def trend(members: Sequence[int], errors: np.ndarray) -> str:
     """Change [%] of errors ``(runs, sizes)`` from the fewest to the most members, by a power of N.
 
@@ -48,7 +43,7 @@ def trend(members: Sequence[int], errors: np.ndarray) -> str:
     x, y = np.log(members) - np.mean(np.log(members)), np.log(errors)
     logs = np.log(max(members) / min(members)) * ((y - y.mean(-1, keepdims=True)) @ x / (x @ x))
     of = geometric(logs)
-    return between(Interval(*(100.0 * (end - 1.0) for end in (of.mean, of.low, of.high))), 1)
+    return text(Interval(*(100.0 * (end - 1.0) for end in (of.mean, of.low, of.high))), 1)
 
 
 def by_members(label: str, errors: Mapping[int, Any]) -> Table:
@@ -138,8 +133,8 @@ def against_table(
     found = []
     for size, values in errors.items():
         of, (*texts, time) = f"{size} members", printed[str(size)]
-        for (name, unit), text, ours in zip(quantities.items(), texts, values.T, strict=True):
-            found.append(Comparison(of, name, unit, text, where, ours, averaged))
+        for (name, unit), number, ours in zip(quantities.items(), texts, values.T, strict=True):
+            found.append(Comparison(of, name, unit, number, where, ours, averaged))
         found.append(Comparison(of, "time", "s", time, where, None, reason="its machine"))
     return found
 

@@ -10,7 +10,7 @@ from typing import Any
 from agents.page import Block, markdown_table, write_page
 from agents.papers import read
 from agents.papers.figures import draw
-from agents.plotting import data_uri, svg
+from agents.plotting import data_uri, save_figure
 
 
 def write_paper(name: str, values: Mapping[str, Any], out: Path) -> Path:
@@ -24,8 +24,7 @@ def write_paper(name: str, values: Mapping[str, Any], out: Path) -> Path:
     Raises:
         OSError: if a file cannot be written.
     """
-    for folder in ("tables", "figures"):
-        (out / folder).mkdir(parents=True, exist_ok=True)
+    (out / "tables").mkdir(parents=True, exist_ok=True)
     for table, rows in values["tables"].items():
         path = out / "tables" / f"{name}-{table}.csv"
         with path.open("w", encoding="utf-8", newline="") as file:
@@ -33,7 +32,7 @@ def write_paper(name: str, values: Mapping[str, Any], out: Path) -> Path:
     pictures = []
     for described in values["figures"]:
         drawn, title = draw(described), f"Figure {described['number']}"
-        (out / "figures" / file_name(name, title)).write_bytes(svg(drawn))
+        save_figure(drawn, out / "figures" / file_name(name, title))
         pictures.append(f'<img src="{data_uri(drawn)}" alt="{escape(described["caption"])}">')
     (title, source, opening), sections = page_parts(name, values["tables"])
     figures = Block("Figures of the paper", f'<div class="figures">{"".join(pictures)}</div>')

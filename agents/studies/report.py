@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 
 from agents.episodes import Episode
-from agents.files import replacing
+from agents.files import replacing, write_text
 from agents.jobs import versions
 from agents.metrics import NEES, SCORE, UNHEALTHY, Metric, mean, metrics
 from agents.page import (
@@ -65,8 +65,7 @@ def write_report(
     """
     with replacing(out / "results.parquet") as path:
         results.table.to_parquet(path, index=False)
-    with replacing(out / "ranking.md") as path:
-        path.write_text(markdown(results), encoding="utf-8")
+    write_text(out / "ranking.md", markdown(results))
     study = results.plan.study
     subtitle = f"{listed(study.environments)}, {study.episodes} evaluation seeds"
     blocks = [_effects(results), *_ranked(results)]
@@ -206,7 +205,7 @@ def _learned(results: Results) -> list[Block]:
     if found.empty:
         return []
     runs = results.plan.study.training_seeds
-    found = found.map(lambda score: text(score, 3)).rename_axis(["policy", "estimator"])
+    found = found.map(text).rename_axis(["policy", "estimator"])
     return [
         table(
             "Normalised scores of learned agents",

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from agents.page import markdown_table, text
+from agents.page import markdown_table, mean_and_half, text
 from agents.statistics import (
     CLEARLY_WORSE,
     SLIGHTLY_WORSE,
@@ -66,8 +66,8 @@ def tuned_table(results: Results, environment: str) -> pd.DataFrame:
             continue
         over = [f["after"] - f["before"] - f["gain"][0] for f in each]
         rows[name] = {
-            "delivered": text(crossed_interval(old), 3),
-            "tuned": text(crossed_interval(new), 3),
+            "delivered": mean_and_half(old),
+            "tuned": mean_and_half(new),
             "gain": text(crossed_interval(new - old[:1]), 3, True),
             "overfitting": text(mean_interval(over), 3, True),
             "Position NEES/n": text(float(np.mean([f["position_nees"] for f in each])), 2),
@@ -126,7 +126,7 @@ def summary(ranking: Ranking) -> pd.DataFrame:
         episodes = own[own.estimator == name]
         hits = episodes.groupby("seed").completed.mean()
         rows[name] = {
-            "normalised score": text(ranking.score(name), 3),
+            "normalised score": text(ranking.score(name)),
             "completed [%]": text(share_interval(hits.sum(), len(hits)).times(100.0), 1),
             "worst tenth": text(episodes.score.nsmallest(-(-len(episodes) // 10)).mean(), 3),
         }
@@ -153,8 +153,7 @@ def conditions_table(results: Results, environment: str) -> pd.DataFrame:
     rows = {}
     for name in results.estimators(environment):
         places = [(environment, c, results.compared, name) for c in results.conditions(environment)]
-        scores = {place[1]: crossed_interval(results.values(wide, *place)) for place in places}
-        rows[name] = {condition: text(score, 3) for condition, score in scores.items()}
+        rows[name] = {at[1]: mean_and_half(results.values(wide, *at)) for at in places}
     return _table(rows)
 
 
@@ -162,7 +161,7 @@ def ranking_table(results: Results) -> pd.DataFrame:
     """Normalised score of each estimator and its verdict against the best, by environment."""
     found = {
         head: {
-            name: f"{text(ranking.score(name), 3)}, {_verdict(ranking, name)}"
+            name: f"{text(ranking.score(name))}, {_verdict(ranking, name)}"
             for name in ranking.scores
         }
         for head, ranking in rankings(results).items()

@@ -14,7 +14,7 @@ import gymnasium as gym
 import numpy as np
 
 import vessel_gym
-from agents.files import check_file, replacing
+from agents.files import check_file, replacing, write_text
 from agents.named import vector_class
 from agents.policies.checkpoint import npz_path, write
 from agents.seeds import training_seed
@@ -325,8 +325,7 @@ def _learn(
     budget, evaluation, callbacks = described["steps"], None, []
     with ExitStack() as stack:
         if folder is not None:
-            with replacing(folder / _CONFIG) as temporary:
-                temporary.write_text(json.dumps(described, indent=1), encoding="utf-8")
+            write_text(folder / _CONFIG, json.dumps(described, indent=1))
             calls = budget // described["hyperparameters"]["n_envs"]
             env = stack.enter_context(closing(batch(described, EPISODES, env_options)))
             evaluation = Evaluation(env, folder, calls, described)

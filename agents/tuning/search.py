@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.files import replacing
+from agents.files import write_text
 from agents.tuning.arm import Parameter, Values
 
 RADIUS = 0.15
@@ -49,8 +49,7 @@ class Journal:
         if path.exists():
             self._kept = _evaluations(path, head)
         text = "".join(f"{line}\n" for line in (head, *map(json.dumps, self._kept)))
-        with replacing(path) as temporary:
-            temporary.write_text(text, encoding="utf-8")
+        write_text(path, text)
 
     @property
     def finite(self) -> list[tuple[list[float], float]]:

@@ -127,18 +127,17 @@ def _scores(
         agent.reset(len(seeds))
     alive, score = np.ones(core.num_envs, bool), np.full(core.num_envs, np.nan)
     density, filter = np.zeros(core.num_envs), core.config.estimation.filter
-    horizon = core.config.system.task.horizon
+    belief, horizon = core.now.belief, core.config.system.task.horizon
     while alive.any():
         observations = core.observe()
         actions = np.concatenate(
             [a.act(observations[own]) for a, own in zip(agents, rows, strict=True)]
         )
-        before = core.now.belief if by == LIKELIHOOD else None  # else the record is not read
         core.advance(actions, core.action_shape, ended=~alive, info=False)
-        if before is not None:
-            after = core.now.belief
-            predicted = after if filter.random else filter.predict(before, after.u)
-            density += np.where(alive, filter.log_likelihood(predicted, after), 0.0)
+        if by == LIKELIHOOD:
+            before, belief = belief, core.now.belief
+            predicted = belief if filter.random else filter.predict(before, belief.u)
+            density += np.where(alive, filter.log_likelihood(predicted, belief), 0.0)
         done = alive & ((core.last.end != 0) | (core.last.steps >= horizon))
         if done.any():
             found = density / core.last.steps if by == LIKELIHOOD else core.score

@@ -84,10 +84,10 @@ def tune(
     best = np.fmax.accumulate([score for _, score in kept.points]).tolist()
     if arm.by == LIKELIHOOD:
         trials = Trials(replace(arm, by=SCORE), trials.seeds, processes)
+    before, after = trials.scores([{}, values]).mean(1).tolist()
     found = {
-        "before": float(trials.scores([{}]).mean()),
-        "after": float(trials.scores([values]).mean()), "best_so_far": best,
-        "position_nees": nees, "at_bound": _at_bound(arm, searched),
+        "before": before, "after": after, "best_so_far": best, "position_nees": nees,
+        "at_bound": _at_bound(arm, searched),
     }  # fmt: skip
     found |= _compared(arm, searched, values, others)
     return Tuned(arm, values, made_by, found | {"cpu_seconds": time.process_time() - began})

@@ -1,12 +1,11 @@
 """Tuned parameters as a file: what was tuned, for what, by which seeds, and what it gained."""
 
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from agents.agent import load_agent
-from agents.files import replacing
+from agents.files import write_tables
 from agents.studies.worlds import registered_id
 from agents.tuning.arm import Arm, Values, under
 from vessel_gym.toml_file import TomlFile
@@ -93,19 +92,14 @@ class Tuned:
     def write(self, path: str | Path) -> None:
         """Write the file.
 
-        None is written as ``"none"``, as in studies.
-
         Raises:
             TypeError: for a class or another object among the options.
             OSError: if the file cannot be written.
         """
         arm = {key: getattr(self.arm, key) for key in _ARM}
         tables = {"arm": arm, "values": self.values, "made_by": self.made_by, "found": self.found}
-        lines = ["# Written by `vessel-gym tune`; see [made_by] for what it follows from."]
-        for name, table in tables.items():
-            lines += ["", f"[{name}]", *(f"{_key(k)} = {_toml(v)}" for k, v in table.items())]
-        with replacing(Path(path)) as temporary:
-            temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
+        comment = "Written by `vessel-gym tune`; see [made_by] for what it follows from."
+        write_tables(Path(path), comment, tables)
 
 
 SHIPPED = {path.stem: path for path in Path(__file__).with_name("shipped").glob("*.toml")}
@@ -140,20 +134,3 @@ def _without_none(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _without_none(each) for key, each in value.items()}
     return None if value == "none" else value
-
-
-def _key(name: str) -> str:
-    return name if name.isidentifier() and name.isascii() else json.dumps(name)
-
-
-def _toml(value: Any) -> str:
-    """A value in TOML."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{_key(k)} = {_toml(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    if isinstance(value, float):
-        return str(value)  # also nan, which JSON spells otherwise
-    if not isinstance(value, str | int | None):
-        raise TypeError(f"a file cannot hold {value!r}: name your own part as module:object")
-    return json.dumps("none" if value is None else value, ensure_ascii=False)

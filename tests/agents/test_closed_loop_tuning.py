@@ -10,7 +10,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from refusals import refused
-from scipy.stats import multivariate_normal
 
 from agents import load_agent, rollout
 from agents.seeds import tuning_seeds
@@ -96,29 +95,9 @@ def test_sensors_that_are_not_tuned_keep_their_factor_on_R():
     assert R == {"gyro compass": 4.0, "rate gyro": 4.0, "receiver": 9.0}
 
 
-def density(belief: Any, row: int) -> float:
-    """Log density of the innovations of a row that have arrived."""
-    came = belief.available[row]
-    e, S = belief.innovation[row, came], belief.innovation_cov[row][np.ix_(came, came)]
-    return float(multivariate_normal(np.zeros(len(e)), S).logpdf(e)) if came.any() else 0.0
-
-
-def test_likelihood_is_that_of_the_innovations_of_a_step():
-    arm = Arm(CORVETTE, options={"estimator": "ekf"}, by="likelihood")
-    env = gym.make(CORVETTE, estimator="ekf")
-    densities = list[float]()
-    agent, (observation, _) = load_agent("autopilot", env), env.reset(seed=SEEDS[0])
-    over = False
-    while not over:
-        observation, _, terminated, truncated, _ = env.step(agent.act(observation[None])[0])
-        densities.append(density(env.unwrapped.core.now.belief, 0))
-        over = terminated or truncated
-    found = Trials(arm, SEEDS[:1]).scores([{}])
-    assert found.item() == pytest.approx(np.mean(densities), rel=1e-9)
-
-
-def test_likelihood_with_an_unknown_input_is_of_the_prediction():
-    options = {"estimator": "kf-umv-ui"}
+@pytest.mark.parametrize("estimator", ["ekf", "kf-umv-ui"])
+def test_likelihood_is_that_of_the_prediction_s_measurement(estimator: str):
+    options = {"estimator": estimator}
     env: Any = gym.make(CORVETTE, **options)
     agent, (observation, _) = load_agent("autopilot", env), env.reset(seed=SEEDS[0])
     core, densities, over = env.unwrapped.core, list[float](), False
@@ -404,9 +383,6 @@ def test_a_line_cut_anywhere_is_read_as_missing(cut: int, tmp_path: Path):
 
 
 def test_a_journal_of_another_tuning_is_refused(tmp_path: Path):
-    Journal(tmp_path / "a.jsonl", {"seed": 0})
-    with pytest.raises(ValueError, match="the journal of another tuning"):
-        Journal(tmp_path / "a.jsonl", {"seed": 1})
     arm = Arm(CORVETTE, picked=("estimator",))
     tune(arm, 1, 1, fresh=2, journal=tmp_path / "b.jsonl")
     with pytest.raises(ValueError, match="the journal of another tuning"):

@@ -7,7 +7,7 @@ found wherever ours is.
 from collections.abc import Iterator
 from contextlib import closing
 from copy import deepcopy
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,12 +27,11 @@ from agents.studies import worlds
 from agents.studies.plan import plan
 from agents.studies.records import Study
 from agents.studies.study import StudyError, read_study
-from vessel_gym.envs import SegorogeniAUVEnv
 from vessel_gym.registry import Registry
 from vessel_gym.rendering.renderer import Renderer
 from vessel_gym.simulation.core import Core
 from vessel_gym.system import System
-from vessel_gym.tasks.dive import Dive, SpatialDive
+from vessel_gym.tasks.dive import Dive
 from vessel_gym.tasks.workspace import Workspace
 
 ENV, OWN = "KeepDepth-v0", "own_task:DepthController"
@@ -227,15 +226,6 @@ def test_workspace_of_a_task_is_drawn(monkeypatch):
     page = agents.episode(ENV, ["ekf"], OWN, seed=5).page
     assert page["scene"]["goal"][2] == rollout(OWN, ENV, [5]).history["reference"][0, 0, 0]
     assert page["scene"]["hull"] == "torpedo"
-
-
-def test_a_subclass_of_a_task_of_ours_has_all_that_ours_has():
-    class Mine(SpatialDive): ...
-
-    given = SegorogeniAUVEnv.system.task
-    mine = Mine(**{field.name: getattr(given, field.name) for field in fields(given)})
-    assert CONTROLLERS.of(mine) == CONTROLLERS.of(given)
-    assert TASK_METRICS.of(mine) == TASK_METRICS.of(given)
 
 
 # --- studies, and what results depend on ----------------------------------------------------------

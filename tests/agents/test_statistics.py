@@ -96,11 +96,6 @@ def test_what_has_no_statistic_is_refused(function, arguments, sentence):
         function(*arguments)
 
 
-def test_an_interval_over_one_run_is_students_over_its_seeds():
-    values = np.random.default_rng(22).normal(size=20)
-    assert crossed_interval(values[None]) == mean_interval(values)
-
-
 @pytest.mark.parametrize(("runs", "seeds"), [(1.0, 4.0), (1.0, 0.0), (0.0, 1.0)])
 def test_crossed_interval_has_satterthwaites_degrees_of_freedom(runs, seeds):
     rng = np.random.default_rng(26)
@@ -170,13 +165,14 @@ def test_verdict_follows_from_interval_and_margin(low, high, expected):
 
 
 @pytest.mark.parametrize(
-    ("true", "wrong"), [(0.01, "equivalent"), (-0.01, "worse"), (0.0, "lower"), (0.0, "higher")]
+    ("true", "wrong"),
+    [(0.01, "equivalent"), (-0.01, "clearly worse"), (0.0, "worse"), (0.0, "better")],
 )
 def test_a_verdict_is_wrong_in_one_study_of_forty(true, wrong):
     """2,000 studies of 40 seeds: two one-sided tests at 2.5 %, of which 3.8 % or more err once in 5,000 times."""
     studies = np.random.default_rng(50).normal(true, 0.02, (2000, 40))
     verdicts = [verdict(each, 0.01, 0.01) for each in studies]
-    assert verdicts.count(wrong) <= 0.038 * 2000
+    assert sum(each.endswith(wrong) for each in verdicts) <= 0.038 * 2000
     if not true:
         assert (
             verdicts.count("equivalent") >= 1400

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from agents.page import text
 from agents.papers.figures import figure, over_time
 from agents.papers.measures import (
     Comparison,
-    between,
     by_members,
     comparison_table,
     geometric,
@@ -213,7 +213,7 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
         sizes = {n: errors("flight", control, "all", n) for n in settings["members"]}
         own += by_members(control, sizes)
         every, x = (np.log(errors("flight", control, measured, 300)) for measured in MEASURED)
-        gains = (between(geometric(each), 2) for each in (x - every).T)
+        gains = (text(geometric(each), 2) for each in (x - every).T)
         own.append((control, "300, x alone / every state", *gains))
     found = open_case(settings["paths"])
     words: list[Any] = [("word", *(f"{interpretation} [m]" for interpretation in found))]
@@ -222,8 +222,8 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
         words.append((word, *cells))
     ways: list[Any] = [("way", "length [m]", "passes the centre at [m]", "kinks [deg]")]
     for way, (length, clearance, kinks) in obstructed_case(settings["paths"]).items():
-        text = " and ".join(f"{kink:.1f}" for kink in kinks) or "none"
-        ways.append((way, f"{length:.3f}", f"{clearance:.2f}", text))
+        places = " and ".join(f"{kink:.1f}" for kink in kinks) or "none"
+        ways.append((way, f"{length:.3f}", f"{clearance:.2f}", places))
     published = comparison_table(columns)
     return {
         "tables": {"published": published, "own": own, "words": words, "obstacle": ways},
@@ -281,9 +281,9 @@ def _comparisons(
         line = printed[control]
         size, meant = line["members"], line.get("meant", {})
         ours = errors(level, control, measured, size).T
-        for (name, unit), text, of in zip(QUANTITIES.items(), line["errors"], ours, strict=True):
+        for (name, unit), number, of in zip(QUANTITIES.items(), line["errors"], ours, strict=True):
             found.append(Comparison(
-                f"{control} angle, {size} members", name, unit, text, line["where"], of,
+                f"{control} angle, {size} members", name, unit, number, line["where"], of,
                 meant=str(meant.get(name, "")), reason=reason,
             ))  # fmt: skip
     return found

@@ -11,8 +11,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.page import text
 from agents.papers.figures import figure, over_time
-from agents.papers.measures import Row, between, geometric
+from agents.papers.measures import Row, geometric
 from estimators import Gaussian, LinearModel, Series, make, run, van_loan, zero_order_hold
 
 STATES = MEASUREMENTS = 2  # x1 and x2 (figure 1); y is a vector (after eq. 4)
@@ -310,7 +311,7 @@ def _drawn(settings: Mapping[str, Any]) -> list[Any]:
 
 def ratio(ours: Any, other: Any, decimals: int) -> str:
     """Geometric mean of paired ratios."""
-    return between(geometric(np.log(ours) - np.log(other)), decimals)
+    return text(geometric(np.log(ours) - np.log(other)), decimals)
 
 
 Errors = Callable[[str, Condition], dict[str, np.ndarray]]

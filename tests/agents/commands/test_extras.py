@@ -17,6 +17,8 @@ from agents import save_agent
 from agents.commands import ablate, reproduce, watch
 from agents.commands import train as train_command
 from agents.commands.console import command
+from agents.jobs import run
+from agents.page import write_page
 from vessel_gym.extras import EXTRAS
 
 ROOT = Path(__file__).parents[3]
@@ -79,7 +81,7 @@ def sentence(module: str, name: str) -> str:
 
 
 def test_the_adapter_and_a_picture_say_what_to_type(
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.delitem(sys.modules, "agents.training.vec_env", raising=False)
     for module in ("stable_baselines3", "pygame"):
@@ -89,6 +91,13 @@ def test_the_adapter_and_a_picture_say_what_to_type(
     assert caught.value.name == "stable_baselines3"
     with pytest.raises(ModuleNotFoundError, match=sentence("stable_baselines3", "train")):
         save_agent(None, "agent.zip")
+    for module, needed in {
+        "jinja2": lambda: write_page(tmp_path / "a.html", "", "", [], []),
+        "joblib": lambda: run([], tmp_path),
+    }.items():
+        monkeypatch.setitem(sys.modules, module, None)
+        with pytest.raises(ModuleNotFoundError, match=sentence(module, "report")):
+            needed()
     env = gym.make("SigmaCorvette-v0", render_mode="rgb_array")
     env.reset(seed=0)  # a learner that asks for pictures beforehand, and draws none, runs
     env.step(env.action_space.sample())

@@ -150,9 +150,7 @@ def test_a_study_without_results_or_with_failures_says_so(small):
     assert conditions_table(broken, CORVETTE).loc["ekf", "rough"] == "–"
 
 
-def test_single_estimator_is_compared_with_none(small):
-    one = without(small, lambda f: f.estimator not in ("truth", "dead-reckoning", "kf"))
-    assert advice(one).endswith(" No other estimator was compared.")
+def test_a_controller_of_ones_own_is_named():
     mine = Agent("mine", "agents.controllers.dive:DiveAutopilot")
     found = results(study((SEGOROGENI,), (mine,), conditions=CONDITIONS[:1]))
     assert "with it mine reaches" in advice(found)

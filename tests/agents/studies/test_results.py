@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 import pytest
 from invented import CONDITIONS, CORVETTE, QUALITY, SEGOROGENI, learned, results, study, without
 
@@ -109,13 +108,9 @@ def test_completed_and_worst_tenth_are_over_all_conditions(found):
     assert shown["worst tenth"] == text(worst, 3)
 
 
-def test_every_episode_is_a_row_and_parquet_keeps_digits(found, tmp_path):
+def test_every_episode_is_a_row(found):
     assert len(found.table) == 8 * len(found.plan.flights)
     assert not found.table.duplicated([*FLIGHT, "seed"]).any()
-    found.table.to_parquet(tmp_path / "table.parquet", index=False)
-    pd.testing.assert_frame_equal(
-        pd.read_parquet(tmp_path / "table.parquet"), found.table, check_dtype=False
-    )
 
 
 def test_the_episodes_of_a_run_are_those_of_its_jobs(tmp_path):
