@@ -122,7 +122,7 @@ def _added_zeros(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> 
     """Numbers z at which ``[A - z I, G; C, H]`` loses more column rank than ``[A - z I; C]`` does.
 
     Candidates are the zeros of q random sums of the measurements, which include those of the
-    system.
+    system. They are found as eigenvalues by a shift and an inverse.
     """
     n, q = G.shape
     system, states = np.block([[A, G], [C, H]]), np.eye(n + len(C), n + q)
@@ -137,14 +137,15 @@ def _added_zeros(A: np.ndarray, C: np.ndarray, G: np.ndarray, H: np.ndarray) -> 
         )
         return bool(rank - undriven < q)
 
-    from scipy.linalg import block_diag, eigvals  # late, as few filters need them
-
     rng = np.random.default_rng(0)
-    if adds(complex(*rng.normal(size=2))):
+    shift = complex(*rng.normal(size=2))
+    if adds(shift):
         return np.array([complex(np.nan)])
-    sums = block_diag(np.eye(n), rng.normal(size=(q, len(C))))
-    found = eigvals(sums @ system, sums @ states)
-    return np.array([z for z in found if np.abs(z) < _INFINITE and adds(z)], complex)
+    square = np.vstack([system[:n], rng.normal(size=(q, len(C))) @ system[n:]])
+    shifted = square - shift * states[: n + q]
+    with np.errstate(divide="ignore", invalid="ignore"):  # 0: a zero at infinity
+        candidates = shift + 1.0 / np.linalg.eigvals(np.linalg.solve(shifted, states[: n + q]))
+    return np.array([z for z in candidates if np.abs(z) < _INFINITE and adds(z)], complex)
 
 
 _INFINITE = 1e3

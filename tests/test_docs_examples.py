@@ -21,6 +21,7 @@ AT_NIGHT = {
     "recipes/error-state",
     "recipes/own-measurements",
     "recipes/several-models",
+    "tuning",
 }
 """Pages that take as long as all others together, as do those on estimators.
 

@@ -41,6 +41,8 @@ def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         exec(compile(cell, "cell", "exec"), namespace)
 
 
+AT_NIGHT = "filter-ensemble"
+"""A page that takes longest; by day tests of rollouts record ensembles."""
 EXAMPLES = {
     f"{page.relative_to(ROOT)} {i}": code for page in PAGES for i, code in enumerate(examples(page))
 } | {f"{page.relative_to(ROOT)} all": "".join(examples(page)) for page in NOTEBOOKS}
@@ -52,7 +54,13 @@ def test_each_page_has_an_example() -> None:
     }
 
 
-@pytest.mark.parametrize("example", EXAMPLES.values(), ids=EXAMPLES)
+@pytest.mark.parametrize(
+    "example",
+    [
+        pytest.param(code, id=name, marks=pytest.mark.nightly if AT_NIGHT in name else ())
+        for name, code in EXAMPLES.items()
+    ],
+)
 def test_an_example_runs(example: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(plt, "show", lambda: plt.close("all"))
     monkeypatch.setattr("agents.seeds.evaluation_seeds", lambda *_: evaluation_seeds(3))
@@ -60,6 +68,7 @@ def test_an_example_runs(example: str, tmp_path: Path, monkeypatch: pytest.Monke
     if "results/ppo.zip" in example:  # which a command above it has trained
         from agents.training.algorithms import train
 
+        monkeypatch.setattr("agents.training.callbacks.EPISODES", 1)
         world, out = {"estimator": "kf-umv-ui"}, Path("results/ppo")
         train("SigmaCorvette-v0", out, world, steps=128, folder=out)
     exec(compile(example, "page", "exec"), {"__name__": "page"})

@@ -21,8 +21,8 @@ from agents.controllers.loops import (
 from estimators import Log
 from estimators.engine import compiled
 from vessel_gym.system import System
-from vessel_gym.tasks.track import Track
-from vessel_gym.tasks.turning import Steering, TurningTrial
+from vessel_gym.tasks.track import Steering, Track
+from vessel_gym.tasks.turning import TurningTrial
 from vessel_gym.vehicles.corvette import secant_models, steady_turns
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.corvette_thesis import ThesisCorvette

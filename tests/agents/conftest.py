@@ -8,8 +8,10 @@ from short_training import REMEMBERING, TINY
 
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The tuned settings with a small network and short rollouts."""
-    from agents.training import algorithms
+    """The tuned settings with a small network, short rollouts and one episode an evaluation."""
+    from agents.training import algorithms, callbacks
+
+    monkeypatch.setattr(callbacks, "EPISODES", 1)
 
     tuned = {}
     for memory, own in REMEMBERING.items():

@@ -22,6 +22,7 @@ from agents.tuning.tuned import Tuned, load_tuned
 from estimators import ExtendedKalmanFilter, Log
 
 CORVETTE = "SigmaCorvette-v0"
+NIGHTLY = pytest.mark.nightly
 SEEDS = tuning_seeds(3)
 CANDIDATES: list[dict[str, float]] = [
     {},
@@ -60,12 +61,12 @@ def by_environments(arm: Arm, candidates: list[dict[str, float]]) -> np.ndarray:
 @pytest.mark.parametrize(
     ("env_id", "options", "own"),
     [
-        (CORVETTE, {"estimator": "ekf"}, {}),
-        (CORVETTE, {"estimator": "huber-kf-nonlinear"}, {"estimator.gamma": 2.5}),
         (CORVETTE, {"estimator": "enkf"}, {"estimator.inflation": 1.02}),
         (CORVETTE, {"estimator": "truth"}, {}),
-        (CORVETTE, {"estimator": "measurement"}, {}),
         (CORVETTE, {"estimator": Inflated}, {"estimator.factor": 1.05}),
+        pytest.param(CORVETTE, {"estimator": "ekf"}, {}, marks=NIGHTLY),
+        pytest.param(CORVETTE, {"estimator": "huber-kf-nonlinear"}, {"estimator.gamma": 2.5}, marks=NIGHTLY),
+        pytest.param(CORVETTE, {"estimator": "measurement"}, {}, marks=NIGHTLY),
     ],
     ids=lambda each: str(each.get("estimator")) if isinstance(each, dict) else each,
 )  # fmt: skip

@@ -165,8 +165,10 @@ def test_steady_dives_climbs_and_turns_stay_as_they_are(env_id: str, turning: bo
     names, speed = vehicle.state_names, vehicle.body.cruise_speed
 
     def after(x: np.ndarray, actuators: np.ndarray) -> np.ndarray:
-        flows = np.zeros(len(vehicle.ambient_flows))
-        return vehicle.drift(x, np.concatenate([actuators, actuators]), flows)
+        held = np.broadcast_to(actuators, (*x.shape[:-1], len(actuators)))
+        return vehicle.drift(
+            x, np.concatenate([held, held], -1), np.zeros(len(vehicle.ambient_flows))
+        )
 
     beyond = loop.at(np.array([-9.0, 9.0]))
     np.testing.assert_allclose(beyond, [table[[0, -1]] for table in loop[1:4]], atol=1e-12)
@@ -183,8 +185,7 @@ def test_steady_dives_climbs_and_turns_stay_as_they_are(env_id: str, turning: bo
             rolled = np.linspace(-0.3, 0.3, 6001)
             tried = np.tile(x, (len(rolled), 1))
             tried[:, names.index("phi")] = rolled
-            roll = np.array([after(each, actuators)[names.index("p")] for each in tried])
-            x = tried[np.abs(roll).argmin()]
+            x = tried[np.abs(after(tried, actuators)[:, names.index("p")]).argmin()]
         kept = [names.index(name) for name in found]
         moved = after(x, actuators)
         tolerance = 1e-4 if turning else 1e-7

@@ -50,7 +50,11 @@ def interrupt(monkeypatch: pytest.MonkeyPatch, share: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("algorithm", "memory"),
-    [("ppo", "none"), pytest.param("sac", "none", marks=pytest.mark.nightly), ("ppo", "lstm")],
+    [
+        ("ppo", "none"),
+        pytest.param("sac", "none", marks=pytest.mark.nightly),
+        pytest.param("ppo", "lstm", marks=pytest.mark.nightly),
+    ],
 )
 def test_interrupted_training_goes_on_from_last_checkpoint(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, algorithm: str, memory: str
@@ -67,6 +71,7 @@ def test_interrupted_training_goes_on_from_last_checkpoint(
         return seen
 
     monkeypatch.setattr(StableBaselinesVecEnv, "reset", recorded)
+    monkeypatch.setattr(callbacks, "EPISODES", 2)
     interrupt(monkeypatch, 0.62)
     with pytest.raises(KeyboardInterrupt):
         learned(path, algorithm, memory)

@@ -120,7 +120,7 @@ def profile(found: Fit, name: str, value: float, y: np.ndarray) -> float:
     logs = np.log(np.var(y)) + np.linspace(-30.0, 3.0, 12)
     costs = [cost(each) for each in logs]
     ends = logs[max(np.argmin(costs) - 1, 0)], logs[min(np.argmin(costs) + 1, 11)]
-    best = minimize_scalar(cost, bounds=ends, method="bounded").fun
+    best = minimize_scalar(cost, bounds=ends, method="bounded", options={"xatol": 0.05}).fun
     return found.log_likelihood + min(best, *costs)
 
 

@@ -85,8 +85,8 @@ FAMILIES = {
     "auv": ("SegorogeniAUV-v0", "ItsunusaAUV-v0"),
     "fixed_wing": ("PunaUAV-v0",),
 }
-MOST = {"vessel_gym": 67, "estimators": 35}
-"""Modules that a first use may import; a channel's route takes five of them."""
+MOST = {"vessel_gym": 63, "estimators": 29}
+"""Modules that a first use may import; a channel's route takes four of them."""
 
 
 @pytest.mark.parametrize(
@@ -94,8 +94,8 @@ MOST = {"vessel_gym": 67, "estimators": 35}
 )
 def test_a_first_make_imports_its_own_family_alone(family: str, env_id: str):
     made = f"gymnasium.make('vessel_gym:{env_id}', estimator='ekf')"
-    loaded(f"import gymnasium; {made}")  # compiles, and keeps the code
-    found = loaded(f"import gymnasium; {made}")
+    if "estimators.engine.driver" in (found := loaded(f"import gymnasium; {made}")):
+        found = loaded(f"import gymnasium; {made}")  # the first one has compiled
     assert not found & HEAVY
     assert {f"vessel_gym.envs.{each}" for each in FAMILIES} & found == {f"vessel_gym.envs.{family}"}
     for package, most in MOST.items():

@@ -15,7 +15,6 @@ from vessel_gym.models.input_conditions import check_ambient_flows, check_input,
 from vessel_gym.models.linear import filter_model
 from vessel_gym.models.reference_filters import DeadReckoning, Oracle, ZeroOrderHold
 from vessel_gym.models.state_space import StateSpace
-from vessel_gym.models.steady import steady_options
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import System
 
@@ -226,7 +225,11 @@ def _filter(
             made = own_filter(estimator, options, model)
             check_own(made, space, model)
             return made
-        own = steady_options(space, model) if estimator == "steady-kf" else {}
+        own = {}
+        if estimator == "steady-kf":
+            from vessel_gym.models.steady import steady_options  # late, as no other filter needs it
+
+            own = steady_options(space, model)
         return factory.make(estimator, model, **own | system.tuning(estimator, space) | options)
     except ValueError as error:
         text, linear = str(error), system.vehicle.linear_kinds

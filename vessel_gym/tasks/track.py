@@ -1,5 +1,6 @@
-"""Base of tasks in which a ship follows a track: prior, course to steer and observations."""
+"""Bases of tasks: a ship is steered by its rudder, and follows a track."""
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
@@ -10,9 +11,9 @@ from estimators.engine import compiled
 from vessel_gym.guidance.frames import ahead_and_aside
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
-from vessel_gym.tasks.task import wrapped
-from vessel_gym.tasks.turning import Steering, first_component
+from vessel_gym.tasks.task import Task, smoothness, wrapped
 from vessel_gym.vehicles.corvette import SteadyTurn, steady_turns
+from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 HEADING = 0
 """Column of a scenario with the first direction of the track."""
@@ -28,6 +29,58 @@ They are heading to steer in still water [rad], yaw rate now and `Steering.previ
 def in_frame(scenario: np.ndarray, place: np.ndarray) -> np.ndarray:
     """North and east ``(..., 2)`` turned to ahead and to starboard of the first direction."""
     return np.stack(ahead_and_aside(place[..., 0], place[..., 1], scenario[..., HEADING]), -1)
+
+
+def first_component(estimates: np.ndarray | None, like: np.ndarray) -> np.ndarray:
+    """First component ``(...)`` of estimates ``(..., k)``; 0, shaped as ``like``, without any."""
+    return np.zeros_like(like) if estimates is None else estimates[..., 0]
+
+
+@dataclass(frozen=True)
+class Steering(Task):
+    """Base of the tasks in which a ship is steered by its rudder."""
+
+    ship: CorvetteParameters
+    pace: float = 1.0  # time to sail the ship's own length, relative to the corvette's
+    horizon: int = 600  # steps
+
+    @property
+    def dt(self) -> float:
+        """Time step [s]."""
+        return 0.5 * self.pace
+
+    @property
+    def preview(self) -> float:
+        """Time [s] by which the observed command is ahead."""
+        return 10.0 * self.pace
+
+    def smooth(self, actuators: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Factor of the reward for the steering ``(...)``, and next ``kept``, see `smoothness`."""
+        return smoothness(actuators, kept, self.ship.rudder_rate * self.dt, self.RUDDER_PRICE)
+
+    RUDDER_PRICE = 1.0  # of effort, in `smooth`
+    SWAY_SCALE = 2.0  # m/s
+    HEADING_SCALE = 0.1  # rad, errors and uncertainty
+    INPUT_SCALE = 0.01  # rad
+
+    @property
+    def rate_scale(self) -> float:
+        """Scale [rad/s] of errors and standard deviations of the yaw rate."""
+        return 0.01 / self.pace
+
+    @property
+    def command_scale(self) -> float:
+        """Scale [rad/s] of the commanded yaw rate."""
+        return 0.04 / self.pace
+
+    @cached_property
+    def _known_scales(self) -> list[float]:
+        return [self.ship.rudder_limit, self.command_scale, self.command_scale]
+
+    @cached_property
+    def _mean_scales(self) -> list[float]:
+        errors = self.HEADING_SCALE, self.rate_scale, self.SWAY_SCALE, self.INPUT_SCALE
+        return [*errors, *self._known_scales]
 
 
 class Track(Steering):

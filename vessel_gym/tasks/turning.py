@@ -1,4 +1,4 @@
-"""Tasks of a ship that is steered by its rudder: their common part, and the trial of the thesis.
+"""The turning circle trial of the thesis.
 
 Rudder angle, time step, switch of d and prior variance of the trial are inferred or our choice;
 docs/environments/thesis-corvette.md states what the thesis prints instead.
@@ -14,9 +14,9 @@ from estimators import Gaussian
 from estimators.engine import compiled, lookup
 from vessel_gym.checks import one_of
 from vessel_gym.sensors import Sensors
-from vessel_gym.tasks.task import Estimate, Task, closeness, first_reason, smoothness, wrapped
+from vessel_gym.tasks.task import Estimate, closeness, first_reason, wrapped
+from vessel_gym.tasks.track import Steering, first_component
 from vessel_gym.tasks.workspace import Workspace, at_depth
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.corvette_thesis import SIMULATIONS, ThesisCorvette
 
 SAMPLES = 195
@@ -26,58 +26,6 @@ SWITCH = 98
 
 Inferred: the thesis prints a switch after one sample (Section 4.3.1).
 """
-
-
-def first_component(estimates: np.ndarray | None, like: np.ndarray) -> np.ndarray:
-    """First component ``(...)`` of estimates ``(..., k)``; 0, shaped as ``like``, without any."""
-    return np.zeros_like(like) if estimates is None else estimates[..., 0]
-
-
-@dataclass(frozen=True)
-class Steering(Task):
-    """Base of the tasks in which a ship is steered by its rudder."""
-
-    ship: CorvetteParameters
-    pace: float = 1.0  # time to sail the ship's own length, relative to the corvette's
-    horizon: int = 600  # steps
-
-    @property
-    def dt(self) -> float:
-        """Time step [s]."""
-        return 0.5 * self.pace
-
-    @property
-    def preview(self) -> float:
-        """Time [s] by which the observed command is ahead."""
-        return 10.0 * self.pace
-
-    def smooth(self, actuators: np.ndarray, kept: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Factor of the reward for the steering ``(...)``, and next ``kept``, see `smoothness`."""
-        return smoothness(actuators, kept, self.ship.rudder_rate * self.dt, self.RUDDER_PRICE)
-
-    RUDDER_PRICE = 1.0  # of effort, in `smooth`
-    SWAY_SCALE = 2.0  # m/s
-    HEADING_SCALE = 0.1  # rad, errors and uncertainty
-    INPUT_SCALE = 0.01  # rad
-
-    @property
-    def rate_scale(self) -> float:
-        """Scale [rad/s] of errors and standard deviations of the yaw rate."""
-        return 0.01 / self.pace
-
-    @property
-    def command_scale(self) -> float:
-        """Scale [rad/s] of the commanded yaw rate."""
-        return 0.04 / self.pace
-
-    @cached_property
-    def _known_scales(self) -> list[float]:
-        return [self.ship.rudder_limit, self.command_scale, self.command_scale]
-
-    @cached_property
-    def _mean_scales(self) -> list[float]:
-        errors = self.HEADING_SCALE, self.rate_scale, self.SWAY_SCALE, self.INPUT_SCALE
-        return [*errors, *self._known_scales]
 
 
 @compiled

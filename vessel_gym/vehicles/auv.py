@@ -13,7 +13,6 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators.engine import compiled
-from vessel_gym.vehicles.actuators import Actuator
 from vessel_gym.vehicles.files import Particulars
 from vessel_gym.vehicles.hydrodynamics import (
     Coefficients,
@@ -22,7 +21,7 @@ from vessel_gym.vehicles.hydrodynamics import (
     Torpedo,
     axial_drag_coefficient,
 )
-from vessel_gym.vehicles.simulated import SimulatedVehicle
+from vessel_gym.vehicles.simulated import Actuator, SimulatedVehicle
 
 _FACTORS = {
     "surge added mass": ("X_udot",),

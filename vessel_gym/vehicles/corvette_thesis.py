@@ -14,11 +14,11 @@ import numpy as np
 
 from estimators import Schedule
 from estimators.engine import compiled
-from vessel_gym.vehicles.actuators import Actuator
 from vessel_gym.vehicles.corvette import COMPASS, MOTION_UNIT, linear_matrices
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.ship import Ship
+from vessel_gym.vehicles.simulated import Actuator
 
 
 class Simulation(NamedTuple):

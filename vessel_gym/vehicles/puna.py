@@ -24,10 +24,9 @@ import numpy as np
 
 from estimators.engine import compiled, sincos
 from vessel_gym.sensors import Bias, Known, Sensor, plain
-from vessel_gym.vehicles.actuators import Actuator
 from vessel_gym.vehicles.equilibrium import root
 from vessel_gym.vehicles.files import Particulars, load
-from vessel_gym.vehicles.simulated import SimulatedVehicle
+from vessel_gym.vehicles.simulated import Actuator, SimulatedVehicle
 
 STATE = ("x", "y", "h", "north", "east", "climb", "phi")
 """Components of the state: position, altitude [m], velocity over ground [m/s], bank [rad]."""

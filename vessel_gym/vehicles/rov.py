@@ -15,10 +15,9 @@ from functools import cached_property
 import numpy as np
 
 from estimators.engine import compiled, sincos
-from vessel_gym.vehicles.actuators import Actuator
 from vessel_gym.vehicles.files import Particulars, load
 from vessel_gym.vehicles.segorogeni import STATE, Segorogeni, coriolis
-from vessel_gym.vehicles.simulated import SimulatedVehicle
+from vessel_gym.vehicles.simulated import Actuator, SimulatedVehicle
 
 ADDED_MASS = ("X_udot", "Y_vdot", "Z_wdot", "K_pdot", "M_qdot", "N_rdot")
 LINEAR = ("X_u", "Y_v", "Z_w", "K_p", "M_q", "N_r")

@@ -8,7 +8,6 @@ import numpy as np
 
 from estimators.engine import compiled, sincos
 from vessel_gym.sensors import Sensor, plain
-from vessel_gym.vehicles.actuators import Actuator
 from vessel_gym.vehicles.corvette import (
     COMPASS,
     linear_matrices,
@@ -25,7 +24,7 @@ from vessel_gym.vehicles.corvette_equations import (
 )
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.integration import resolving_substeps, runge_kutta
-from vessel_gym.vehicles.simulated import SimulatedVehicle
+from vessel_gym.vehicles.simulated import Actuator, SimulatedVehicle
 
 _ESTIMATED = STATE[:6]  # all but roll
 

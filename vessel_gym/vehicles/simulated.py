@@ -1,15 +1,46 @@
-"""Vehicles with parameters from a file, whose equations of motion are integrated numerically."""
+"""Vehicles with parameters from a file: their actuators, and their numerical integration."""
 
 from dataclasses import fields
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from estimators.checks import integer
 from vessel_gym.checks import check_numbers, instance
-from vessel_gym.vehicles.actuators import actuated
 from vessel_gym.vehicles.integration import runge_kutta
 from vessel_gym.vehicles.vehicle import Vehicle
+
+
+class Actuator(NamedTuple):
+    """Response of an actuator to an action in [-1, 1] over a step.
+
+    The command is ``kept * before + base + gain (offset + action)``. A lag leaves the share ``lag``
+    of the difference between actuator and command. A step changes the actuator by at most ``turn``,
+    and its limits are +-``limit``.
+    """
+
+    above: float
+    """Gain of actions from 0 on."""
+    below: float
+    """Gain of negative actions."""
+    offset: float = 0.0
+    base: float = 0.0
+    kept: float = 0.0
+    lag: float = 0.0
+    turn: float = np.inf
+    limit: float = np.inf
+
+
+def actuated(before: np.ndarray, action: np.ndarray, parameters: np.ndarray) -> np.ndarray:
+    """Actuators ``(..., a)`` after a step from ``before``, with parameters ``(a, 8)``.
+
+    A row of the parameters is an `Actuator`.
+    """
+    above, below, offset, base, kept, lag, turn, limit = parameters.T
+    asked = kept * before + base + np.where(action < 0.0, below, above) * (offset + action)
+    asked = np.where(lag > 0.0, asked + (before - asked) * lag, asked)
+    turned = np.clip(asked, before - turn, before + turn)
+    return np.clip(turned, -limit, limit)
 
 
 class SimulatedVehicle(Vehicle):
@@ -33,7 +64,7 @@ class SimulatedVehicle(Vehicle):
     """Equations of motion with the misprints of the source paper, used if ``as_printed``."""
     as_printed: Any = False
     _actuators: Any
-    """Parameters ``(a, 8)``; each row is a `vessel_gym.vehicles.actuators.Actuator`."""
+    """Parameters ``(a, 8)``; each row is a `Actuator`."""
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     def __post_init__(self) -> None:

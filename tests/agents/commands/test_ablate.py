@@ -11,6 +11,7 @@ import pytest
 
 from agents.commands import ablate
 from agents.commands.console import command
+from agents.training import callbacks
 
 ROOT = Path(__file__).parents[3]
 SMALL = """
@@ -51,7 +52,8 @@ def test_main_job_installs_no_test_dependencies():
 
 
 @pytest.mark.slow
-def test_study_is_reported_and_not_computed_twice(study, tmp_path, capsys):
+def test_study_is_reported_and_not_computed_twice(study, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(callbacks, "EPISODES", 1)
     out = tmp_path / "out"
     assert ablate.main(study, out, processes=1) == 0
     printed = capsys.readouterr().out

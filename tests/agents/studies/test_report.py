@@ -167,13 +167,11 @@ def test_learning_curves_are_mean_and_range_over_runs():
 
 
 @pytest.mark.slow
-def test_learned_policies_have_a_table(tmp_path):
+def test_learned_policies_have_a_table(small, tmp_path):
     html = written(invented.learned(), tmp_path)
     assert "Normalised scores of learned agents" in html
     assert "training runs (5)" in html
     (learned,) = re.findall("learned agents</h2>.*?</table>", html, re.S)
     assert all(f"<td>{policy}</td>" in learned for policy in invented.learned().learned)
     assert html.count("Learning curves in ") == 4  # heading and alternative text of two
-    assert "Normalised scores of learned agents" not in written(
-        results(study((CORVETTE,))), tmp_path
-    )
+    assert "Normalised scores of learned agents" not in written(small, tmp_path)
