@@ -146,7 +146,7 @@ def is_healthy(belief: Any, changed: dict[str, Any], shrinks: bool, R: Any = Non
         R: Covariance of the measurements of an update.
     """
     after = belief.replaced(changed)
-    total = after.mean.sum(-1) + after.cov.sum((-2, -1))
+    total = after.mean.sum(-1) + after.cov.sum(-1).sum(-1)
     if "input_mean" in after.names():
         total = total + after.input_mean.sum(-1)
     if "feedthrough_cov" in after.names():

@@ -1,5 +1,6 @@
 """Vector environments: a native `gymnasium.vector.VectorEnv` on the batched core."""
 
+import sys
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -127,14 +128,14 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
                 an episode has ended.
         """
         core, restarted, moment = self.core, self.core.last.over, None
-        if restarted.any():
+        if restarting := np.count_nonzero(restarted):  # faster than any()
             reward, terminated = self._step_and_restart(actions, restarted)
         else:
             moment = core.advance(actions, core.action_shape)
             reward, terminated = core.last.reward.copy(), core.last.end > 0
-        truncated = core.last.steps >= (self.max_episode_steps or np.inf)
+        truncated = core.last.steps >= (self.max_episode_steps or sys.maxsize)
         done, final = terminated | truncated, {}
-        if done.any() or restarted.any():
+        if restarting or np.count_nonzero(done):
             moment = None
             if self.autoreset_mode is not AutoresetMode.SAME_STEP:
                 core.now = core.now.but(over=done)
@@ -162,7 +163,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         core.advance(actions, core.action_shape, info=False)
         observations, last = core.observe(), core.last
         reward, end = last.reward, last.end
-        terminated, truncated = end > 0, last.steps >= (self.max_episode_steps or np.inf)
+        terminated, truncated = end > 0, last.steps >= (self.max_episode_steps or sys.maxsize)
         done = terminated | truncated
         if done.any():
             info = {"final_info": {"score": core.score, "end": end}}

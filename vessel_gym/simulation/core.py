@@ -17,8 +17,8 @@ from vessel_gym.simulation.state import State
 from vessel_gym.simulation.whole_step import Moment
 from vessel_gym.system import System
 
-_FEW = 64
-"""Rows up to which one program is faster than its stages, whose code stays in the first cache."""
+_FEW = 512
+"""Rows up to which one program is faster than its stages, which fit better in caches."""
 
 
 class Core:

@@ -52,19 +52,23 @@ class Moment(NamedTuple):
         return numbers[places.observation], numbers.item(places.reward)
 
     @property
+    def _numbers(self) -> np.ndarray:
+        return self.found[0].reshape(-1, self.program.layout.size)
+
+    @property
     def observation(self) -> np.ndarray:
         """Observations ``(B, k)``."""
-        return np.atleast_2d(self.found[0][..., self.program.places.observation])
+        return self._numbers[:, self.program.places.observation]
 
     @property
     def reward(self) -> np.ndarray:
         """Rewards ``(B,)``."""
-        return np.atleast_1d(self.found[0][..., self.program.places.reward])
+        return self._numbers[:, self.program.places.reward]
 
     @property
     def total(self) -> np.ndarray:
         """Sums of rewards ``(B,)``."""
-        return np.atleast_1d(self.found[0][..., self.program.places.total])
+        return self._numbers[:, self.program.places.total]
 
     def end_of(self, row: int) -> int:
         """Number of the end reason of one environment."""
@@ -73,12 +77,12 @@ class Moment(NamedTuple):
     @property
     def end(self) -> np.ndarray:
         """Numbers of the end reasons ``(B,)``."""
-        return np.atleast_1d(self.found[self.program.places.end])
+        return self.found[self.program.places.end].reshape(-1)
 
     @property
     def steps(self) -> np.ndarray:
         """Numbers of steps ``(B,)``."""
-        return np.atleast_1d(self.found[self.program.places.steps])
+        return self.found[self.program.places.steps].reshape(-1)
 
     @property
     def over(self) -> np.ndarray:
