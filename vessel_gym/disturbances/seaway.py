@@ -39,7 +39,7 @@ class Seaway(Disturbance):
 
     The waves are a `WaveField` of a `WaveSpectrum`. The ship meets a wave at the frequency
     ``w - k U cos(beta)``, which is zero or negative if the ship overtakes it, and responds by a yaw
-    rate and a sway velocity: those of `wave_response`, or of a `WaveResponse` of your own hull.
+    rate and a sway velocity: those of `StripTheory`, or of a `WaveResponse` of your own hull.
     They are superposed on manoeuvring (Fossen 2021, ch. 10): the yaw rate turns the heading, and
     the sway velocity shifts the track. The roll moment acts on the ship. Wind (Blendermann 1994, a
     destroyer) and the drift of reflected waves (Faltinsen 1990) push it to leeward, which
@@ -273,7 +273,7 @@ class Seaway(Disturbance):
         ]  # fmt: skip
 
     @cached_property
-    def hull(self) -> StripTheory | TabledResponse:
+    def hull(self) -> StripTheory:
         """Response of the ship to waves."""
         if self.response is None:
             return StripTheory(self.ship)

@@ -1,5 +1,6 @@
 """Response of your own hull to waves, from a table of complex amplitudes."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -8,8 +9,8 @@ import numpy as np
 
 from estimators.checks import finite_array, frozen
 from vessel_gym.processes import interpolated
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters
-from vessel_gym.vehicles.seakeeping import Motion, StripTheory, wave_response
+from vessel_gym.vehicles.seakeeping import Motion, StripTheory, complex_motion
+from vessel_gym.vehicles.vehicle import GRAVITY
 
 _TURN = 2.0 * np.pi
 
@@ -62,76 +63,74 @@ class WaveResponse:
 
 
 @dataclass(frozen=True, eq=False)
-class TabledResponse:
+class TabledResponse(StripTheory):
     """A `WaveResponse` of a ship, whose own equations give the effect of its speed.
 
     The motion depends much on the speed: that of the corvette at rest has from 0.55 to 1.34 times
     the RMS yaw rate at 15.4 m/s, by direction of a moderate sea. It also has a sharp peak where the
-    frequency of encounter is near 0. Therefore the equations of `wave_response` reduce the table to
-    a response at rest, which is interpolated linearly in real and imaginary parts, and lead back
-    from it. At its entries the table is reproduced. Between its speeds and beyond them the effect
-    of the speed is that of strip theory. If the table is that of a ship at rest, which a panel
-    method gives, this holds at all speeds.
+    frequency of encounter is near 0. Therefore the equations of `StripTheory` reduce the table to a
+    response at rest, which is interpolated linearly in real and imaginary parts, and lead back from
+    it. At its entries the table is reproduced. Between its speeds and beyond them the effect of the
+    speed is that of strip theory. If the table is that of a ship at rest, which a panel method
+    gives, this holds at all speeds.
     """
 
-    ship: CorvetteParameters
     response: WaveResponse
 
     @cached_property
     def _table(self) -> np.ndarray:
         """Real and imaginary parts of responses at rest ``(f, 2 d - 1, s, 6)`` from -pi to pi."""
-        given, w = self.response, self.response.frequency[:, None]
+        given = self.response
+        w, speed = given.frequency[:, None, None, None], given.speed[:, None]
+        ahead = w**2 / GRAVITY * np.cos(given.direction)[:, None, None]
+        under_way, units = self._under_way(speed), np.eye(3)
+        answers = complex_motion(
+            lambda *n: under_way(ahead, w - ahead * speed, *np.multiply.outer(n, units))
+        )
         motion = np.stack([given.sway, given.yaw, given.roll], -1)
-        at_rest = np.empty_like(motion)
-        for i, speed in enumerate(given.speed):
-            own = motion[:, :, i]
-            units = [np.broadcast_to(unit, own.shape) for unit in np.eye(3)]
-            moved = [wave_response(self.ship, unit, w, given.direction, speed) for unit in units]
-            at_rest[:, :, i] = np.linalg.solve(np.stack(moved, -1), own[..., None])[..., 0]
+        at_rest = np.linalg.solve(answers.mT, motion[..., None])[..., 0]
         around = np.concatenate([-at_rest[:, :0:-1], at_rest], 1)
         return np.concatenate([around.real, around.imag], -1)
-
-    def _at_rest(self, row: Any, beta: Any, speed: Any) -> Any:
-        """Real, then imaginary parts of sway velocity, yaw rate and roll moment ``(..., 6)``.
-
-        Args:
-            row: Result of `frequency_constant`.
-            beta: Direction of the waves relative to the heading [rad].
-            speed: Speed of the ship [m/s].
-        """
-        turns = beta / _TURN + 0.5
-        place = (turns - np.floor(turns)) * (self._table.shape[1] - 1.0)
-        return interpolated(self._table, row, place, _index(self.response.speed, speed))
-
-    def motion(self, frequency: np.ndarray, beta: np.ndarray, speed: float) -> np.ndarray:
-        """Complex response ``(..., 3)``, see `wave_response`."""
-        parts = self._at_rest(self.frequency_constant(frequency), beta, speed)
-        at_rest = parts[..., :3] + 1j * parts[..., 3:]
-        return wave_response(self.ship, at_rest, frequency, beta, speed)
 
     def frequency_constant(self, frequency: np.ndarray) -> np.ndarray:
         """Index ``(...)`` of frequencies [rad/s] among those of the table."""
         return _index(self.response.frequency, frequency)
 
-    def at(self, speed: np.ndarray) -> Motion:
-        """`Motion` of the ship at speeds ``(...)`` [m/s], by the sum of `wave_response`."""
-        (p_M, q_M, s), damped, inert = StripTheory(self.ship).effect_of_speed(speed)
+    def _under_way(self, speed: np.ndarray) -> Callable[..., list[Any]]:
+        """Function that adds the effect of speeds ``(...)`` [m/s] to a response at rest n.
 
-        def moved(
-            w: Any, row: Any, ahead: Any, abeam: Any, met: Any, wave: tuple[Any, Any]
-        ) -> list[Any]:
-            parts = self._at_rest(row, np.arctan2(abeam, ahead), speed)
-            real = [parts[..., k] * wave[0] - parts[..., k + 3] * wave[1] for k in range(3)]
-            imaginary = [parts[..., k] * wave[1] + parts[..., k + 3] * wave[0] for k in range(2)]
+        Its arguments are the wave number along the hull [1/m], the frequency of encounter [rad/s],
+        and real and imaginary parts of n. It returns the real part of the response.
+        """
+        (p_M, q_M, s), damped, inert = self.effect_of_speed(speed)
+
+        def moved(ahead: Any, met: Any, real: Any, imaginary: Any) -> list[Any]:
             c_real = -real[1] - ahead * imaginary[0], -ahead * imaginary[1]
             c_imaginary = ahead * real[0] - imaginary[1], ahead * real[1]
             p, q = p_M - s * met * met, q_M * met
             over = speed / (p * p + q * q)
+            answer = list(real)
             for i, (m, n) in enumerate(zip(damped, inert, strict=True)):
                 above = _dot(m, c_real) - met * _dot(n, c_imaginary)
                 across = _dot(m, c_imaginary) + met * _dot(n, c_real)
-                real[i] = real[i] + (above * p + across * q) * over
-            return real
+                answer[i] = answer[i] + (above * p + across * q) * over
+            return answer
+
+        return moved
+
+    def at(self, speed: np.ndarray) -> Motion:
+        """`Motion` of the ship at speeds ``(...)`` [m/s]."""
+        under_way, speeds = self._under_way(speed), _index(self.response.speed, speed)
+
+        def moved(
+            w: Any, row: Any, ahead: Any, abeam: Any, met: Any, wave: tuple[Any, Any]
+        ) -> list[Any]:
+            turns = np.arctan2(abeam, ahead) / _TURN + 0.5
+            place = (turns - np.floor(turns)) * (self._table.shape[1] - 1.0)
+            parts = interpolated(self._table, row, place, speeds)
+            real = [parts[..., k] * wave[0] - parts[..., k + 3] * wave[1] for k in range(3)]
+            imaginary = [parts[..., k] * wave[1] + parts[..., k + 3] * wave[0] for k in range(2)]
+            return under_way(ahead, met, real, imaginary)
 
         return moved
 

@@ -37,71 +37,6 @@ def encounter_frequency(frequency: np.ndarray, beta: np.ndarray, speed: float) -
     return frequency - frequency**2 * speed * np.cos(beta) / GRAVITY
 
 
-def rest_response(ship: CorvetteParameters, frequency: np.ndarray, beta: np.ndarray) -> np.ndarray:
-    """Complex sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] at rest ``(..., 3)``.
-
-    They are per metre of amplitude. A ship at rest moves as the water along its hull does: its
-    mean velocity and gradient at half the draught. The roll moment about the centre of gravity is
-    the righting moment for the slope of the waves: in long waves the ship follows the surface,
-    Froude (1861). The moment of its motion relative to the water is left out.
-
-    Args:
-        ship: Parameters of the ship.
-        frequency: Frequency of the wave [rad/s].
-        beta: Direction of the wave relative to the heading [rad].
-    """
-    k = frequency**2 / GRAVITY
-    X = 0.5 * k * ship.length * np.cos(beta)  # phase between amidships and the end
-    even = np.sinc(X / np.pi)
-    small = np.abs(X) < 1e-3
-    safe = np.where(small, 1.0, X)
-    odd = np.where(small, X / 3.0, np.sin(safe) / safe**2 - np.cos(safe) / safe)
-    side = np.sin(beta) * np.exp(-0.5 * k * ship.draught)
-    roll = 1j * ship.mass * GRAVITY * ship.stiffness * k * side * even
-    sway, yaw = frequency * side * even, -6j / ship.length * frequency * side * odd
-    return np.stack([sway, yaw, roll], -1)
-
-
-def wave_response(
-    ship: CorvetteParameters, at_rest: np.ndarray, frequency: np.ndarray, beta: np.ndarray,
-    speed: float,
-) -> np.ndarray:  # fmt: skip
-    """Complex sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] ``(..., 3)``.
-
-    They are per metre of amplitude. Linear, first-order response of a ship on a straight course,
-    without a pole at an encounter frequency of 0. It is superposed on manoeuvring, Fossen (2021),
-    ch. 10. For a directionally unstable ship it is the particular solution at the frequency of
-    encounter; the growing free motion is part of manoeuvring.
-
-    Loads on a slender hull that is fixed in a wave ``exp(j (w t - k x))`` are the Froude-Krylov and
-    diffraction forces of strip theory, Salvesen, Tuck & Faltinsen (1970). With the sway velocity
-    and yaw rate n of the response at rest they are ``j w B n + j w_e A n + D n``: the pressure of
-    the wave accelerates the ship like the displaced water (B, inertia of the body), and added mass
-    A and damping D act on the motion relative to the water. The ship answers them by ``(M + j w_e
-    I)^-1``, where ``I = A + B``, and M is D with the Coriolis force of B at the speed U. Hence it
-    moves by ``n + (M + j w_e I)^-1 U B c`` with ``c = (j k cos(beta) n_1 - n_2, j k cos(beta)
-    n_2)``. In waves much longer than the ship it moves with the water.
-
-    Args:
-        ship: Parameters of the ship.
-        at_rest: Response at rest ``(..., 3)``, see `rest_response`.
-        frequency: Frequency of the wave [rad/s].
-        beta: Direction of the wave relative to the heading [rad].
-        speed: Speed of the ship [m/s].
-    """
-    sway, yaw, roll = np.moveaxis(at_rest, -1, 0)
-    ahead = 1j * frequency**2 / GRAVITY * np.cos(beta)
-    inertia, body, moving = sway_yaw_matrices(ship, speed)
-    side, turning = speed * np.tensordot(body, [ahead * sway - yaw, ahead * yaw], 1)
-    rotating = 1j * encounter_frequency(frequency, beta, speed)
-    parts = zip(moving.flat, inertia.flat, strict=True)
-    a, b, c, d = (each + inertial * rotating for each, inertial in parts)
-    determinant = a * d - b * c  # Cramer's rule
-    sway = sway + (d * side - b * turning) / determinant
-    yaw = yaw + (a * turning - c * side) / determinant
-    return np.stack([sway, yaw, roll], -1)
-
-
 def wind_loads(
     ship: CorvetteParameters, along: np.ndarray, across: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -143,25 +78,65 @@ def sway_yaw_matrices(
     return inertia, body, -inertia @ slopes[1:, 1:3]
 
 
+def complex_motion(moved: Callable[[float, float], Any]) -> np.ndarray:
+    """Complex amplitudes ``(..., 3)`` of a motion that is linear in a complex number.
+
+    Args:
+        moved: Real parts ``(...)`` of the motion, as a function of the number's real and imaginary
+            part.
+    """
+    real, turned = (
+        np.stack(np.broadcast_arrays(*moved(*number)), -1) for number in ((1.0, 0.0), (0.0, 1.0))
+    )
+    return real - 1j * turned
+
+
 @dataclass(frozen=True, eq=False)
 class StripTheory:
-    """`wave_response` of a ship, and the same response in real numbers for compiled code.
+    """Linear, first-order motion of a ship on a straight course in waves.
 
-    A ship at rest moves as the water along its hull does, ``n = (even, -j odd)``.
+    The motion is superposed on manoeuvring, Fossen (2021), ch. 10. It has no pole at an encounter
+    frequency of 0. For a directionally unstable ship it is the particular solution at the frequency
+    of encounter; the growing free motion is part of manoeuvring.
+
+    A ship at rest moves as the water along its hull does: its mean velocity and gradient at half
+    the draught, ``n = (even, -j odd)`` in a wave ``exp(j (w t - k x))``. The roll moment about the
+    centre of gravity is the righting moment for the slope of the waves: in long waves the ship
+    follows the surface, Froude (1861). The moment of its motion relative to the water is left out.
+
+    Loads on a slender hull that is fixed in the wave are the Froude-Krylov and diffraction forces
+    of strip theory, Salvesen, Tuck & Faltinsen (1970), ``j w B n + j w_e A n + D n``: the pressure
+    of the wave accelerates the ship like the displaced water (B, inertia of the body), and added
+    mass A and damping D act on the motion relative to the water. The ship answers them by ``(M + j
+    w_e I)^-1``, where ``I = A + B``, and M is D with the Coriolis force of B at the speed U. Hence
+    it moves by ``n + (M + j w_e I)^-1 U B c`` with ``c = (j k cos(beta) n_1 - n_2, j k cos(beta)
+    n_2)``. In waves much longer than the ship it moves with the water.
     """
 
     ship: CorvetteParameters
 
     @cached_property
-    def _table(self) -> np.ndarray:
+    def _moving(self) -> np.ndarray:
         """M by speed ``(26, 4)``: sway force and yaw moment per unit of sway and yaw."""
         speeds = self.ship.speed * _SPEEDS
         return np.array([sway_yaw_matrices(self.ship, speed)[2].ravel() for speed in speeds])
 
     def motion(self, frequency: np.ndarray, beta: np.ndarray, speed: float) -> np.ndarray:
-        """Complex response ``(..., 3)``, see `wave_response`."""
-        at_rest = rest_response(self.ship, frequency, beta)
-        return wave_response(self.ship, at_rest, frequency, beta, speed)
+        """Complex sway velocity [m/s], yaw rate [rad/s] and roll moment [N m] ``(..., 3)``.
+
+        They are per metre of amplitude.
+
+        Args:
+            frequency: Frequency of the wave [rad/s].
+            beta: Direction of the wave relative to the heading [rad].
+            speed: Speed of the ship [m/s].
+        """
+        k, moved = frequency**2 / GRAVITY, self.at(np.array(speed))
+        constant, ahead, abeam = self.frequency_constant(frequency), np.cos(beta), np.sin(beta)
+        met = encounter_frequency(frequency, beta, speed)
+        return complex_motion(
+            lambda *wave: moved(frequency, constant, k * ahead, k * abeam, met, wave)
+        )
 
     def frequency_constant(self, frequency: np.ndarray) -> np.ndarray:
         """Orbital velocity at half the draught by amplitude and wave number [m/s]."""
@@ -178,7 +153,7 @@ class StripTheory:
             I, each times B.
         """
         place = (len(_SPEEDS) - 1) / _SPEEDS[-1] / self.ship.speed * speed
-        table = interpolated(self._table, np.clip(place, 0.0, len(_SPEEDS) - 1.0))
+        table = interpolated(self._moving, np.clip(place, 0.0, len(_SPEEDS) - 1.0))
         M = [[table[..., 2 * i + j] for j in range(2)] for i in range(2)]
         inertia, body, _ = sway_yaw_matrices(self.ship, 0.0)
         (a, b), (c, d) = inertia
@@ -197,14 +172,15 @@ class StripTheory:
             side = orbital * abeam  # velocity of the water to the ship's side
             side = side * wave[0], side * wave[1]
             X = 0.5 * length * ahead  # phase between amidships and the end
-            X = np.where(np.abs(X) < 1e-6, 1e-6, X)
-            sin, cos = sincos(X)
+            safe = np.where(np.abs(X) < 1e-6, 1e-6, X)
+            sin, cos = sincos(safe)
             p, q = p_M - s * met * met, q_M * met
             size = p * p + q * q
-            over = 1.0 / (X * size)  # one quotient for both
-            even = sin * (over * size)
-            odd = (even - cos) * (over * size) * (6.0 / length)
-            scale = speed * (over * X)
+            over = 1.0 / (safe * size)  # one quotient for both
+            inverse = over * size
+            even = sin * inverse
+            odd = (even - cos) * (X * inverse * inverse) * (6.0 / length)
+            scale = speed * (over * safe)
             p, q = p * scale, q * scale
             real, imaginary = ahead * odd, odd + ahead * even
             met_real, met_imaginary = met * real, met * imaginary
