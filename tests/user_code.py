@@ -91,5 +91,5 @@ def environment() -> str:
     """An environment of one's own, steered by the package's agent."""
     system = SegorogeniAUVEnv.system
     check_system(system)
-    load_agent("autopilot", gym.make(register_environment(system, max_episode_steps=100)))
+    load_agent("autopilot", gym.make(register_environment(system), max_episode_steps=100))
     return system.name

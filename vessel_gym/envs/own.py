@@ -7,7 +7,7 @@ import gymnasium as gym
 import numpy as np
 
 from estimators import Gaussian
-from estimators.checks import integer, short_repr
+from estimators.checks import short_repr
 from estimators.filter import Model
 from vessel_gym.checks import instance
 from vessel_gym.contract import check_system
@@ -16,13 +16,14 @@ from vessel_gym.envs.vector import VesselVectorEnv
 from vessel_gym.system import System
 
 
-def register_environment(system: System, max_episode_steps: int | None = None) -> str:
+def register_environment(system: System) -> str:
     """Register a system with Gymnasium under its name, as single and vector environment.
+
+    An episode lasts for the task's horizon; `gymnasium.make` takes another ``max_episode_steps``.
 
     Args:
         system: The environment as data; `dataclasses.replace` changes a field of a system of the
             package.
-        max_episode_steps: Steps of a full episode; None for the task's horizon.
 
     Returns:
         The id, which is the system's name.
@@ -33,8 +34,6 @@ def register_environment(system: System, max_episode_steps: int | None = None) -
         TypeError: for an object that is no system.
     """
     instance("system", system, System)
-    if max_episode_steps is not None:
-        integer("max_episode_steps", max_episode_steps, 1)
     try:
         gym.envs.registration.parse_env_id(system.name)
     except gym.error.Error:
@@ -56,7 +55,7 @@ def register_environment(system: System, max_episode_steps: int | None = None) -
         system.name,
         entry_point=faces[0],  # type: ignore[arg-type]
         vector_entry_point=faces[1],  # type: ignore[arg-type]
-        max_episode_steps=system.task.horizon if max_episode_steps is None else max_episode_steps,
+        max_episode_steps=system.task.horizon,
     )
     return system.name
 

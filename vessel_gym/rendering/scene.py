@@ -211,9 +211,11 @@ class Scene:
     @property
     def conditions(self) -> list[str]:
         """Conditions of the episode in words."""
-        config, mismatch = self.core.config, self.core.config.options.mismatch
-        words = [f"{config.disturbance_name} disturbance", f"{config.sensors_name} sensors"]
-        return [*words, f"mismatch {100 * mismatch:g} %"] if mismatch else words
+        options, words = self.core.config.options, []
+        for what in "disturbance", "sensors":
+            choice = getattr(options, what)
+            words.append(f"{choice if isinstance(choice, str) else 'own'} {what}")
+        return [*words, f"mismatch {100 * options.mismatch:g} %"] if options.mismatch else words
 
     @property
     def legend(self) -> dict[str, str]:

@@ -262,16 +262,6 @@ class Configuration:
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         return self
 
-    @property
-    def disturbance_name(self) -> str:
-        """Name of the disturbance; ``"own"`` for an object."""
-        return self.options.disturbance if isinstance(self.options.disturbance, str) else "own"
-
-    @property
-    def sensors_name(self) -> str:
-        """Name of the sensor suite; ``"own"`` for a list of sensors."""
-        return self.options.sensors if isinstance(self.options.sensors, str) else "own"
-
 
 def observed(observe: str, guidance: bool) -> tuple[str, ...]:
     """Parts of an observation, by the keys of `vessel_gym.tasks.task.observation_sizes`."""

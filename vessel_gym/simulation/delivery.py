@@ -14,10 +14,9 @@ _ROUNDING = 1e-6
 class Delivery:
     """Faults and delays of sensors: functions of the record, which holds all that changes.
 
-    In the record, ``faults`` is ``(times, keys, values, seen)``: begin and end of each fault
-    ``(B, faults, 2)`` [s], its keys ``(B, faults, 2)``, and for each channel the value that a stuck
-    sensor repeats ``(B, p)`` and the mask of channels that have one. ``transit`` is the sampled
-    measurements by age ``(B, ages, p)``, and their mask.
+    In the record, ``faults`` is ``(times, held)``: begin and end of each fault ``(B, faults, 2)``
+    [s], and for each channel the value ``(B, p)`` that a stuck sensor repeats, NaN without one.
+    ``transit`` is the sampled measurements by age ``(B, ages, p)``, and their mask.
 
     Args:
         sensors: Sensors, with their faults and delays.
@@ -34,22 +33,22 @@ class Delivery:
         """Draw the times of faults; no measurement is in transit."""
         shape = len(now.steps), self.ages, self.sensors.size
         if self.sensors.faults:
-            times, keys = self._drawn(now)
-            now.faults = times, keys, np.zeros(shape[::2]), np.zeros(shape[::2], bool)
+            now.faults = self._times(now), np.full(shape[::2], np.nan)
         if self.ages > 1:
             now.transit = np.zeros(shape), np.zeros(shape, bool)
 
-    def _drawn(self, now: State) -> tuple[np.ndarray, np.ndarray]:
-        """Begin and end of each fault ``(B, faults, 2)`` [s], and its keys."""
-        shape = len(now.steps), len(self.sensors.faults), 2
-        times, keys = np.zeros(shape), np.zeros(shape, np.uint64)
+    def _keys(self, now: State, i: int) -> RandomKeys:
+        """Keys of the random numbers of the fault with the index i."""
+        return RandomKeys(now.sensing[:, self._sensor_index[i]]).of("fault", i)
+
+    def _times(self, now: State) -> np.ndarray:
+        """Begin and end of each fault ``(B, faults, 2)`` [s]."""
+        times = np.zeros((len(now.steps), len(self.sensors.faults), 2))
         for i, fault in enumerate(self.sensors.faults):
-            drawn = RandomKeys(now.sensing[:, self._sensor_index[i]]).of("fault", i)
             earliest, latest = fault.begins
-            keys[:, i] = drawn.keys
-            times[:, i, 0] = earliest + drawn.uniforms(1)[:, 0] * (latest - earliest)
-            times[:, i, 1] = times[:, i, 0] + fault.duration
-        return times, keys
+            begin = earliest + self._keys(now, i).uniforms(1)[:, 0] * (latest - earliest)
+            times[:, i] = np.stack([begin, begin + fault.duration], -1)
+        return times
 
     def __call__(self, now: State) -> None:
         """Deliver the sampled measurements."""
@@ -68,32 +67,31 @@ class Delivery:
     def _corrupt(self, now: State) -> None:
         """Apply the active faults to the sampled measurements."""
         y, available, acting = now.y.copy(), now.available.copy(), self.active(now)
-        times, keys, values, seen = now.faults
-        values, seen = values.copy(), seen.copy()
+        times, held = now.faults
+        held = held.copy()
         for i, (fault, own) in enumerate(zip(self.sensors.faults, self._channels, strict=True)):
             on, read, came = acting[:, i, None], y[:, own], available[:, own]
             if fault.kind == "off":
                 available[:, own] = came = came & ~on
             elif fault.kind == "stuck":
-                last = np.where(seen[:, own], values[:, own], read)
-                renewed = came & ~(on & seen[:, own])
-                values[:, own] = np.where(renewed, read, values[:, own])
-                seen[:, own] = seen[:, own] | came
-                read = np.where(on, last, read)
+                renewed = came & ~(on & np.isfinite(held[:, own]))
+                held[:, own] = np.where(renewed, read, held[:, own])
+                read = np.where(on, held[:, own], read)
             else:
                 with np.errstate(over="ignore"):
                     read = np.where(on, self._wrong(i, fault, read, now), read)
                 available[:, own] = came = came & np.isfinite(read)
             y[:, own] = np.where(came, read, 0.0)
-        now.y, now.available, now.faults = y, available, (times, keys, values, seen)
+        now.y, now.available, now.faults = y, available, (times, held)
 
     def _wrong(self, i: int, fault: SensorFault, read: np.ndarray, now: State) -> np.ndarray:
         """Measurements ``(B, k)`` under the fault with the index i."""
-        size, (times, keys, *_) = np.asarray(fault.size, float), now.faults
+        size = np.asarray(fault.size, float)
         if fault.kind == "garbage":
-            return size * RandomKeys(keys[:, i], now.steps).normals(read.shape[1], use=1)
+            keys = self._keys(now, i).keys
+            return size * RandomKeys(keys, now.steps).normals(read.shape[1], use=1)
         if fault.kind == "drift":
-            size = size * (now.steps * self.sensors.dt - times[:, i, 0])[:, None]
+            size = size * (now.steps * self.sensors.dt - now.faults[0][:, i, 0])[:, None]
         return read * size if fault.kind == "scale" else read + size
 
     def _carry(self, now: State) -> None:

@@ -150,7 +150,7 @@ class Stage:
     def changes(self, now: State) -> Changes:
         """The arrays."""
         if not self.compiled:
-            return {name: _read_only(each) for name, each in self.function(now).items()}
+            return self.function(now)
         if self._read is None:
             self._compile(now)
         found = self._program(*self._read(now))
@@ -169,14 +169,6 @@ class Stage:
         axes = [a.ndim - 1 for a in held.values()]
         self._program = Compiled(function, axes, sealed=True, own=self._own)
         self._read = attrgetter(*held)
-
-
-def _read_only(value: Any) -> Any:
-    """A view of an array, so that no method writes into what another has given."""
-    if isinstance(value, np.ndarray):
-        value = value.view()
-        value.setflags(write=False)
-    return value
 
 
 class Stages:

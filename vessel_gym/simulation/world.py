@@ -64,9 +64,7 @@ class World:
         if self.space.start_effect is not None:
             x = product(self.space.start_effect, slow, x)
         state, actuators = self.vehicle.start(x)
-        constants = now.constant_uniforms
-        if self.disturbance.uniforms:
-            constants = self.disturbance.draw(constants)
+        constants = self.disturbance.draw(now.constant_uniforms)
         quiet = np.zeros((*now.steps.shape, len(self.root)))
         now = now.but(episode_constants=constants, slow=slow, noise=quiet)
         slow, noise = self._advanced(now, np.eye(self.space.slow.size))
@@ -96,11 +94,7 @@ class World:
     ) -> np.ndarray:  # fmt: skip
         """Exogenous input over the coming step: of white noise, the disturbance and the task."""
         own, z, outside = self.disturbance, slow[..., : self.size], self.space.increments_and_flows
-        if own.uniforms:
-            time = self.sensors.dt * now.steps
-            effect = own.effect_at(now.episode_constants, time, z, state)
-        else:
-            effect = own.effect(z, state)
+        effect = own.effect_at(now.episode_constants, self.sensors.dt * now.steps, z, state)
         exogenous = self.space.exogenous(effect, actuators, noise[..., : self.white])
         if now.imposed is None:
             return exogenous
