@@ -33,7 +33,6 @@ from estimators.input_observability import InputConditions as InputConditions
 from estimators.input_observability import input_conditions as input_conditions
 from estimators.kalman import ExtendedKalmanFilter as ExtendedKalmanFilter
 from estimators.kalman import KalmanFilter as KalmanFilter
-from estimators.metrics import chi_square_band as chi_square_band
 from estimators.metrics import nees as nees
 from estimators.metrics import nis as nis
 from estimators.metrics import rmse as rmse

@@ -213,7 +213,7 @@ class Filter(ABC, Generic[Record]):
         batch = np.broadcast_shapes(prior.mean.shape[:-1], prior.cov.shape[:-2])
         mean = np.broadcast_to(prior.mean, (*batch, n)).copy()
         cov = np.broadcast_to(prior.cov, (*batch, n, n)).copy()
-        initial = self._begin(mean, cov, self._numbers(rng, batch) if self.random else None)
+        initial = self._begin(mean, cov, self._numbers(rng, batch))
         every = {"mean": mean, "cov": cov, "healthy": np.ones(batch, bool)}
         every |= unmeasured(batch, self.model.p)
         if "parameters" in self.record.names():
@@ -242,8 +242,7 @@ class Filter(ABC, Generic[Record]):
         batch = self._batch(belief)
         u = known_input(u, batch)
         self.model.check_known_input(u)
-        rng = self._numbers(rng, batch) if self.random else None
-        return self._run("predict", belief, (u, None, None, None, rng))
+        return self._run("predict", belief, (u, None, None, None, self._numbers(rng, batch)))
 
     def update(
         self, belief: Record, y: ArrayLike, rng: Rng = None, available: ArrayLike | None = None,
@@ -287,8 +286,7 @@ class Filter(ABC, Generic[Record]):
                 f"{self.name} takes one update a step: join the measurements, NaN or masked where"
                 " none came"
             )
-        rng = self._numbers(rng, batch) if self.random else None
-        return self._run("update", belief, (u, y, available, R, rng))
+        return self._run("update", belief, (u, y, available, R, self._numbers(rng, batch)))
 
     def step(
         self, belief: Record, y: np.ndarray, u: np.ndarray | None = None, rng: Rng = None,
@@ -382,7 +380,9 @@ class Filter(ABC, Generic[Record]):
         return tuple(batch)
 
     def _numbers(self, rng: Rng, batch: tuple[int, ...]) -> Rng:
-        """Random numbers of a step: a key for every row, or a Generator."""
+        """Random numbers of a step: a key for every row, or a Generator; None if none are drawn."""
+        if not self.random:
+            return None
         if not isinstance(rng, RandomKeys | np.random.Generator):
             raise (ValueError if rng is None else TypeError)(
                 f"{self.name} draws random numbers: pass rng, keys (estimators.RandomKeys) or a"

@@ -59,15 +59,3 @@ def nis(innovation: ArrayLike, innovation_cov: ArrayLike, size: ArrayLike = 0.0)
     arrived = ~np.isnan(error)
     form = semidefinite_form(np.where(arrived, error, 0.0), masked(cov, arrived), size)[0]
     return np.where(np.isinf(error).any(-1), np.inf, form)[()]
-
-
-def chi_square_band(runs: int, degrees: int, confidence: float = 0.95) -> tuple[float, float]:
-    """Interval of the mean over ``runs`` independent NEES or NIS values, with ``confidence``.
-
-    Average over runs at one time, not over time: errors at successive times are correlated.
-    """
-    from scipy.special import gammaincinv  # late, as all of SciPy: few need it, and it loads slowly
-
-    tail = (1.0 - confidence) / 2.0
-    low, high = 2.0 * gammaincinv(0.5 * runs * degrees, [tail, 1.0 - tail]) / runs
-    return float(low), float(high)

@@ -5,8 +5,9 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+from scipy.stats import chi2
 
-from estimators import Gaussian, LinearModel, chi_square_band, make, nees, run
+from estimators import Gaussian, LinearModel, make, nees, run
 from estimators.consistency import simulate
 
 HERE = Path(__file__).parent
@@ -64,8 +65,10 @@ def ensemble() -> None:
         right.plot(
             time, nees(series.updated.mean, series.updated.cov, data.x).mean(1) / 2, label=name
         )
-    low, high = chi_square_band(runs, 2)
-    right.axhspan(low / 2, high / 2, color="0.85", label="95 % band of a consistent filter")
+    low, high = chi2.interval(0.95, 2 * runs)
+    right.axhspan(
+        low / (2 * runs), high / (2 * runs), color="0.85", label="95 % band of a consistent filter"
+    )
     right.set(xlabel="time [s]", ylabel="NEES / 2", ylim=(0, 9))
     right.legend(loc="best", fontsize=8)
     figure.savefig(HERE / "primer-ensemble.png", dpi=120)

@@ -10,7 +10,6 @@ numbers, rounding and lookups are zero.
 
 from collections import Counter
 from collections.abc import Callable
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -70,7 +69,7 @@ def jacobian(outputs: Any, inputs: Any) -> Any:
     found, tangents = entries(values, program), dict[int, Tangent]()
     for i, seed in enumerate(seeds.flat):
         tangents[seed.value] = {i: 1.0}
-    live = program.live([*map(attrgetter("value"), found)])
+    live = program.live([x.value for x in found])
     uses = Counter(value for each in live for value in each.operands)
     inner = dict[int, Tangent]()
     for each in live:
@@ -142,9 +141,9 @@ def linearise(
         NotTraceable: if an operation cannot be traced or has no derivative.
     """
     x, u, program = by_entries(x), by_entries(u), program_of(x.flat)
-    own = (*map(attrgetter("value"), entries(x, program)),)
+    own = [each.value for each in entries(x, program)]
     if len({*own} - program.constants.keys()) < len(own):
         # Derivatives are by values: entries that are constant or share one get their own.
-        x = by_entries(stored(program, program.add("pack", own, "f", len(own)), x.shape))
+        x = by_entries(stored(program, program.add("pack", tuple(own), "f", len(own)), x.shape))
     value = function(x, u)
     return value, jacobian(value, x) if slopes is None else slopes(x, u)

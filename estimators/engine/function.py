@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.engine import machine
 from estimators.engine.matching import in_memory, invoker
-from estimators.engine.program import KINDS, LITERAL, LOOPS, Instruction, Program, View, value_of
+from estimators.engine.program import KINDS, LITERAL, LOOPS, Instruction, Program, View
 
 FEW = 4
 """Least number of rows for which vectors are faster; fewer have the program of a single row."""
@@ -73,7 +73,8 @@ class Function:
         self._sealed = len(outputs) - own if sealed else 0
         self.outputs = [parts for parts, _ in outputs]
         self.results = [row for _, row in outputs]
-        values = [value_of(each) for parts in self.outputs for each in parts]
+        of_outputs = (each for parts in self.outputs for each in parts)
+        values = [each.value if isinstance(each, View) else each for each in of_outputs]
         self.instructions = program.complete(values)
         read = {each.attributes[0] for each in self.instructions if each.opcode in _INPUTS}
         self.arguments = {

@@ -7,7 +7,6 @@ for a row without leading axes. Operations of few rows and columns are unrolled.
 import math
 from collections.abc import Callable, Sequence
 from functools import cache, partial
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -63,7 +62,8 @@ class Entry(Tracer):
     @property
     def value(self) -> int:  # type: ignore[override]
         """Its value as a scalar."""
-        return self.program.entry(self.matrix, self.place, self.kind)
+        place = View(self.matrix, (1, 1), self.place, (0, 0))
+        return self.program.add("element", (place,), self.kind)
 
 
 def matrix(value: Any) -> Any:
@@ -100,17 +100,14 @@ def view(program: Program, array: Any) -> View:
     if rows.dtype != object:
         return View(program.table(rows), rows.shape, 0, _steps(np.arange(rows.size), rows.shape))
     flat = rows.ravel().tolist()
-    if {*map(type, flat)} == {Entry} and len({*map(_matrix, flat)}) == 1:
-        places = np.array([*map(attrgetter("place"), flat)])
+    if {*map(type, flat)} == {Entry} and len({each.matrix for each in flat}) == 1:
+        places = np.array([each.place for each in flat])
         start, steps = int(places[0]), _steps(places, rows.shape)
         if (places == start + np.indices(rows.shape).reshape(2, -1).T @ steps).all():
             return View(flat[0].matrix, rows.shape, start, steps)
-    scalars = (*map(attrgetter("value"), map(partial(constant, program), flat)),)
-    value = program.add("pack", scalars, "f", len(flat))
+    scalars = [constant(program, each).value for each in flat]
+    value = program.add("pack", tuple(scalars), "f", len(flat))
     return View(value, rows.shape, 0, _steps(np.arange(rows.size), rows.shape))
-
-
-_matrix = attrgetter("matrix")
 
 
 def _steps(places: np.ndarray, shape: tuple[int, ...]) -> tuple[int, int]:
@@ -136,7 +133,7 @@ def _each(name: str, *operands: Any) -> TracedMatrix:
     for each in operands:
         masks = np.asarray(each).dtype == bool  # the entries of a constant are no constants each
         if is_traced(each):
-            masks = {*map(attrgetter("kind"), entries(each, program))} == {"b"}
+            masks = {x.kind for x in entries(each, program)} == {"b"}
         kinds += "b" if masks or (name == "where" and not kinds) else "f"
         views.append(view(program, each) if np.ndim(each) else constant(program, each).value)
     shape = np.broadcast_shapes(*map(np.shape, operands))

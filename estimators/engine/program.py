@@ -53,11 +53,6 @@ class Instruction(NamedTuple):
         return {each.value if isinstance(each, View) else each for each in self.operands}
 
 
-def value_of(operand: int | View) -> int:
-    """The value of an operand, or the value that contains it."""
-    return operand.value if isinstance(operand, View) else operand
-
-
 class Columns(NamedTuple):
     """Body of a ``columns``: its parameters are the entries of a column of each view."""
 
@@ -108,10 +103,6 @@ class Program:
             self._constants[key] = self.new("f", flat.size)
             self.tables[self._constants[key]] = flat
         return self._constants[key]
-
-    def entry(self, value: int, place: int, kind: str) -> int:
-        """An entry of a matrix."""
-        return self.add("element", (View(value, (1, 1), place, (0, 0)),), kind)
 
     def add(
         self, opcode: str, operands: tuple[int | View, ...], kind: str, size: int | None = None,

@@ -20,7 +20,7 @@ import numpy as np
 import estimators as e
 
 f = e.make("kf", e.LinearModel(np.eye(1), np.eye(1), np.eye(1), np.eye(1)))
-e.nis(np.zeros(1), np.eye(1)), e.chi_square_band(10, 1)
+e.nis(np.zeros(1), np.eye(1))
 f.update(f.predict(f.init(e.Gaussian([0.0], [[1.0]]))), [1.0])
 print(*sys.modules)
 """

@@ -5,6 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from estimators import (
     Gaussian,
@@ -17,7 +18,6 @@ from estimators import (
     smooth,
 )
 from estimators.kalman import with_input
-from estimators.metrics import chi_square_band
 from tests.estimators.batch import least_squares, marginals
 from tests.estimators.cases import (
     INPUT_PRIOR,
@@ -110,8 +110,8 @@ def test_smoothed_errors_are_as_large_as_the_smoother_says(name: str):
     record = simulate(system, 5, runs=400, steps=25)
     smoothed = smooth(run(make(name, system.model), system.prior, record.y, u=record.u))
     values = nees(smoothed.mean[12], smoothed.cov[12], record.x[12], system.model.state_angles)
-    low, high = chi_square_band(400, system.model.n, 1.0 - 1e-4)
-    assert low < values.mean() < high
+    low, high = chi2.interval(1.0 - 1e-4, 400 * system.model.n)
+    assert low < values.sum() < high
 
 
 @pytest.mark.parametrize("name", ["kf", "kf-umv-ui-wdf", "etkf"])
