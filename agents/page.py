@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agents.files import write_text
+from agents.plotting import data_uri
 from agents.statistics import Interval, crossed_interval
 from vessel_gym.extras import require
 
 if TYPE_CHECKING:
     import pandas as pd
+    from matplotlib.figure import Figure
 
 LATEX = {"−": "$-$", "±": r"$\pm$", "–": "--", "°": r"$^\circ$", "σ": r"$\sigma$"}
 """Characters of tables that LaTeX lacks in text."""
@@ -84,9 +86,9 @@ def table(title: str, frame: "pd.DataFrame", note: str = "") -> Block:
     return Block(title, frame.to_html(border=0, index=False), note, frame)
 
 
-def picture(title: str, data_uri: str, note: str = "") -> Block:
-    """An image as a block, see `agents.plotting.data_uri`."""
-    return Block(title, f'<img src="{data_uri}" alt="{escape(title)}">', note)
+def picture(title: str, figure: "Figure", note: str = "") -> Block:
+    """A figure as a block."""
+    return Block(title, f'<img src="{data_uri(figure)}" alt="{escape(title)}">', note)
 
 
 def frame(title: str, document: str, note: str = "") -> Block:

@@ -11,7 +11,7 @@ from agents.budget.result import Budget
 from agents.budget.search import OPEN
 from agents.files import replacing
 from agents.page import bullets, listed, picture, table, text, write_page
-from agents.plotting import INK, PALETTE, data_uri, save_figure, styled
+from agents.plotting import INK, PALETTE, save_figure, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -163,7 +163,7 @@ def write_report(budget: Budget, notes: list[str]) -> Path:
     arms = (*study.environments, study.estimators[0].name, study.agents[0].name)
     subtitle = f"vessel-gym {vessel_gym.__version__}: {', '.join(arms)}"
     return write_page(folder / "budget.html", study.title, subtitle, conclusion(budget), [
-        picture("Price and score", data_uri(figure),
+        picture("Price and score", figure,
                 "Suites simulated in the search, with simultaneous 95 % intervals; the answer has"
                 " its score on fresh seeds."),
         table(

@@ -92,10 +92,9 @@ def _console() -> Any:
     """Console that wraps between words; a file or pipe has no width, unless ``COLUMNS`` says so."""
     from rich.console import Console
 
-    plain: Any = {"markup": False, "emoji": False, "highlight": False}
-    if sys.stdout.isatty() or "COLUMNS" in os.environ:
-        return Console(width=min(Console().width, WIDTH), **plain)
-    return Console(width=_WHOLE, **plain)
+    bounded = sys.stdout.isatty() or "COLUMNS" in os.environ
+    width = min(Console().width, WIDTH) if bounded else _WHOLE
+    return Console(width=width, markup=False, emoji=False, highlight=False)
 
 
 def print_table(title: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:

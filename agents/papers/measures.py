@@ -5,7 +5,7 @@ heading first, figures as in `agents.papers.figures`, and a `Row` for each exper
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,7 +32,7 @@ def mean(values: Any) -> Interval:
 def geometric(logs: np.ndarray) -> Interval:
     """Geometric mean of the values with these logarithms ``(N,)``, with its 95 % interval."""
     of = mean(logs)
-    return Interval(*(float(np.exp(end)) for end in (of.mean, of.low, of.high)))
+    return Interval(*np.exp(astuple(of)).tolist())
 
 
 def trend(members: Sequence[int], errors: np.ndarray) -> str:
@@ -43,7 +43,7 @@ def trend(members: Sequence[int], errors: np.ndarray) -> str:
     x, y = np.log(members) - np.mean(np.log(members)), np.log(errors)
     logs = np.log(max(members) / min(members)) * ((y - y.mean(-1, keepdims=True)) @ x / (x @ x))
     of = geometric(logs)
-    return text(Interval(*(100.0 * (end - 1.0) for end in (of.mean, of.low, of.high))), 1)
+    return text(Interval(*(100.0 * (end - 1.0) for end in astuple(of))), 1)
 
 
 def by_members(label: str, errors: Mapping[int, Any]) -> Table:

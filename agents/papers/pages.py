@@ -3,14 +3,13 @@
 import csv
 import re
 from collections.abc import Mapping
-from html import escape
 from pathlib import Path
 from typing import Any
 
-from agents.page import Block, markdown_table, write_page
+from agents.page import Block, markdown_table, picture, write_page
 from agents.papers import read
 from agents.papers.figures import draw
-from agents.plotting import data_uri, save_figure
+from agents.plotting import save_figure
 
 
 def write_paper(name: str, values: Mapping[str, Any], out: Path) -> Path:
@@ -33,7 +32,7 @@ def write_paper(name: str, values: Mapping[str, Any], out: Path) -> Path:
     for described in values["figures"]:
         drawn, title = draw(described), f"Figure {described['number']}"
         save_figure(drawn, out / "figures" / file_name(name, title))
-        pictures.append(f'<img src="{data_uri(drawn)}" alt="{escape(described["caption"])}">')
+        pictures.append(picture(described["caption"], drawn).html)
     (title, source, opening), sections = page_parts(name, values["tables"])
     figures = Block("Figures of the paper", f'<div class="figures">{"".join(pictures)}</div>')
     return write_page(

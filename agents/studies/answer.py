@@ -1,8 +1,8 @@
 """The answer to a study in computed sentences."""
 
 from agents.page import listed, text
-from agents.statistics import CLEARLY_WORSE, EQUIVALENT, SLIGHTLY_WORSE, UNDECIDED, Interval
-from agents.studies.effects import AGENT, effects, interactions, mean, significant, trends
+from agents.statistics import CLEARLY_WORSE, EQUIVALENT, SLIGHTLY_WORSE, UNDECIDED
+from agents.studies.effects import AGENT, effects, interactions, mean, significant
 from agents.studies.ranking import ALL, Ranking, rankings
 from agents.studies.records import ENDS, beyond_the_truth
 from agents.studies.results import Results
@@ -27,7 +27,7 @@ def answer(results: Results) -> list[str]:
             " the truth."
         )
     suspicious = [
-        f"{name} in {environment} ({amount(score)})"
+        f"{name} in {environment} ({text(score)})"
         for environment, ranking in found.items()
         for name in ranking.scores
         if (score := ranking.score(name)) and score.low > 1.0
@@ -45,23 +45,23 @@ def _effects(results: Results) -> list[str]:
     gains = [e for e in found if significant(e.gain)]
     sentences = []
     for effect in gains:
-        best, scores = effect.best, f"scores {amount(effect.gain)} more than"
+        best, scores = effect.best, f"scores {text(effect.gain)} more than"
         agent = effect.factor == AGENT
         does = f"{best} {scores}" if agent else f"with {best} {who} {scores} with"
         sentences.append(f"There is a gain from the {effect.factor}: {does} {effect.reference}.")
     if found and not gains:
         sentences.append("No level of any factor scores significantly more than its reference.")
     losses = [
-        f"{e.worst} ({e.factor}: {amount(e.loss, True)})" for e in found if significant(e.loss)
+        f"{e.worst} ({e.factor}: {text(e.loss, signed=True)})" for e in found if significant(e.loss)
     ]
     if losses:
         sentences.append(f"Score is lost with {listed(losses)}.")
-    for factor, steps in trends(results).items():
-        moves = "rises" if mean(steps[0]) > 0.0 else "falls"
-        each = listed([amount(step, True) for step in steps])
-        sentences.append(f"The score {moves} with each step of the {factor}: {each}.")
+    for effect in (e for e in found if e.trend):
+        moves = "rises" if mean(effect.trend[0]) > 0.0 else "falls"
+        steps = listed([text(step, signed=True) for step in effect.trend])
+        sentences.append(f"The score {moves} with each step of the {effect.factor}: {steps}.")
     still = [
-        f"{e.factor} ({amount(max(e.gain, e.loss, key=lambda v: abs(mean(v))), True)})"
+        f"{e.factor} ({text(max(e.gain, e.loss, key=lambda v: abs(mean(v))), signed=True)})"
         for e in found
         if not significant(e.gain) and not significant(e.loss)
     ]
@@ -71,7 +71,7 @@ def _effects(results: Results) -> list[str]:
         sentences.append(
             f"In {one.environment} the effect of the {one.factor} depends on the"
             f" {one.other}: with {one.at} the difference that {one.level} makes changes by"
-            f" {amount(one.change, True)}."
+            f" {text(one.change, signed=True)}."
         )
     return sentences
 
@@ -90,7 +90,7 @@ def _advice(ranking: Ranking) -> str:
     score = ranking.score(best)
     return (
         f"Use {best} in {where}: with it {who} reaches {100.0 * mean(score):.0f} % of the way from"
-        f" dead reckoning to perfect state knowledge (normalised score {amount(score)})."
+        f" dead reckoning to perfect state knowledge (normalised score {text(score)})."
         f" {_standing(ranking)}"
     )
 
@@ -111,7 +111,7 @@ def _standing(ranking: Ranking) -> str:
     return " ".join(sentences)
 
 
-# --- what is missing, and numbers -----------------------------------------------------------------
+# --- what is missing ------------------------------------------------------------------------------
 
 
 def _missing(results: Results) -> list[str]:
@@ -121,9 +121,3 @@ def _missing(results: Results) -> list[str]:
     failed = [f.job.label for f in missing if f.job.key in results.outcome.failures]
     why = f"; {len(failed)} failed, the first: {failed[0]}" if failed else ""
     return [f"{len(missing)} of {len(flights)} results are missing{why}. Run the study again."]
-
-
-def amount(value: Interval | float | None, signed: bool = False) -> str:
-    """A score in a sentence, with a digit more where its interval is small."""
-    wide = isinstance(value, Interval) and value.half >= 0.095
-    return text(value, 2 if wide else 3, signed)

@@ -38,6 +38,7 @@ class Effect(NamedTuple):
 
     ``gain`` and ``loss`` are the scores at the last two minus that at the reference. Their
     intervals hold for all levels at once, because the best is selected in the same episodes.
+    ``trend`` are the steps from level to level with each of which the score moves one way, if any.
     """
 
     factor: str
@@ -46,6 +47,7 @@ class Effect(NamedTuple):
     gain: Interval | float | None
     worst: str
     loss: Interval | float | None
+    trend: list[Interval | float | None]
 
 
 class Interaction(NamedTuple):
@@ -169,9 +171,10 @@ def effects(results: Results) -> list[Effect]:
     The greatest significant gain comes first, and after the gains the greatest change. Each
     environment has its own best and worst levels.
     """
-    found = []
     each = [_by_cell(results, e) | _policies(results, e) for e in results.environments]
-    for factor, places in _by_factor(each).items():
+    found = []
+    for factor in dict.fromkeys(name for own in each for name in own):
+        places = [own[factor] for own in each if factor in own]
         among = prod(len(levels) for _, levels in places)
         ends: list[Any] = [_one([first for first, _ in places], "first")]
         for sign, word in ((1.0, "best"), (-1.0, "worst")):
@@ -179,17 +182,12 @@ def effects(results: Results) -> list[Effect]:
             values = _mean(gaps).to_numpy()
             change = interval(results, names[0], values, among) if values.any() else None
             ends += [_one(names, word), change]
+        ends.append(_trend(results, places))
         found.append(Effect(factor, *ends))
     return sorted(
         found,
         key=lambda e: (-mean(e.gain) * significant(e.gain), -max(mean(e.gain), -mean(e.loss))),
     )
-
-
-def _by_factor(each: Sequence[Contrasts]) -> dict[str, list[tuple[str, dict[str, pd.DataFrame]]]]:
-    """Contrasts of each factor in the environments that have it."""
-    factors = dict.fromkeys(name for own in each for name in own)
-    return {factor: [own[factor] for own in each if factor in own] for factor in factors}
 
 
 def _mean(gaps: Sequence[pd.DataFrame]) -> pd.DataFrame:
@@ -212,24 +210,23 @@ def _extreme(
     return (level, gaps[level]) if beyond else (reference, 0.0 * gaps[level])
 
 
-def trends(results: Results) -> dict[str, list[Interval | float | None]]:
-    """Steps of the score from level to level of the factors with a trend, in the study's order.
+def _trend(
+    results: Results, places: Sequence[tuple[str, dict[str, pd.DataFrame]]]
+) -> list[Interval | float | None]:
+    """Steps of the score from level to level of a factor, in the study's order, if it has a trend.
 
-    Their levels have numbers, such as rates. Every step changes the score beyond chance, all in one
+    Its levels have numbers, such as rates. Every step changes the score beyond chance, all in one
     direction. No step alone makes a trend, so that their intervals need no correction
     (intersection-union test, Berger 1982).
     """
-    each, found = [_by_cell(results, environment) for environment in results.environments], {}
-    for factor, places in _by_factor(each).items():
-        orders = {(first, *others) for first, others in places}
-        if len(orders) > 1 or not _numbered(*orders):
-            continue
-        gaps = [_mean([_by_run(own[name]) for _, own in places]) for name in places[0][1]]
-        changes = (after - before for before, after in pairwise((0.0 * gaps[0], *gaps)))
-        steps = [interval(results, results.compared, c.dropna().to_numpy()) for c in changes]
-        if all(map(significant, steps)) and len({mean(step) > 0.0 for step in steps}) == 1:
-            found[factor] = steps
-    return found
+    orders = {(first, *others) for first, others in places}
+    if len(orders) > 1 or not _numbered(*orders):
+        return []
+    gaps = [_mean([_by_run(own[name]) for _, own in places]) for name in places[0][1]]
+    changes = (after - before for before, after in pairwise((0.0 * gaps[0], *gaps)))
+    steps = [interval(results, results.compared, c.dropna().to_numpy()) for c in changes]
+    one_way = len({mean(step) > 0.0 for step in steps}) == 1
+    return steps if one_way and all(map(significant, steps)) else []
 
 
 def _numbered(levels: Sequence[str]) -> bool:

@@ -57,11 +57,8 @@ def _points(panel: "Axes", results: Results, environment: str, names: list[str])
         scores = [crossed_interval(results.values(results.normalised, *place)) for place in at]
         ends = np.array([(s.mean, s.half) if s else (np.nan, np.nan) for s in scores])
         places = np.arange(len(conditions)) + 0.6 * ((k + 0.5) / len(names) - 0.5)
-        look: dict[str, Any] = {
-            "color": colour,
-            "marker": mark,
-            "markersize": 3.5,
-            "elinewidth": 0.5,
-        }
-        handles[name] = panel.errorbar(places, *ends.T, linestyle="none", **look)
+        handles[name] = panel.errorbar(
+            places, *ends.T, linestyle="none", color=colour, marker=mark, markersize=3.5,
+            elinewidth=0.5,
+        )  # fmt: skip
     return handles

@@ -21,7 +21,7 @@ from agents.page import (
     text,
     write_page,
 )
-from agents.plotting import data_uri, learning_figure
+from agents.plotting import learning_figure
 from agents.statistics import crossed_interval
 from agents.studies.answer import answer
 from agents.studies.figures import conditions_figure
@@ -108,7 +108,7 @@ def _ranked(results: Results) -> list[Block]:
             "Normalised score, share of completed episodes with its 95 % interval for other seeds,"
             f" and mean score of the worst tenth of the episodes. {legend(results)}",
         ),
-        picture("Normalised score in each condition", data_uri(conditions_figure(results)),
+        picture("Normalised score in each condition", conditions_figure(results),
                 "The scale is that of each condition; the 95 % intervals are individual."),
         table(
             "Normalised score, and the verdict against the best of each column",
@@ -217,7 +217,7 @@ def _learned(results: Results) -> list[Block]:
         *(
             picture(
                 f"Learning curves in {environment}",
-                data_uri(learning_figure(curves, "return of training episodes")),
+                learning_figure(curves, "return of training episodes"),
                 "Mean and range over training runs of the return of the last training episodes,"
                 " whose actions are drawn at random about the policy's own.",
             )

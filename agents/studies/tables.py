@@ -40,6 +40,7 @@ def legend(results: Results) -> str:
 def effects_table(results: Results) -> pd.DataFrame:
     """Factors with their reference, best and worst levels, and what these change in the score."""
     table = pd.DataFrame(effects(results), columns=Effect._fields).set_index("factor")
+    table = table.drop(columns="trend")
     changes = table[["gain", "loss"]].map(lambda change: text(change, 3, True))
     return table.assign(gain=changes.gain, loss=changes.loss)
 

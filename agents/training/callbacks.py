@@ -7,21 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from stable_baselines3.common.callbacks import BaseCallback, CheckpointCallback, EvalCallback
+from stable_baselines3.common.logger import Logger, make_output_format
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
+from stable_baselines3.common.utils import safe_mean
 
 from agents.policies.checkpoint import write
 from agents.seeds import tuning_seeds
-from vessel_gym.extras import require
-
-require("stable_baselines3")
-
-from stable_baselines3.common.callbacks import (  # noqa: E402
-    BaseCallback,
-    CheckpointCallback,
-    EvalCallback,
-)
-from stable_baselines3.common.logger import Logger, make_output_format  # noqa: E402
-from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm  # noqa: E402
-from stable_baselines3.common.utils import safe_mean  # noqa: E402
 
 EVALUATIONS, EPISODES, CHECKPOINTS = 10, 20, 20
 """Evaluations of a training, episodes of each, and checkpoints."""

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Any
 
@@ -157,7 +157,7 @@ def _compared(arm: Arm, searched: Values, values: Values, seeds: Sequence[int]) 
     by_score = Trials(replace(arm, by=SCORE), seeds)
     delivered, tuned, best, *others = by_score.scores(candidates)
     gains = [mean_interval(each) for each in (tuned - delivered, *(best - np.array(others)))]
-    gain, *each = [[g.mean, g.low, g.high] if g else [np.nan] * 3 for g in gains]
+    gain, *each = [[*astuple(g)] if g else [np.nan] * 3 for g in gains]
     return {
         "fresh_delivered": float(delivered.mean()), "fresh_tuned": float(tuned.mean()),
         "gain": gain, "gain_of": dict(zip(arm.parameters, each, strict=True)),

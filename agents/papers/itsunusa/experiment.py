@@ -67,14 +67,13 @@ def estimate(
     return rmse(found[1:], truth[1:, :, _SCORED], axis=0)
 
 
-def printed(model: Model, members: int) -> Filter:
-    """`enkf-sr` with the update of Table 1."""
-    return make("enkf-sr", model, members=members, draws="independent", as_printed=True)
+def square_root(**options: Any) -> Form:
+    """A form of `enkf-sr`."""
+    return lambda model, n: make("enkf-sr", model, members=n, draws="independent", **options)
 
 
-def symmetric(model: Model, members: int) -> Filter:
-    """This package's `enkf-sr`, which keeps the members' mean."""
-    return make("enkf-sr", model, members=members, draws="independent")
+printed, symmetric = square_root(as_printed=True), square_root()
+"""`enkf-sr` with the update of Table 1, and this package's, which keeps the members' mean."""
 
 
 def dive(

@@ -26,7 +26,6 @@ from agents.studies.effects import (
     interactions,
     levels,
     significant,
-    trends,
 )
 from agents.studies.plan import plan
 from agents.studies.records import Condition, Estimator, Tuning
@@ -106,9 +105,7 @@ def test_a_trend_over_rates_is_a_loss_of_the_sensor_rate():
     assert (effect.reference, effect.best, effect.gain) == ("its own", "its own", None)
     assert effect.worst == "receiver: 0.2 Hz"
     assert "Score is lost with receiver: 0.2 Hz (sensor rate: −0.16" in said(found)
-    assert sum(step.mean for step in trends(found)["sensor rate"]) == pytest.approx(
-        effect.loss.mean
-    )
+    assert sum(step.mean for step in effect.trend) == pytest.approx(effect.loss.mean)
     told = (
         r"The score falls with each step of the sensor rate: −0\.04\d* ± \S+ and −0\.12\d* ± \S+\. "
     )
