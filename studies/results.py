@@ -13,7 +13,7 @@ import gymnasium as gym
 import numpy as np
 import pandas as pd
 
-from agents.page import mean_and_half, number, text
+from agents.page import mean_and_half, text
 from agents.refusal import Refusal
 from agents.statistics import Interval, crossed_interval, paired_difference
 from agents.studies.records import FLOOR, ORACLE
@@ -161,8 +161,10 @@ def latency(study: str) -> str:
         score, error, nees = (
             episodes(study, world, key=key) for key in ("score", "position_rmse", "position_nees")
         )
-        cells = (f"{mean_and_half(score[at])}; {number(error[at].mean(), 2)}; {number(nees[at].mean(), 2)}"
-                 for at in places)  # fmt: skip
+        cells = (
+            f"{mean_and_half(score[at])}; {error[at].mean():.2f}; {nees[at].mean():.2f}"
+            for at in places
+        )
         rows.append((world.removesuffix("-v0"), *cells))
     return table(("environment", "without latency", *ways), rows)
 

@@ -73,15 +73,14 @@ def main(
         with job_progress(title, processes) as progress:
             return run(jobs, out, processes, scheduler, progress)
 
-    outcome = compute(study.stem, planned.jobs)
-    results = Results.of(planned, outcome)
+    results = Results.of(planned, compute(study.stem, planned.jobs))
     episodes = examples(results)
     played = compute("example episodes", list(episodes.values()))
     pages = {e: played.values[job.key] for e, job in episodes.items() if job.key in played.values}
     command = shlex.join(["vessel-gym", "ablate", str(study), "--out", str(out)])
     _print(results, write_report(results, out, pages, command))
     # Jobs that fail alike say it once: what differs is the name before the traceback.
-    texts = (outcome.failures | played.failures).values()
+    texts = (results.outcome.failures | played.failures).values()
     failures = {text.partition("Traceback")[2] or text: text for text in texts}
     print(*failures.values(), sep="\n", end="")
     return int(bool(failures))
