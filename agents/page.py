@@ -57,7 +57,7 @@ def listed(items: Sequence[str]) -> str:
 
 
 def named(words: Mapping[str, str]) -> str:
-    """Words by name in a sentence: "receiver: SBAS, gyro compass: magnetic"."""
+    """Names and their words as a part of a sentence: "receiver: SBAS, gyro compass: magnetic"."""
     return ", ".join(f"{name}: {each}" for name, each in words.items())
 
 

@@ -11,7 +11,8 @@ Sources: Hillis (2007), "A comparison of denominator degrees of freedom methods 
 observer ROC analysis", for intervals over two crossed factors; Hall (1992), "On the removal of
 skewness by transformation", for skewed values; Schuirmann (1987), "A comparison of the two
 one-sided tests procedure", for equivalence; Hanley, Lippman-Hand (1983), "If nothing goes wrong, is
-everything all right?", for the rule of three; Clopper and Pearson (1934), for shares of trials.
+everything all right?", for the rule of three; Clopper & Pearson (1934), Biometrika 26, for shares
+of trials.
 """
 
 from dataclasses import dataclass

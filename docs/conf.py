@@ -144,8 +144,9 @@ class Manual(SphinxDirective):
     required_arguments = 1
 
     def run(self) -> list[nodes.Node]:
-        """Parse it one level below the page's own headings."""
-        return _parsed(self, re.sub("^## ", "### ", _docstring(self.arguments[0]), flags=re.M))
+        """Name the docstring, and parse it one level below the page's own headings."""
+        manual = re.sub("^## ", "### ", _docstring(self.arguments[0]), flags=re.M)
+        return _parsed(self, f"The docstring of `{self.arguments[0]}`:\n\n{manual}")
 
 
 class Computed(SphinxDirective):

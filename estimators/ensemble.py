@@ -204,7 +204,10 @@ class EnsembleKalmanFilter(EnsembleFilter):
 
         K = A' Y / (N - 1) (Y' Y / (N - 1) + R)^-1
 
-    Sources: Burgers, van Leeuwen & Evensen (1998); Evensen (2003).
+    Sources: Burgers, van Leeuwen & Evensen (1998), Mon. Wea. Rev. 126; Evensen (2003), Ocean
+    Dynamics 53; Sacher & Bartello (2008), Mon. Wea. Rev. 136, for the loss of variance with
+    independent draws; Hoteit, Pham, Gharamti & Luo (2015), Mon. Wea. Rev. 143, for exact draws;
+    Raanes, Carrassi & Bertino (2015), Mon. Wea. Rev. 143(10), for deterministic process noise.
 
     Args:
         model: Any model; an unknown input in it is ignored.
@@ -250,9 +253,10 @@ class EnsembleTransformFilter(EnsembleFilter):
     The square-root filter of Evensen (2004) in its symmetric form, which keeps the members' mean,
     is this transform.
 
-    Sources: Bishop, Etherton & Majumdar (2001); Wang, Bishop & Julier (2004); Evensen (2004), made
-    symmetric by Sakov & Oke (2008b) and Livings, Dance & Nichols (2008); the reduced gain of
-    Whitaker & Hamill (2002) for measurements taken together.
+    Sources: Bishop, Etherton & Majumdar (2001), Mon. Wea. Rev. 129; Wang, Bishop & Julier (2004),
+    Mon. Wea. Rev. 132; Evensen (2004), made symmetric by Sakov & Oke (2008b), Mon. Wea. Rev. 136,
+    and Livings, Dance & Nichols (2008); the reduced gain of Whitaker & Hamill (2002), Mon. Wea.
+    Rev. 130, for measurements taken together.
 
     Args:
         model: Any model; an unknown input in it is ignored.

@@ -227,8 +227,9 @@ class CusumMonitor(FaultMonitor):
     rates of false alarms as if they added up. Channels that raise alarms together make the true
     rate lower, so the mean time between false alarms is never shorter than stated.
 
-    Source: Page (1954), Continuous inspection schemes; Basseville & Nikiforov (1993), sec. 2.2 and
-    ch. 5.
+    Sources: Page (1954), Continuous inspection schemes; Brook & Evans (1972), An approach to the
+    probability distribution of cusum run length, for the threshold; Basseville & Nikiforov (1993),
+    Detection of Abrupt Changes, sec. 2.2 and ch. 5.
 
     Args:
         sensors: See `FaultMonitor`.

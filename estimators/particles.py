@@ -60,7 +60,7 @@ class ParticleBelief(Belief):
     def effective_size(self) -> np.ndarray:
         """Effective number of particles ``(...)``, from 1 to N, the latter for equal weights.
 
-        Source: Kong, Liu & Wong (1994).
+        Source: Kong, Liu & Wong (1994), J. Am. Statist. Assoc. 89.
         """
         return 1.0 / np.square(np.exp(self.log_weights)).sum(-1)
 
@@ -92,8 +92,9 @@ class ParticleFilter(Filter[ParticleBelief]):
 
     State angles are averaged on the circle.
 
-    Sources: Gordon, Salmond & Smith (1993); Kitagawa (1996), systematic resampling; Arulampalam,
-    Maskell, Gordon & Clapp (2002), algorithm 4; jitter: Musso, Oudjane & Le Gland (2001).
+    Sources: Gordon, Salmond & Smith (1993), IEE Proc. F 140; Kitagawa (1996), J. Comput. Graph.
+    Statist. 5, for systematic resampling; Arulampalam, Maskell, Gordon & Clapp (2002), algorithm 4;
+    Musso, Oudjane & Le Gland (2001), in Sequential Monte Carlo Methods in Practice, for jitter.
 
     Args:
         model: Any model with noise in every measurement; an unknown input in it is ignored.

@@ -43,9 +43,10 @@ def assuming(disturbance: Any, role: str = "") -> dict[str, Any]:
 def environment_options(environment: str, options: Mapping[str, Any]) -> dict[str, Any]:
     """Options of an environment from those of a file.
 
-    Sensors may have the noise and drop-out of another quality; a disturbance may be a table of faulty
-    actuators, what acts beside them and parameters of a `Fault`. What a filter assumes may be a
-    table of such parameters: it is then told of the world's other disturbances.
+    Sensors may be a table with the noise and drop-out of `in_quality`. A disturbance may be a table
+    of faulty actuators, the disturbance beside them and parameters of a `Fault`. A filter's
+    assumption may be a table of such parameters; the world's faulty actuators and other disturbance
+    are added to it.
     """
     system, made = system_of(environment), {**options}
 

@@ -181,7 +181,7 @@ def tunings() -> str:
     """Cost, NEES, overfitting and scatter of the tunings of each arm, in the first condition.
 
     The cost is the loss under the truth's tuned controller minus what the arm's own controller wins
-    back. Overfitting is the gain on tuning seeds less that on other seeds. The scatter is the
+    back. Overfitting is the gain on tuning seeds minus the gain on other seeds. The scatter is the
     largest difference between the mean scores of two tunings.
     """
     folder, study = ROOT / "results" / STUDY / "jobs", read_study(STUDIES[STUDY])

@@ -30,7 +30,7 @@ ESTIMATOR, AGENT, RUN = "estimator", "agent", "run"
 _TUNING = "tuning", "delivered parameters", "tuned parameters"
 """The factor, its reference and its other level."""
 _NUMBER = re.compile(r"([\d.]+) (?:%|s|Hz)")
-"""A number in the words of a level."""
+"""Pattern of a number with its unit in the name of a level."""
 
 
 class Effect(NamedTuple):
@@ -191,7 +191,7 @@ def effects(results: Results) -> list[Effect]:
 
 
 def _mean(gaps: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """The mean over environments, in the runs that all have."""
+    """Mean of the differences over environments, in the runs that every environment has."""
     return reduce(pd.DataFrame.add, gaps).dropna() / len(gaps)
 
 
@@ -213,11 +213,11 @@ def _extreme(
 def _trend(
     results: Results, places: Sequence[tuple[str, dict[str, pd.DataFrame]]]
 ) -> list[Interval | float | None]:
-    """Steps of the score from level to level of a factor, in the study's order, if it has a trend.
+    """Differences of the score between successive levels of a factor; empty without a trend.
 
-    Its levels have numbers, such as rates. Every step changes the score beyond chance, all in one
-    direction. No step alone makes a trend, so that their intervals need no correction
-    (intersection-union test, Berger 1982).
+    The levels of such a factor have numbers, such as rates, and are in the study's order. All
+    differences are significant and have one sign. A trend needs all of them, so their intervals
+    need no correction for several comparisons (intersection-union test, Berger 1982).
     """
     orders = {(first, *others) for first, others in places}
     if len(orders) > 1 or not _numbered(*orders):
@@ -230,7 +230,10 @@ def _trend(
 
 
 def _numbered(levels: Sequence[str]) -> bool:
-    """Do the numbers of three or more levels only rise or only fall? The reference may lack one."""
+    """Are there three levels or more, whose numbers only rise or only fall?
+
+    The first level, the reference, may have no number.
+    """
     numbers = [float(n) for level in levels for n in dict.fromkeys(_NUMBER.findall(level))]
     steps, known = np.diff(numbers), 1 < len(levels) - 1 <= len(numbers)
     return known and bool((steps > 0.0).all() or (steps < 0.0).all())

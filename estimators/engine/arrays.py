@@ -32,7 +32,7 @@ class TracedArray(np.ndarray):
         return array.view(TracedArray)
 
     def __array_ufunc__(self, ufunc: Any, method: str, *operands: Any, **others: Any) -> Any:
-        """One of NumPy's functions entry by entry, or its reduction."""
+        """Apply one of NumPy's functions to each entry, or reduce an axis by it."""
         name, (out,) = ufunc.__name__, others.pop("out", (None,))
         if others.pop("dtype", None) not in (None, float) or others.keys() - {"axis", "keepdims"}:
             raise NotTraceable(f"a traced function cannot have np.{name} with such options in it")

@@ -1,11 +1,11 @@
 """Exact derivatives of traced functions in forward mode: a tangent beside each value.
 
 Tangents are sparse: entries that are zero everywhere are left out. A value on which much depends,
-such as an intermediate state of an integration, is the seed of tangents of its own, which the chain
-rule joins to those of the inputs in the end (Griewank & Walther 2008, Evaluating Derivatives, ch.
-9). Loops that are not unrolled have no derivative. At a kink, such as `numpy.abs` at 0 or
-`numpy.maximum` of equal numbers, the derivative is that of the branch taken. Derivatives of whole
-numbers, rounding and lookups are zero.
+such as an intermediate state of an integration, is a seed: later values have tangents by it. In the
+end the chain rule turns these into tangents by the inputs (Griewank & Walther 2008, Evaluating
+Derivatives, ch. 9). Loops that are not unrolled have no derivative. At a kink, such as `numpy.abs`
+at 0 or `numpy.maximum` of equal numbers, the derivative is that of the branch taken. Derivatives of
+whole numbers, rounding and lookups are zero.
 """
 
 from collections import Counter
@@ -87,7 +87,7 @@ def jacobian(outputs: Any, inputs: Any) -> Any:
 
 
 def _chained(tangent: Tangent, inner: dict[int, Tangent]) -> Tangent:
-    """A tangent by the inputs, from one by inputs and the inner seeds, by their tangents."""
+    """The tangent by the inputs alone, by the chain rule through the inner seeds."""
     total = dict(tangent)
     for seed in reversed(inner):  # each depends on earlier ones
         if (factor := total.pop(seed, None)) is not None:

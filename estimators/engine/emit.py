@@ -227,7 +227,7 @@ class Emitter:
         )
 
     def spread(self, x: Tracer, width: int, each: bool = False) -> Tracer:
-        """A number of some lanes in more: all of them repeated, or each of them."""
+        """Widen a number to more lanes: repeat all its lanes in turn, or each of them in place."""
         lanes: Any = x.program
         if lanes.width == width:
             return x

@@ -151,7 +151,7 @@ class MatrixEmitter(Emitter):
         self.over(rows, columns, some, CHUNK if together else 1)
 
     def _emit_columns(self, instruction: Instruction) -> None:
-        """A function of columns, of which as many stand side by side as fill eight lanes."""
+        """Emit a function of columns; neighbouring columns fill eight lanes together."""
         loop: Columns = instruction.attributes[0]
         views: Any = instruction.operands[: len(loop.parameters)]
         outer: Any = instruction.operands[len(loop.parameters) :]

@@ -22,7 +22,7 @@ LITERAL = (0.0, 1.0, -1.0, 0.5, -0.5, 2.0, np.inf, -np.inf)
 LOOPS = frozenset((
     "each", "join", "matmul", "solve_lower", "cholesky", "semidefinite_cholesky", "rotate",
 ))  # fmt: skip
-"""Opcodes of loops whose lanes are rows alone."""
+"""Opcodes of loops in which each lane is a row of the batch."""
 _LONGEST = 100_000  # values of a program; LLVM needs a second for 20,000
 
 

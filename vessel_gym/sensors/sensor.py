@@ -204,7 +204,7 @@ class Sensor:
 
 
 def _check_entries(title: str, name: str, values: Any, k: int, kind: str) -> None:
-    """Refuse anything but k entries of a kind of numbers, one for each channel.
+    """Check that there are k entries, one for each channel, of one kind of numbers.
 
     Raises:
         ValueError: naming the attribute.
@@ -234,7 +234,7 @@ def in_quality(
     outlier_scale: float = 10.0,
     lossless: bool = False,
 ) -> tuple[Sensor, ...]:
-    """Sensors in another quality than the nominal one.
+    """Sensors with noise and losses other than nominal ones.
 
     Args:
         nominal: Sensors of a vehicle.
@@ -246,7 +246,7 @@ def in_quality(
         lossless: Does no sensor lose a measurement?
 
     Raises:
-        ValueError: for numbers out of range.
+        ValueError: if a number is out of range.
     """
     return tuple(
         replace(

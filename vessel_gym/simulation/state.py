@@ -172,7 +172,7 @@ class Stage:
 
 
 class Stages:
-    """Stages one after the other, in one program if all of them are compiled.
+    """A sequence of stages, which is one program if all of them are compiled.
 
     Args:
         stages: Stages in their order.
@@ -186,7 +186,7 @@ class Stages:
         self._parts = (Stage(self.function, True),) if self.compiled else stages
 
     def function(self, now: State) -> Changes:
-        """The arrays of all."""
+        """Arrays that the stages change together."""
         changes: Changes = {}
         for stage in self._stages:
             changes |= stage.function(now.but(**changes))

@@ -203,7 +203,7 @@ class Particulars:
     """
 
     GIVEN: ClassVar[tuple[str, ...]] = ()
-    """Names of numbers that are no fields of the class, but pairs (name, number) in `given`."""
+    """Names of further numbers, which the field `given` holds as pairs (name, number)."""
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     def __post_init__(self) -> None:

@@ -157,7 +157,7 @@ def _of_row(observation: Callable[[np.ndarray], Any], x: np.ndarray) -> Any:
 def _sampled_prior(env: gym.Env, state: Callable[[gym.Env, Any], Any], model: Model) -> Gaussian:
     """Mean and covariance of a model's states at the starts of a copy of an environment.
 
-    The mean of an angle is the direction of the mean of unit vectors.
+    The mean of an angle is the direction of the mean unit vector.
 
     Raises:
         ValueError: if the environment cannot be copied, or has another number of states.
