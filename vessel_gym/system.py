@@ -1,7 +1,7 @@
 """An environment as data: a vehicle, a task, disturbances and a default estimator."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -101,11 +101,11 @@ class System:
     filter_models: Mapping[str, str] = field(default_factory=dict)
     sensors: tuple[Sensor, ...] | None = None
 
-    def __reduce__(self) -> tuple[Any, ...]:
+    def __reduce_ex__(self, protocol: Any) -> Any:
         """Pickle a registered system by its name, which must be registered where it is loaded."""
         if registered(self.name) is self:
             return registered, (self.name,)
-        return System, tuple(getattr(self, each.name) for each in fields(self))
+        return super().__reduce_ex__(protocol)
 
     def __post_init__(self) -> None:
         for name in ("name", "estimator", "filter_model"):
@@ -125,12 +125,9 @@ class System:
             raise ValueError("disturbances of a system must hold one at least, by name")
         one_of("filter_model of a system", self.filter_model, self.vehicle.kinds)
         options("filter_models of a system", self.filter_models)
-        sensors = () if self.sensors is None else self.sensors
-        if not all_are(Sensor, sensors):
-            raise TypeError(
-                "sensors of a system must be Sensor objects, or None, got"
-                f" {short_repr(self.sensors)}"
-            )
+        if not all_are(Sensor, self.nominal_sensors):
+            given = short_repr(self.nominal_sensors)
+            raise TypeError(f"sensors of a system must be Sensor objects, got {given}")
         if not callable(self.tuning):
             raise TypeError(
                 "tuning of a system must be a function of (name, space), got"

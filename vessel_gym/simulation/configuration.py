@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -22,8 +22,8 @@ from vessel_gym.simulation.delivery import Delivery
 from vessel_gym.simulation.draws import StartNumbers
 from vessel_gym.simulation.loop import Estimator
 from vessel_gym.simulation.mission import Mission
-from vessel_gym.simulation.state import Changes, Stage, State
-from vessel_gym.simulation.truth import INFO, Scale, TrueState, UnknownInput, info_arrays
+from vessel_gym.simulation.state import Stage
+from vessel_gym.simulation.truth import INFO, Info
 from vessel_gym.simulation.whole_step import WholeStep
 from vessel_gym.simulation.world import World
 from vessel_gym.system import System, Task, Vehicle
@@ -150,7 +150,7 @@ def _as_tuple(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-_mission = cached(Mission)
+_mission, _info = cached(Mission), cached(Info)
 _whole_step = cached(WholeStep)
 
 
@@ -199,21 +199,18 @@ class Configuration:
             wide = {"model": vehicle.kinds[0]}  # raw guidance is equal for all estimators
             self.raw = build(system, "measurement", wide, *rest)
         self.action_size = len(vehicle.action_names)
-        self.scale = Scale.of(system.task)
         self.prior_index = tuple(
             vehicle.state_names.index(name) for name in vehicle.estimated(vehicle.kinds[0])
         )
         ending, guidance = str(options.termination), bool(options.guidance)
         given = system.task, self.estimation, ending, self.prior_index, options.observe
         self.mission = _mission(*given, guidance, self.raw)
-        self.true_state = TrueState.of(world, self.estimation.space)
-        self.unknown_input = UnknownInput.of(world, self.estimation.inputs)
-        true = self.true_state, self.unknown_input
+        self._info = info = _info(world, self.estimation, system.task)
+        self.true_state, self.unknown_input = info.true_state, info.unknown_input
+        self.scale = info.scale
         self.delivery = Delivery(self.sensors)
         both = (self.estimation, "belief"), (self.raw, "raw")
-        self.estimators = [
-            Estimator(each, field, partial(_oracle, *true)) for each, field in both if each
-        ]
+        self.estimators = [Estimator(each, field, info.oracle) for each, field in both if each]
 
     @cached_property
     def whole_steps(self) -> Sequence[WholeStep]:
@@ -224,16 +221,12 @@ class Configuration:
         parts = self.world, self.estimation, self.mission
         if self.raw is not None or not WholeStep.serves(*parts):
             return ()
-        return tuple(_whole_step(*parts, info) for info in (False, True))
+        return tuple(_whole_step(*parts, info) for info in (None, self._info))
 
     @cached_property
     def info(self) -> Stage:
         """Stage that returns ``info``."""
         return Stage(self._info, compiled=True, own=len(INFO))
-
-    def _info(self, now: State) -> Changes:
-        """Arrays of ``info``."""
-        return info_arrays(self.true_state, self.unknown_input, self.scale, now)
 
     @cached_property
     def nominal(self) -> np.ndarray:
@@ -268,9 +261,3 @@ def observed(observe: str, guidance: bool) -> tuple[str, ...]:
     if observe == "measurement":
         return *(("guided",) if guidance else ()), "measurements", "mission"
     return "guided" if guidance else "unguided", *(("std",) if "std" in observe else ())
-
-
-def _oracle(true_state: TrueState, unknown_input: UnknownInput, now: State) -> np.ndarray:
-    """Measurement ``(B, n + q)`` of the oracle alone: true state and unknown input."""
-    truth = true_state.in_filter_order(true_state.values(now))
-    return np.concatenate([truth, unknown_input.values(now)], -1)

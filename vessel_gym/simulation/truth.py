@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vessel_gym.models.estimation import Estimation
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.simulation.state import Changes, State
 from vessel_gym.simulation.world import World
@@ -98,15 +99,37 @@ class Scale(NamedTuple):
         return (end == self.success) & (steps >= self.least)
 
 
-def info_arrays(
-    true_state: TrueState, unknown_input: UnknownInput, scale: Scale, now: State
-) -> Changes:
-    """Arrays of ``info``, one row for each environment."""
-    unknown, belief, d = unknown_input.values(now), now.belief, now.belief.input_mean
-    arrays = (
-        true_state.values(now), unknown, now.reference, now.actuators, now.y, now.available,
-        belief.mean, belief.cov, np.zeros(unknown.shape) if d is None else d, now.parameters,
-        belief.healthy, scale.scores(now.total, now.steps), now.end,
-        scale.successes(now.end, now.steps),
-    )  # fmt: skip
-    return dict(zip(INFO, arrays, strict=True))
+class Info:
+    """The arrays of ``info`` as a function of the record.
+
+    Args:
+        world: True world.
+        estimation: Filter and its model.
+        task: Task.
+
+    Attributes:
+        true_state: Places of the true state.
+        unknown_input: Places of the true unknown input.
+        scale: Scale of the scores.
+    """
+
+    def __init__(self, world: World, estimation: Estimation, task: Any) -> None:
+        self.true_state = TrueState.of(world, estimation.space)
+        self.unknown_input = UnknownInput.of(world, estimation.inputs)
+        self.scale = Scale.of(task)
+
+    def __call__(self, now: State) -> Changes:
+        """Arrays of ``info``, one row for each environment."""
+        unknown, belief, d = self.unknown_input.values(now), now.belief, now.belief.input_mean
+        arrays = (
+            self.true_state.values(now), unknown, now.reference, now.actuators, now.y,
+            now.available, belief.mean, belief.cov, np.zeros(unknown.shape) if d is None else d,
+            now.parameters, belief.healthy, self.scale.scores(now.total, now.steps), now.end,
+            self.scale.successes(now.end, now.steps),
+        )  # fmt: skip
+        return dict(zip(INFO, arrays, strict=True))
+
+    def oracle(self, now: State) -> np.ndarray:
+        """Measurement ``(B, n + q)`` of the oracle alone: true state and unknown input."""
+        truth = self.true_state.in_filter_order(self.true_state.values(now))
+        return np.concatenate([truth, self.unknown_input.values(now)], -1)

@@ -5,7 +5,7 @@ from itertools import accumulate
 from math import prod
 from operator import itemgetter
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from estimators.stepping import changes
 from vessel_gym.models.estimation import Estimation
 from vessel_gym.simulation.mission import Mission
 from vessel_gym.simulation.state import Changes, State, apart, arrays_of
-from vessel_gym.simulation.truth import INFO, Scale, TrueState, UnknownInput, info_arrays
+from vessel_gym.simulation.truth import INFO, Info
 from vessel_gym.simulation.world import World
 
 _FIXED = "parameters", "scenario", "episode_constants"
@@ -146,7 +146,8 @@ class WholeStep:
         world: Its stage moves the truth and samples the sensors.
         estimation: Filter whose prediction and update are compiled together.
         mission: Its stage scores the step.
-        info: Does the program also make the arrays of ``info``? They belong to the caller.
+        info: Function that makes the arrays of ``info``, which belong to the caller; None: the
+            program makes none.
 
     Attributes:
         layout: Places of the record's numbers in the program's first result.
@@ -155,12 +156,11 @@ class WholeStep:
         places: Places of what is asked for after each step.
     """
 
-    def __init__(self, world: World, estimation: Estimation, mission: Mission, info: bool) -> None:
+    def __init__(
+        self, world: World, estimation: Estimation, mission: Mission, info: Info | None
+    ) -> None:
         self._world, self._mission, self._filter = world, mission, estimation.filter
-        self._true_state = TrueState.of(world, estimation.space)
-        self._unknown_input = UnknownInput.of(world, estimation.inputs)
-        self._scale, self._info = Scale.of(mission.task), INFO if info else ()
-        self._read: Any = None
+        self._info, self._read = info, cast(Any, None)
         self.layout, self.others, self.first_info = Layout({}), list[str](), 0
         self.places: Any = None
 
@@ -228,7 +228,7 @@ class WholeStep:
             return [SideBySide(map(after.__getitem__, numbers)), *others, *info]
 
         arguments = [Argument((layout.size,), whole=True), *rows.values()]
-        self._program = trace(function, arguments, sealed=True, own=len(self._info))
+        self._program = trace(function, arguments, sealed=True, own=len(INFO) if self._info else 0)
         self._lay_out([*rows])
 
     def _lay_out(self, apart: list[str]) -> None:
@@ -258,10 +258,7 @@ class WholeStep:
         row = row.but(**scored)
         named = {f"belief.{name}": array for name, array in changed.items()}
         every = {"steps": row.steps} | world | scored | named
-        if not self._info:
-            return every, []
-        info = info_arrays(self._true_state, self._unknown_input, self._scale, row)
-        return every, [*info.values()]
+        return every, [*self._info(row).values()] if self._info else []
 
 
 def _batched(arrays: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
