@@ -172,13 +172,13 @@ def lookup(table: Any, index: Any) -> Any:
     if not isinstance(index, Tracer):
         return table[np.clip(np.nan_to_num(index, nan=0.0), 0, len(table) - 1).astype(int)]
     program, width = index.program, table[0].size
-    place, entry = program.table(table), index if index.kind == "f" else cast(index, "i")
-    own = place, len(table), width
-    values = [
-        Tracer(program, program.add("lookup", (entry.value,), "f", None, (*own, column)))
-        for column in range(width)
-    ]
-    return values[0] if table.ndim == 1 else TracedArray.of(values).reshape(table.shape[1:])
+    place, row = program.table(table), index if index.kind == "f" else cast(index, "i")
+
+    def entry(column: int) -> Tracer:
+        attributes = place, len(table), width, column
+        return Tracer(program, program.add("lookup", (row.value,), "f", None, attributes))
+
+    return each_entry(entry, np.arange(width).reshape(table.shape[1:]))
 
 
 def _full(a: Any, value: Any, *_: Any, **__: Any) -> TracedArray:

@@ -96,14 +96,10 @@ class Compiled:
     ) -> None:
         update_wrapper(self, function)
         self.function, self._rows, self._options = function, (axes, matrices), options
+        self.__self__ = getattr(function, "__self__", None)  # the object whose method it is
         self._traced: dict[Any, Function] = {}
         self._last: Any = None, None  # constants of the last call, and what it called
         self.names: tuple[str, ...] = ()
-
-    @property
-    def __self__(self) -> Any:
-        """The object whose method it is; None of a function."""
-        return getattr(self.function, "__self__", None)
 
     def __get__(self, instance: Any, owner: Any = None) -> Any:
         if instance is None:  # the class' own: plain, with the object as an argument

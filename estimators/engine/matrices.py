@@ -95,18 +95,18 @@ def is_small(*operands: Any) -> bool:
 
 def view(program: Program, array: Any) -> View:
     """Places of the entries of a matrix in memory; entries of several values are packed."""
-    rows = np.asarray(array)
-    rows = rows if rows.ndim == 2 else rows[None]
+    rows = np.atleast_2d(np.asarray(array))
     if rows.dtype != object:
-        return View(program.table(rows), rows.shape, 0, _steps(np.arange(rows.size), rows.shape))
-    flat = rows.ravel().tolist()
-    if {*map(type, flat)} == {Entry} and len({each.matrix for each in flat}) == 1:
-        places = np.array([each.place for each in flat])
-        start, steps = int(places[0]), _steps(places, rows.shape)
-        if (places == start + np.indices(rows.shape).reshape(2, -1).T @ steps).all():
-            return View(flat[0].matrix, rows.shape, start, steps)
-    scalars = [constant(program, each).value for each in flat]
-    value = program.add("pack", tuple(scalars), "f", len(flat))
+        value = program.table(rows)
+    else:
+        flat = rows.ravel().tolist()
+        if {*map(type, flat)} == {Entry} and len({each.matrix for each in flat}) == 1:
+            places = np.array([each.place for each in flat])
+            start, steps = int(places[0]), _steps(places, rows.shape)
+            if (places == start + np.indices(rows.shape).reshape(2, -1).T @ steps).all():
+                return View(flat[0].matrix, rows.shape, start, steps)
+        scalars = [constant(program, each).value for each in flat]
+        value = program.add("pack", tuple(scalars), "f", len(flat))
     return View(value, rows.shape, 0, _steps(np.arange(rows.size), rows.shape))
 
 

@@ -126,10 +126,8 @@ class Program:
         """The matrix of results of a body, traced once, for each column of matrices."""
         parameters = tuple(tuple(self.new("f") for _ in range(view.shape[0])) for view in views)
         self._blocks.append({})
-        try:
-            results = tuple(body(*parameters))
-        finally:
-            inside = tuple(self._blocks.pop().values())
+        results = tuple(body(*parameters))
+        inside = tuple(self._blocks.pop().values())
         if any(each.result in self.sizes for each in inside):
             raise TypeError("a function of columns computes scalars, no matrices")
         own = {each.result for each in inside}.union(*parameters)
