@@ -6,6 +6,7 @@ another solver, nothing of the package but the geometry of a recorded track.
 """
 
 import re
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -91,10 +92,12 @@ START = ahead(U0)
 OURS = rates_of(MARINER)
 
 
+@cache
 def circle(rates: Rates, degrees: float) -> Turn:
     return turning_circle(rates, U0, degrees)[0]
 
 
+@cache
 def swings(rates: Rates, degrees: float) -> tuple[float, float]:
     """First and second overshoot of a zig-zag [deg]."""
     return overshoots(rates, U0, degrees)

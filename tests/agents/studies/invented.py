@@ -44,7 +44,7 @@ CONDITIONS = (
 def study(
     environments=(CORVETTE, SEGOROGENI),
     agents=(CLASSICAL,),
-    training_seeds=5,
+    training_seeds=3,
     conditions=CONDITIONS,
     episodes=8,
 ):

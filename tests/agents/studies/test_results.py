@@ -49,7 +49,7 @@ def test_score_is_mean_over_environments_and_conditions(found, policy, estimator
     each = [by_hand(found, e, policy, estimator) for e in (CORVETTE, SEGOROGENI)]
     together = ranking.normalised(found, (CORVETTE, SEGOROGENI), policy, estimator)
     np.testing.assert_allclose(together, np.mean(each, axis=0), rtol=0, atol=1e-12)
-    runs = 1 if policy == "autopilot" else 5
+    runs = 1 if policy == "autopilot" else 3
     assert together.shape == (runs, 8)
 
 
