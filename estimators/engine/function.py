@@ -11,7 +11,7 @@ import numpy as np
 
 from estimators.engine import machine
 from estimators.engine.matching import in_memory, invoker
-from estimators.engine.program import KINDS, LITERAL, LOOPS, Instruction, Program, View
+from estimators.engine.program import KINDS, LITERAL, Instruction, Program, View
 
 FEW = 4
 """Least number of rows for which vectors are faster; fewer have the program of a single row."""
@@ -83,9 +83,6 @@ class Function:
         self.layout, self._scratch = _laid_out(program, self.instructions, values)
         self.places, self._literals, self._constants = _placed(program)
         self._address = self._constants.__array_interface__["data"][0]
-        loops = any(each.opcode in LOOPS for each in self.instructions)
-        # Straight code is read once for all lanes, a loop's body is short: more lanes are faster.
-        self._lanes = 8 if loops else machine.lanes()
         self._codes: dict[int, int] = {}
         self.otherwise: Callable[..., Any] = self.compute
         self.call: Callable[..., Any] = self.compute
@@ -105,7 +102,7 @@ class Function:
             elif axes != batch:
                 given[i] = np.broadcast_to(given[i], batch + self.arguments[i].shape).copy()
         rows = math.prod(batch)
-        width = self._lanes if rows >= FEW else 1
+        width = machine.lanes() if rows >= FEW else 1
         room = machine.scratch(width * self._scratch)
         head = self._code(width), rows, shared, room, self._address
         if (invoke := invoker()) is None:

@@ -120,7 +120,7 @@ def _machine() -> Any:
 
 @cache
 def lanes() -> int:
-    """Rows of a batch that straight code computes side by side: the numbers of a vector."""
+    """Rows of a batch that code computes side by side: the numbers of a vector."""
     return 8 if "+avx512f" in _processor()[-1] else 4
 
 

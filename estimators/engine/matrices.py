@@ -185,8 +185,9 @@ def columnwise(function: Any, *operands: Any) -> TracedMatrix:
 def along(function: Any, *rows: Any) -> tuple[Any, ...]:
     """Results ``(..., k)`` of a function of numbers for each entry of rows ``(..., k)``.
 
-    A compiled program contains the instructions once, while it unrolls Python's own loops. For a
-    single row, eight entries are computed side by side. The results have no derivative.
+    A compiled program contains the instructions once, while it unrolls Python's own loops. Of a
+    single row, eight entries are computed side by side, and of four rows two. The results have no
+    derivative.
 
     Args:
         function: Function of one number or array ``(...)`` from each row. It returns a sequence of

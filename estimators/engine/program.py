@@ -19,10 +19,6 @@ KINDS = {
 }
 LITERAL = (0.0, 1.0, -1.0, 0.5, -0.5, 2.0, np.inf, -np.inf)
 """Floats that are literals in the code; other constants are read from memory."""
-LOOPS = frozenset((
-    "each", "join", "matmul", "solve_lower", "cholesky", "semidefinite_cholesky", "rotate",
-))  # fmt: skip
-"""Opcodes of loops in which each lane is a row of the batch."""
 _LONGEST = 100_000  # values of a program; LLVM needs a second for 20,000
 
 
