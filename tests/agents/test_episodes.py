@@ -133,6 +133,7 @@ def test_a_figure_shows_errors_of_all_estimators_in_bands(flown: tuple[str, Epis
         assert not drawn
 
 
+@pytest.mark.parametrize("flown", [SHIP], indirect=True)
 @pytest.mark.parametrize(("suffix", "begin"), [(".svg", b"<?xml"), (".PDF", b"%PDF")])
 def test_a_figure_is_saved_by_its_suffix_in_equal_bytes(
     flown: tuple[str, Episode], tmp_path: Path, suffix: str, begin: bytes
