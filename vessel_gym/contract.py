@@ -135,6 +135,12 @@ def _contradictions(disturbance: Disturbance, vehicle: Vehicle) -> Iterator[str]
         given = getattr(disturbance, attribute)
         if given is not None and len(given) != size:
             yield f"{attribute} of {who} must have {size} entries, got {short_repr(given)}"
+    owners = [
+        next(each for each in type(disturbance).__mro__ if name in vars(each))
+        for name in ("effect", "effect_at")
+    ]
+    if owners[0] is not owners[1] and issubclass(*owners) and owners[1] is not Disturbance:
+        yield f"effect of {who} is not used, as it acts by effect_at: override that"
     modulus = np.abs(np.linalg.eigvals(process.transition)).max(initial=0.0)
     if modulus > 1.0 + 1e-6:
         yield f"process of {who} grows by a factor of {modulus:.3g} a step: 1 is the most"
@@ -263,6 +269,8 @@ def _results(
             returned = method(*given)
     except Exception as error:
         advice = "write it for any number of rows, with np.where for if and & for and"
+        if "read-only" in str(error):
+            advice = "its arguments may only be read, so compute a new array"
         if what.endswith("compiled,"):
             advice = "use what docs/engine.md lists, or leave out @compiled"
         reason = f"{type(error).__name__}: {short_repr(str(error))}"

@@ -29,7 +29,7 @@ from vessel_gym.sensors.grades import NOMINAL
 ESTIMATOR, AGENT, RUN = "estimator", "agent", "run"
 _TUNING = "tuning", "delivered parameters", "tuned parameters"
 """The factor, its reference and its other level."""
-_NUMBER = re.compile(r"([\d.]+) (?:%|s|Hz)")
+_NUMBER = re.compile(r"(\d+(?:\.\d+)?(?:e[+-]\d+)?) (?:%|s\b|Hz\b)")
 """Pattern of a number with its unit in the name of a level."""
 
 
@@ -230,13 +230,17 @@ def _trend(
 
 
 def _numbered(levels: Sequence[str]) -> bool:
-    """Are there three levels or more, whose numbers only rise or only fall?
+    """Are there three levels or more of one quantity, whose numbers only rise or only fall?
 
     The first level, the reference, may have no number.
     """
-    numbers = [float(n) for level in levels for n in dict.fromkeys(_NUMBER.findall(level))]
-    steps, known = np.diff(numbers), 1 < len(levels) - 1 <= len(numbers)
-    return known and bool((steps > 0.0).all() or (steps < 0.0).all())
+    numbers = [{*_NUMBER.findall(level)} for level in levels]
+    quantities = {_NUMBER.sub("", level) for level in levels[1:]}
+    one_each = len(numbers[0]) < 2 and all(len(each) == 1 for each in numbers[1:])
+    if len(levels) < 3 or len(quantities) > 1 or not one_each:
+        return False
+    steps = np.diff([float(text) for each in numbers for text in each])
+    return bool((steps > 0.0).all() or (steps < 0.0).all())
 
 
 def interactions(results: Results) -> list[Interaction]:

@@ -171,20 +171,22 @@ def test_a_scene_may_be_requested():
     np.testing.assert_allclose(TASK.goal(scenario)[0], goal, atol=1e-6)
 
 
+@pytest.mark.parametrize("radius", [97.5, 130.0])
 @pytest.mark.parametrize(
     "given", [{}, {"obstacles": [(300.0, 10.0, 50.0)]}], ids=["drawn", "planned"]
 )
-def test_turns_of_a_path_have_the_radius_of_the_option(given: dict[str, Any]):
+def test_turns_of_a_path_have_the_radius_of_the_option(given: dict[str, Any], radius: float):
     uniforms = np.random.default_rng(8).random((20, TASK.uniforms))
-    for scenario in TASK.scenario(uniforms, {"radius": 100.0} | given):
+    for scenario in TASK.scenario(uniforms, {"radius": radius} | given):
         curvatures = np.abs(path_of(scenario).segments[:, 3])
-        assert curvatures.max() == pytest.approx(0.01)
+        assert curvatures.max() == pytest.approx(1.0 / radius)
         assert is_clear(scenario)
 
 
 BAD = [
     ({"speed": 3.0}, r"unknown reset option 'speed': choose from start, goal, obstacles, altitude, .*"),
-    ({"radius": 50.0}, r"radius must be between 98 and 130 m, got 50\.0"),
+    ({"radius": 50.0}, r"radius must be between 96 and 131 m, got 50\.0"),
+    ({"radius": 700.0, "obstacles": []}, r"radius must be between 65 and 650 m, got 700\.0"),
     ({"goal": (2000.0, 0.0, 0.0)}, r"the path to the goal must be 130 to 1440 m long, got 20\d\d m"),
     ({"obstacles": [(2e5, 0.0, 30.0)]}, r"obstacles must lie within 100000 m of the origin, got .*"),
     ({"obstacles": 9 * [(400.0, 0.0, 30.0)]}, r"there may be 5 obstacles at most, got 9"),

@@ -44,12 +44,8 @@ def register_environment(system: System) -> str:
     if known is not None and not getattr(known.entry_point, "own", False):
         raise ValueError(f"{system.name!r} is an environment already: give yours a name of its own")
     check_system(system)
-    made = {"system": system, "own": True, "__module__": __name__}
-    faces = [
-        type(base.__name__, (base,), made | {"__qualname__": f"{base.__name__} {system.name}"})
-        for base in (VesselEnv, VesselVectorEnv)
-    ]
-    globals().update((face.__qualname__, face) for face in faces)  # where pickles find them
+    made = {"system": system, "own": True, "__reduce__": _reduced}
+    faces = [type(base.__name__, (base,), made) for base in (VesselEnv, VesselVectorEnv)]
     gym.registry.pop(system.name, None)  # a notebook's cell may run again
     gym.register(
         system.name,
@@ -88,3 +84,19 @@ def model_of(env_id: str, **options: Any) -> tuple[Model, Gaussian, np.ndarray]:
         core = env.unwrapped.core
         start = Gaussian(info["estimate"], info["covariance"])
         return core.config.estimation.filter.model, start, core.now.u[0]
+
+
+def _reduced(self: VesselEnv | VesselVectorEnv) -> tuple[Any, ...]:
+    """Pickle an environment by its state and the name under which its class is registered."""
+    state = {
+        name: value for name, value in self.__dict__.items() if name != "spec"
+    }  # a spec holds the class
+    return _blank, (self.system.name, isinstance(self, VesselVectorEnv)), state
+
+
+def _blank(name: str, batch: bool) -> Any:
+    spec = gym.spec(name)
+    made: Any = spec.vector_entry_point if batch else spec.entry_point
+    blank = made.__new__(made)
+    blank.spec = spec
+    return blank

@@ -248,6 +248,10 @@ def in_quality(
     Raises:
         ValueError: if a number is out of range.
     """
+    given = {
+        "noise": noise, "outlier_scale": outlier_scale, "dropout": dropout, "outliers": outliers,
+    }  # fmt: skip
+    check_numbers("in_quality", given, not_negative="noise outlier_scale", share="dropout outliers")
     return tuple(
         replace(
             sensor,

@@ -102,11 +102,14 @@ class Flight(Task):
         """
         for option in options:
             one_of("reset option", option, _OPTIONS)
-        radius = self.radius
-        if "radius" in options:
-            least, what = 0.75 * radius, f"between {0.75 * radius:.0f} and {radius:.0f} m"
-            radius = number("radius", options["radius"], least, radius, what)
-        if {"start", "goal", "obstacles"} & set(options):
+        given, radius = {"start", "goal", "obstacles"} & set(options), self.radius
+        if (
+            "radius" in options
+        ):  # drawn scenes have room for wide turns no more than for steep banks
+            low, high = (0.5 * radius, 5.0 * radius) if given else (0.74 * radius, 1.01 * radius)
+            what = f"between {low:.0f} and {high:.0f} m"
+            radius = number("radius", options["radius"], low, high, what)
+        if given:
             scenarios = np.tile(self._planned(options, radius), (len(uniforms), 1))
         else:
             scenarios = self._drawn(uniforms, np.array(radius))

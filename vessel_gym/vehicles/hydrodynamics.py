@@ -167,10 +167,6 @@ pushes the stern up, so that the vehicle dives.
 """
 
 
-CROSS_FLOW_DRAG = 1.1
-"""Drag coefficient of a cylinder across the flow; Hoerner (1965), as in Prestero (2001)."""
-
-
 _CROSS_FLOW_DRAG = 1.1
 """Drag coefficient of a cylinder; Hoerner (1965), as in Prestero (2001)."""
 

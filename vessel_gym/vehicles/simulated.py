@@ -64,7 +64,7 @@ class SimulatedVehicle(Vehicle):
     """Equations of motion with the misprints of the source paper, used if ``as_printed``."""
     as_printed: Any = False
     _actuators: Any
-    """Parameters ``(a, 8)``; each row is a `Actuator`."""
+    """Parameters ``(a, 8)``; each row is an `Actuator`."""
     __dataclass_fields__: ClassVar[dict[str, Any]]
 
     def __post_init__(self) -> None:

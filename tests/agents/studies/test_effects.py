@@ -21,6 +21,7 @@ from agents.statistics import crossed_interval, mean_interval
 from agents.studies.answer import answer
 from agents.studies.effects import (
     Interaction,
+    _numbered,
     contrasts,
     effects,
     interactions,
@@ -130,6 +131,20 @@ def test_a_trend_is_a_score_that_moves_with_each_step(errors, change, moves):
     found = results(asked, FLAT, noise=2e-3, **moved(by_name, conditions))
     told = re.findall(r"The score (\w+) with each step of the (\w+ \w+):", said(found))
     assert told == ([(moves, "model error")] if moves else [])
+
+
+@pytest.mark.parametrize(
+    "levels",
+    [
+        ("none", "gps: 0.1 s", "compass: 0.2 s", "gyro: 0.3 s"),
+        ("10 Hz", "weird", "5 Hz", "1 Hz"),
+        ("none", "3 sensors", "5 sensors"),
+        ("none", "calm etc. sea", "rough"),
+    ],
+)
+def test_levels_of_several_quantities_have_no_order(levels):
+    assert not _numbered(levels)
+    assert _numbered(("none", "gps: 1e-05 s", "gps: 0.2 s"))
 
 
 def test_missing_jobs_leave_only_complete_cells():
