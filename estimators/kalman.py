@@ -8,16 +8,14 @@ from estimators.belief import Belief, InputBelief
 from estimators.checks import as_array, as_covariance, frozen
 from estimators.engine import compiled
 from estimators.filter import Changes, Filter, Model
-from estimators.linalg import congruence, joined, mirrored, solve, symmetric_blocks, symmetrise
+from estimators.linalg import congruence, identity, joined, solve, symmetric_blocks, symmetrise
 from estimators.models import LinearModel
 
 
 def joseph_update(
     mean: np.ndarray, cov: np.ndarray, e: np.ndarray, C: np.ndarray, R: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The Kalman update in Joseph form, ``P+ = (I - K C) P (I - K C)' + K R K'``.
-
-    With ``L = (I - K C) P`` the sum is ``L + (K R - L C') K'``, which takes fewer products.
+    """The Kalman update in Joseph form.
 
     Args:
         mean: ``(..., n)`` prediction.
@@ -33,9 +31,8 @@ def joseph_update(
     PC = cov @ C.mT
     S = C @ PC + R
     K = solve(S, PC.mT).mT
-    left = cov - K @ PC.mT
-    cov = left + (K @ R - left @ C.mT) @ K.mT
-    return mean + np.matvec(K, e), mirrored(cov), S
+    left = congruence(identity(mean.shape[-1]) - K @ C, cov)
+    return mean + np.matvec(K, e), symmetrise(left + congruence(K, R)), S
 
 
 @compiled

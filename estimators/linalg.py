@@ -25,11 +25,6 @@ def symmetrise(a: np.ndarray) -> np.ndarray:
     return linear.symmetrise(a) if is_traced(a) else 0.5 * (a + a.mT)
 
 
-def mirrored(a: np.ndarray) -> np.ndarray:
-    """The lower half of ``(..., n, n)``, mirrored; compiled code computes this half alone."""
-    return np.where(np.tri(a.shape[-1], dtype=bool), a, a.mT)
-
-
 def congruence(a: np.ndarray, p: np.ndarray) -> np.ndarray:
     """``A P A'``: the covariance of a linear map."""
     if is_traced(a) or is_traced(p):
