@@ -18,7 +18,7 @@ from agents.page import iframe
 from agents.plotting import KINDS, save_figure
 from vessel_gym.rendering.hulls import HULLS
 from vessel_gym.rendering.palette import DARK, LIGHT
-from vessel_gym.rendering.scene import Chart, Scene
+from vessel_gym.rendering.scene import Scene
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -116,12 +116,6 @@ def packed(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: packed(each) for key, each in value.items()}
     return [packed(each) for each in value] if isinstance(value, list | tuple) else value
-
-
-def curves(charts: Sequence[Chart]) -> dict[str, Any]:
-    """Charts as a page holds them."""
-    names = ("title", "limits", "ticks", "series", "band", "measured")
-    return {"charts": [packed({n: getattr(c, n) for n in names}) for c in charts]}
 
 
 def drawn(scenes: Sequence[Scene]) -> dict[str, Any]:

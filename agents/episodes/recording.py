@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.episodes.page import Episode, curves, drawn, packed
+from agents.episodes.page import Episode, drawn, packed
 from agents.metrics import metrics, scores
 from agents.page import listed, number
 from agents.rollouts import Rollout, batch, rollout
@@ -144,8 +144,11 @@ def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
     }
     if not ours:
         without = {"placed": False, "located": False, "focus": [], "scene": None, "waves": None}
-        charts = [_figures(each, n) | curves(_estimates(history)) for each, n, history in episodes]
-        return page | without | {"flights": charts}
+        flights = [
+            _figures(each, name) | {"charts": packed(_estimates(history))}
+            for each, name, history in episodes
+        ]
+        return page | without | {"flights": flights}
     around = system.task.workspace(first.scenario[0])
     scenes = [Scene(each.core, around, history) for each, _, history in episodes]
     position = scenes[0].position
@@ -168,7 +171,7 @@ def _estimates(history: dict[str, np.ndarray]) -> list[Chart]:
     charts = []
     for i, line in enumerate(history["estimate"].T[:CHARTS]):
         sd = np.sqrt(np.maximum(history["covariance"][:, i, i], 0.0))
-        true = Series("true", "true_soft", history["truth"][:, i], 3.5)
+        true = Series("true", "true_soft", history["truth"][:, i])
         series = [true, Series("estimate ±2σ", "believed", line)]
         charts.append(Chart(f"Component {i}", series, (line - 2.0 * sd, line + 2.0 * sd)))
     return charts
@@ -207,7 +210,7 @@ def _flight(flown: Rollout, name: str, scene: Scene) -> dict[str, Any]:
         **packed(moving),
         "members": None if members is None else packed(members[::apart, :MEMBERS]),
         "period": apart * scene.core.config.system.vehicle.dt,
-        **curves(scene.charts(CHARTS)),
+        "charts": packed(scene.charts(CHARTS)),
     }
 
 

@@ -22,13 +22,11 @@ _FONTS = "dejavusans,segoeui,helveticaneue,arial,liberationsans,notosans,freesan
 @lru_cache(maxsize=16)
 def _font(size: int, bold: bool) -> pygame.font.Font:
     pygame.font.init()
-    pygame.register_quit(
-        _font.cache_clear
-    )  # fonts become invalid when another environment quits pygame
+    # fonts become invalid when another environment quits pygame
+    pygame.register_quit(_font.cache_clear)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # without system fonts, pygame's own font serves
-        path = pygame.font.match_font(_FONTS, bold=bold)
-    return pygame.font.Font(path, _K * size if path else round(1.3 * _K * size))
+        return pygame.font.SysFont(_FONTS, _K * size, bold)
 
 
 @lru_cache(maxsize=1024)
@@ -47,16 +45,14 @@ class Canvas:
     def __init__(self, width: int, height: int) -> None:
         self.size = width, height
         self._ink = pygame.Surface((_K * width, _K * height), depth=32)
-        self._page = pygame.Surface(self.size, depth=32)
 
     def clear(self) -> None:
         """Begin a new image."""
         self._ink.fill(LIGHT["page"])
 
     def finish(self) -> pygame.Surface:
-        """Finished image, valid until the next `finish`."""
-        pygame.transform.smoothscale(self._ink, self.size, self._page)
-        return self._page
+        """Finished image."""
+        return pygame.transform.smoothscale(self._ink, self.size)
 
     def pixels(self) -> np.ndarray:
         """Finished image as an array ``(height, width, 3)``."""
@@ -104,15 +100,14 @@ class Canvas:
     def text(
         self, x: float, y: float, text: str, colour: str = "ink", size: int = 12,
         anchor: float = 0.0, bold: bool = False,
-    ) -> float:  # fmt: skip
-        """Write a line of text, vertically centred on ``y``, and return its width.
+    ) -> None:  # fmt: skip
+        """Write a line of text, vertically centred on ``y``.
 
-        The share ``anchor`` of the width lies to the left of ``x``.
+        The share ``anchor`` of its width lies to the left of ``x``.
         """
         label = _label(text, size, colour, bold)
         width, height = label.get_size()
         self._ink.blit(label, (round(_K * x - anchor * width), round(_K * y - 0.5 * height)))
-        return width / _K
 
 
 def _oversampled(box: pygame.Rect) -> pygame.Rect:

@@ -87,8 +87,8 @@ class Components:
         measured = np.full(true.shape, np.nan)
         for channel, name in enumerate(config.sensors.gives):
             if name in names:
-                i, came = names.index(name), history["available"][:, channel]
-                measured[came, i] = history["measurement"][came, channel]
+                came = history["available"][:, channel]
+                measured[came, names.index(name)] = history["measurement"][came, channel]
         self.measured = scale * difference(measured, true, angles)
         self.axes = pose(np.eye(len(state)), state)[columns, :3]
         self.members = None

@@ -22,21 +22,16 @@ STYLES: dict[str, tuple[Any, ...]] = {
     "start": (Canvas.dots, "ink", 4.0),
     "true": (Canvas.polygon, "true_pale", "true"),
     "ellipse": (Canvas.polygon, None, "believed"),
-    "cloud": (Canvas.dots, "member", 1.4),
+    "cloud": (Canvas.dots, "member", 1.8),
     "believed": (Canvas.polygon, None, "believed"),
 }
 """Method of a canvas that draws each kind of marks, with its colours and width."""
-_LINE = np.array([[-14.0, 0.0], [14.0, 0.0]])
-ICONS = {
-    "ellipse": CIRCLE * [12.0, 6.0],
-    "cloud": np.array([[-9, 1], [-5, -3], [-2, 3], [0, -1], [4, 4], [5, -2], [9, 0]], float),
-    "fix": np.zeros((1, 2)),
-    "start": np.zeros((1, 2)),
-    "fairway": np.array([[-14.0, -6.0], [14.0, -6.0], [14.0, 6.0], [-14.0, 6.0]]),
-    "goal": 7.0 * CIRCLE,
-    "obstacle": 7.0 * CIRCLE,
+ICONS: dict[Any, np.ndarray] = {
+    **dict.fromkeys((Canvas.line, Canvas.dashes), np.array([[-14.0, 0.0], [14.0, 0.0]])),
+    Canvas.polygon: 7.0 * CIRCLE,
+    **dict.fromkeys((Canvas.dots, Canvas.crosses), np.zeros((1, 2))),
 }
-"""Points of the marks of a legend; others are lines."""
+"""Pixels of a mark in a legend, by the method that draws it."""
 
 
 def draw_mark(canvas: Canvas, kind: str, points: np.ndarray) -> None:
@@ -47,11 +42,8 @@ def draw_mark(canvas: Canvas, kind: str, points: np.ndarray) -> None:
 
 def draw_icon(canvas: Canvas, kind: str, hull: str, at: np.ndarray) -> None:
     """Draw the icon of an entry of a legend at a pixel ``(2,)``."""
-    if f"{kind} track" in STYLES:
-        draw_mark(canvas, f"{kind} track", at + _LINE)
-        draw_mark(canvas, kind, at + 22.0 * HULLS[hull].above)
-    else:
-        draw_mark(canvas, kind, at + ICONS.get(kind, _LINE))
+    vehicle = kind in ("true", "believed")
+    draw_mark(canvas, kind, at + (22.0 * HULLS[hull].above if vehicle else ICONS[STYLES[kind][0]]))
 
 
 def views(scene: Scene) -> list[np.ndarray]:
@@ -98,8 +90,7 @@ class Map:
         room = np.array([box.height - 84.0, box.width - 48.0])
         self.scale = float((room / np.maximum(high - low, 1e-9)).min())
         self.middle = 0.5 * (low + high)
-        least = self.hull.least / self.scale
-        self.size = max(around.size, least) if self.hull.scaled else least
+        self.size = max(around.size, self.hull.least / self.scale)
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
         """Pixels ``(..., 2)`` of points ``(..., 3)``."""
@@ -107,52 +98,49 @@ class Map:
         return offset[..., ::-1] * [1.0, -1.0] + self.box.center
 
     def outline(self, pose: np.ndarray) -> np.ndarray:
-        """Pixels ``(k, 2)`` of the outline of a vehicle with a `pose` ``(6,)``.
+        """Outline ``(k, 3)`` of a vehicle with a `pose` ``(6,)``, in north, east and down.
 
         From above a bank narrows the outline.
         """
-        (roll, pitch, yaw), hull = pose[3:], self.hull
+        (roll, pitch, yaw), down = pose[3:], np.array([0.0, 0.0, 1.0])
         level = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-        ahead = np.cos(pitch) * level - [0.0, 0.0, np.sin(pitch)]
-        starboard = np.cos(roll) * np.array([-np.sin(yaw), np.cos(yaw), 0.0])
-        down = np.sin(pitch) * level + [0.0, 0.0, np.cos(pitch)]
-        across = hull.height * down if self.aside else starboard
-        return self.pixels(pose[:3] + self.size * (hull.above @ [ahead, across]))
+        ahead = np.cos(pitch) * level - np.sin(pitch) * down
+        if self.aside:
+            across = self.hull.height * (np.sin(pitch) * level + np.cos(pitch) * down)
+        else:
+            across = np.cos(roll) * np.cross(down, level)
+        return pose[:3] + self.size * (self.hull.above @ [ahead, across])
 
     def marks(self) -> dict[str, list[np.ndarray]]:
-        """Pixels ``(n, 2)`` of the marks of each kind."""
-        scene, around, at = self.scene, self.scene.workspace, self.pixels
-        true, believed = scene.true[:, :3], scene.believed[:, :3]
+        """Points ``(n, 3)`` of the marks of each kind, in north, east and down."""
+        scene, around, circle = self.scene, self.scene.workspace, CIRCLE @ self.axes
         marks = {
-            "path": [at(around.path)], "true track": [at(true)], "start": [at(true[:1])],
+            "path": [around.path], "true track": [scene.true[:, :3]], "start": [scene.true[:1, :3]],
             "true": [self.outline(scene.true[-1])], "believed": [self.outline(scene.believed[-1])],
         }  # fmt: skip
         if not self.aside:
-            marks["fairway"], level = [at(around.fairway)], around.obstacles * [1.0, 1.0, 0.0]
-            sizes = self.scale * around.obstacles[:, 2]
-            marks["obstacle"] = [at(p) + r * CIRCLE for p, r in zip(level, sizes, strict=True)]
+            marks["fairway"] = [around.fairway]
+            marks["obstacle"] = [[n, e, 0.0] + r * circle for n, e, r in around.obstacles]
         elif around.surface is not None:
-            ends = np.array([[self.box.left, 0.0], [self.box.right, 0.0]])
-            marks["surface"] = [ends + [0.0, at(np.array([0.0, 0.0, around.surface]))[1]]]
+            far = self.box.width / self.scale * np.outer([-1.0, 1.0], self.axes[1])
+            marks["surface"] = [[*scene.true[0, :2], around.surface] + far]
         if around.goal is not None:
             *goal, radius = around.goal
-            marks["goal"] = [at(np.array(goal)) + max(self.scale * radius, 4.0) * CIRCLE]
-        if scene.located:
-            marks["believed track"] = [at(believed)]
-            marks |= self._belief()
-        return marks
+            marks["goal"] = [goal + max(radius, 4.0 / self.scale) * circle]
+        return marks | self._belief() if scene.located else marks
 
     def _belief(self) -> dict[str, list[np.ndarray]]:
-        """Pixels of position fixes, and of the covariance and ensemble about the estimate."""
-        scene, position, at = self.scene, self.scene.position, self.pixels
-        last, fixed = scene.believed[-1, :3], np.isfinite(scene.fixes[:, 0])
-        marks = {"fix": [at(scene.true[fixed, :3] + scene.fixes[fixed] @ position.axes)]}
+        """Points of position fixes, and of the track, covariance and ensemble of the estimate."""
+        scene, position = self.scene, self.scene.position
+        track, fixed = scene.believed[:, :3], np.isfinite(scene.fixes[:, 0])
+        fixes = scene.true[fixed, :3] + scene.fixes[fixed] @ position.axes
+        marks = {"believed track": [track], "fix": [fixes]}
         if position.cov is not None:
             seen = self.axes @ position.axes.T
             ellipse = 2.0 * CIRCLE @ root_of(seen @ position.cov[-1] @ seen.T).T
-            marks["ellipse"] = [at(last + ellipse @ self.axes)]
+            marks["ellipse"] = [track[-1] + ellipse @ self.axes]
         if position.members is not None:
-            marks["cloud"] = [at(last + position.members[-1] @ position.axes)]
+            marks["cloud"] = [track[-1] + position.members[-1] @ position.axes]
         return marks
 
     def draw(self, canvas: Canvas) -> None:
@@ -163,21 +151,18 @@ class Map:
         for kind in STYLES:
             for points in marks.get(kind, ()):
                 if len(points):
-                    draw_mark(canvas, kind, points)
+                    draw_mark(canvas, kind, self.pixels(points))
         canvas.clip(None)
         self._notes(canvas)
 
     def _notes(self, canvas: Canvas) -> None:
         """Write the title, and draw a scale bar."""
         box, metres = self.box, nice(50.0 / self.scale)
-        bearing = np.rad2deg(np.arctan2(self.axes[1, 1], self.axes[1, 0])) % 360.0
-        way = f"the side, {bearing:03.0f}° to the right" if self.aside else "above, north up"
-        canvas.text(box.left + 12, box.top + 15, f"Seen from {way}", bold=True)
+        title = "Seen from the side" if self.aside else "Seen from above, north up"
+        canvas.text(box.left + 12, box.top + 15, title, bold=True)
         left, y = box.left + 12, box.bottom - 12
         right = left + metres * self.scale
-        bar = [[left, y - 4], [left, y], [right, y], [right, y - 4]]
-        canvas.line(np.array(bar), "muted")
+        canvas.line(np.array([[left, y], [right, y]]), "muted", 3.0)
         magnified = self.size / self.scene.workspace.size
-        enlarged = self.hull.scaled and magnified > 1.05
-        note = f"   ·   vehicle drawn {magnified:.2g}×" if enlarged else ""
-        canvas.text(right + 8, y - 3, f"{metres:g} m{note}", "muted", 11)
+        note = f"   ·   vehicle drawn {magnified:.2g}×" if magnified > 1.05 else ""
+        canvas.text(right + 8, y, f"{metres:g} m{note}", "muted", 11)

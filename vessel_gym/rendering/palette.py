@@ -4,7 +4,7 @@ LIGHT = {
     "page": "#f4f6f8", "paper": "#ffffff", "water": "#eaf1f7", "edge": "#d5dbe1", "grid": "#e3e8ed",
     "zero": "#c3cbd3", "ink": "#22303c", "muted": "#5a6570", "true": "#1f4e79",
     "true_soft": "#80abdb", "true_pale": "#c4d2e0", "believed": "#b04a00",
-    "believed_pale": "#f4dece", "member": "#3f7f5f", "measurement": "#7b4f9d",
+    "member": "#3f7f5f", "measurement": "#7b4f9d",
     "commanded": "#5a616b", "goal": "#3f7f5f", "obstacle": "#8c3b4a", "obstacle_pale": "#e2ced2",
     "second": "#b0187c",
 }  # fmt: skip

@@ -8,30 +8,31 @@ from vessel_gym.rendering.components import Components
 from vessel_gym.rendering.maps import Map, draw_icon, views
 from vessel_gym.rendering.scene import Scene
 
+SIZE = 1008, 720
+"""Width and height of an image; video codecs need multiples of 16."""
+_CANVAS = Canvas(*SIZE)  # of all images: a new one would take a tenth of the time of an image
 _GAP, _TOP, _SIDE = 10, 60, 246
 _ROW = 24
 
 
-def draw_picture(canvas: Canvas, scene: Scene, row: int) -> None:
-    """Draw an episode so far.
+def draw_picture(scene: Scene, row: int) -> Canvas:
+    """The canvas of all images, with an episode so far.
 
     States x and y give a map from above; x, and z or h give one from the side.
 
     Args:
-        canvas: Canvas.
         scene: Scene of the episode.
         row: Index of the environment in the batch.
     """
+    canvas, (width, height) = _CANVAS, SIZE
     canvas.clear()
-    width, height = canvas.size
     box = pygame.Rect(16, _TOP, width - 32, height - _TOP - 16)
     _draw_header(canvas, box, scene, row)
     found, legend = views(scene), scene.legend
-    above = box.height if len(found) == 1 else round(0.6 * box.height)
-    map_width, bottom = box.width - _SIDE - _GAP, box.top + above
-    places = (box.top, above), (bottom + _GAP, box.bottom - bottom - _GAP)
-    for axes, (top, high) in zip(found, places, strict=False):
-        Map(scene, axes, pygame.Rect(box.left, top, map_width, high)).draw(canvas)
+    for i, axes in enumerate(found):
+        high = (box.height + _GAP) // len(found)
+        top, map_width = box.top + i * high, box.width - _SIDE - _GAP
+        Map(scene, axes, pygame.Rect(box.left, top, map_width, high - _GAP)).draw(canvas)
     panel = pygame.Rect(box.right - _SIDE, box.top, _SIDE, _ROW * len(legend) + 12)
     canvas.panel(panel)
     for i, (kind, label) in enumerate(legend.items()):
@@ -40,6 +41,7 @@ def draw_picture(canvas: Canvas, scene: Scene, row: int) -> None:
         draw_icon(canvas, kind, scene.workspace.hull, at)
     top = panel.bottom + _GAP
     _draw_errors(canvas, pygame.Rect(panel.left, top, _SIDE, box.bottom - top), scene)
+    return canvas
 
 
 def _draw_header(canvas: Canvas, box: pygame.Rect, scene: Scene, row: int) -> None:
@@ -48,12 +50,9 @@ def _draw_header(canvas: Canvas, box: pygame.Rect, scene: Scene, row: int) -> No
     words = [f"estimator {core.config.estimation.filter.name}", *scene.conditions]
     canvas.text(box.left, 21, core.config.system.name, size=17, bold=True)
     canvas.text(box.left, 44, "   ·   ".join(words), "muted", 13)
-    values = {"score": f"{core.score[row]:.3f}", "time": f"{scene.time[-1]:.1f} s"}
-    right = float(box.right)
-    for label, value in values.items():
-        right -= canvas.text(right, 32, value, "ink", 15, 1.0, bold=True) + 8
-        right -= canvas.text(right, 32, label, "muted", 13, 1.0) + 24
-    canvas.text(right, 32, *_outcome(scene, row), 15, 1.0, bold=True)
+    end, colour = _outcome(scene, row)
+    result = f"{end}   ·   time {scene.time[-1]:.1f} s   ·   score {core.score[row]:.3f}"
+    canvas.text(box.right, 32, result, colour, 15, 1.0, bold=True)
 
 
 def _outcome(scene: Scene, row: int) -> tuple[str, str]:

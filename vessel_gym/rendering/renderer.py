@@ -1,6 +1,5 @@
 """History of an episode, drawn into arrays or a window."""
 
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -11,28 +10,12 @@ from vessel_gym.rendering.scene import RECORDED, Scene
 from vessel_gym.simulation.core import Core
 from vessel_gym.tasks.workspace import Workspace
 
-SIZE = 1008, 720
-"""Width and height of an image; video codecs need multiples of 16."""
-
-
-@cache
-def _canvas() -> Any:
-    """The canvas of all images.
-
-    Learners ask for images beforehand (``make_vec_env`` of stable-baselines3 always does) and most
-    never draw: pygame is needed to draw alone.
-    """
-    try:
-        require("pygame")
-    except ModuleNotFoundError as error:
-        raise DependencyNotInstalled(str(error)) from error
-    from vessel_gym.rendering.canvas import Canvas
-
-    return Canvas(*SIZE)
-
 
 class Renderer:
     """History of one vehicle in an episode, and its image.
+
+    Learners ask for images beforehand (``make_vec_env`` of stable-baselines3 always does) and most
+    never draw: pygame is needed to draw alone.
 
     Args:
         core: The environment's core.
@@ -76,16 +59,18 @@ class Renderer:
         Raises:
             DependencyNotInstalled: without pygame.
         """
-        canvas = _canvas()
+        try:
+            require("pygame")
+        except ModuleNotFoundError as error:
+            raise DependencyNotInstalled(str(error)) from error
         from vessel_gym.rendering.canvas import Window
         from vessel_gym.rendering.picture import draw_picture
 
-        draw_picture(canvas, self.scene, self._row)
+        canvas = draw_picture(self.scene, self._row)
         if not self._human:
-            pixels: np.ndarray = canvas.pixels()
-            return pixels
+            return canvas.pixels()
         if self._window is None:
-            self._window = Window(self._core.config.system.name, SIZE, self._fps)
+            self._window = Window(self._core.config.system.name, canvas.size, self._fps)
         self._window.show(canvas)
         return None
 

@@ -32,7 +32,6 @@ class Series(NamedTuple):
     label: str
     colour: str  # its name in the palette
     value: np.ndarray  # (T,), NaN for missing values
-    width: float = 1.4
 
 
 class Chart(NamedTuple):
@@ -42,24 +41,8 @@ class Chart(NamedTuple):
     series: Sequence[Series]
     # lower and upper edge of a pale area below the lines
     band: tuple[np.ndarray, np.ndarray] | None = None
-    reach: tuple[float, ...] = ()  # values that the axis includes
     # (T,) measurements of the last line's quantity, NaN where none came
     measured: np.ndarray | None = None
-
-    @property
-    def limits(self) -> tuple[float, float]:
-        """Ends of the axis."""
-        values = np.concatenate(
-            [self.reach, *(each.value for each in self.series), *(self.band or ())]
-        )
-        low, high = float(np.nanmin(values)), float(np.nanmax(values))
-        room = max(0.06 * (high - low), 1e-3)
-        return low - room, high + room
-
-    @property
-    def ticks(self) -> list[float]:
-        """Three or more round levels of the axis."""
-        return ticks(*self.limits).tolist()
 
 
 class Ambient(NamedTuple):
@@ -67,9 +50,8 @@ class Ambient(NamedTuple):
 
     name: str
     unit: str
-    # (T, 2) north and east, its direction of motion; the length is the speed or wave height
+    # (T, 2) north and east, its direction of motion; the length is the speed or significant height
     vector: np.ndarray
-    note: str = ""
 
 
 def ambients(core: Core, history: dict[str, np.ndarray]) -> list[Ambient]:
@@ -94,16 +76,13 @@ def ambients(core: Core, history: dict[str, np.ndarray]) -> list[Ambient]:
     elif "current" in truth:  # of a vehicle in a vertical plane, which lies north
         found.append(Ambient("Current", "m/s", np.stack([truth["current"], still], -1)))
     if "mean wind north" in truth:
-        wind = level("mean wind") + level("gust")
-        found.append(Ambient("Wind", "m/s", wind, "gusts included"))
+        found.append(Ambient("Wind", "m/s", level("mean wind") + level("gust")))
     if isinstance(disturbance, Seaway):
         wind = toward(disturbance.wind_direction, disturbance.wind)
         found.append(Ambient("Wind", "m/s", wind))
     if isinstance(disturbance, Seaway | SurfaceWater):
         spectrum = disturbance.spectrum
-        note = f"significant height, peak period {spectrum.period:.3g} s"
-        waves = toward(spectrum.direction, spectrum.height)
-        found.append(Ambient("Waves", "m", waves, note))
+        found.append(Ambient("Waves", "m", toward(spectrum.direction, spectrum.height)))
     return found
 
 
@@ -173,29 +152,25 @@ class Scene:
         core, history, rest = self.core, self.history, list[Chart]()
         if len(core.config.estimation.inputs) == 1 and np.isfinite(history["unknown_input"]).all():
             rest.append(self._unknown_input())
-        score = Series("", "true", history["score"], 2.0)
-        rest.append(Chart("Score so far", [score], reach=(0.0, 1.0)))
+        rest.append(Chart("Score so far", [Series("", "true", history["score"])]))
         return [*map(self._component, self.estimated[: most - len(rest)]), *rest]
 
     def _component(self, name: str) -> Chart:
         """Chart of a component, or of its error if maps show the component."""
         component = Components(self.core, self.history, [name])
-        error, measured = component.error[:, 0], component.measured[:, 0]
+        true, error = component.true[:, 0], component.error[:, 0]
+        measured, band, sigmas = component.measured[:, 0], None, ""
+        middle = np.zeros(len(error)) if name in _POSE else true + error
+        if component.cov is not None:
+            sd = np.sqrt(np.maximum(component.cov[:, 0, 0], 0.0))
+            band, sigmas = (middle - 2.0 * sd, middle + 2.0 * sd), " ±2σ"
         if name in _POSE:
-            lines, middle = [Series("estimate − truth", "believed", error)], np.zeros(len(error))
+            lines = [Series(f"estimate − truth{sigmas}", "believed", error)]
         else:
-            true, middle = component.true[:, 0], component.true[:, 0] + error
-            lines, measured = (
-                [_true(true), Series("estimate", "believed", middle, 1.2)],
-                true + measured,
-            )
+            measured = true + measured
+            lines = [_true(true), Series(f"estimate{sigmas}", "believed", middle)]
         measured = measured if np.isfinite(measured).any() else None
-        chart = Chart(_title(*component.words[0][:2]), lines, measured=measured)
-        if component.cov is None:
-            return chart
-        sd = np.sqrt(np.maximum(component.cov[:, 0, 0], 0.0))
-        lines[-1] = lines[-1]._replace(label=f"{lines[-1].label}{',' if name in _POSE else ''} ±2σ")
-        return chart._replace(band=(middle - 2.0 * sd, middle + 2.0 * sd))
+        return Chart(_title(*component.words[0][:2]), lines, band, measured)
 
     def _unknown_input(self) -> Chart:
         """Chart of the unknown input, with estimates shifted by their delay."""
@@ -204,8 +179,9 @@ class Scene:
         lines = [_true(scale * history["unknown_input"][:, 0])]
         if self.core.now.belief.input_mean is not None:
             estimate = scale * history["input_estimate"][estimation.input_delay :, 0]
-            missing = np.full(len(lines[0].value) - len(estimate), np.nan)
-            lines.append(Series("estimate", "believed", np.append(estimate, missing), 1.2))
+            value = np.full(len(self.time), np.nan)
+            value[: len(estimate)] = estimate
+            lines.append(Series("estimate", "believed", value))
         return Chart(_title(words, unit), lines)
 
     @property
@@ -243,7 +219,7 @@ class Scene:
 
 
 def _true(value: np.ndarray) -> Series:
-    return Series("true", "true_soft", value, 3.5)
+    return Series("true", "true_soft", value)
 
 
 def _title(words: str, unit: str) -> str:
@@ -254,10 +230,3 @@ def nice(value: float) -> float:
     """Smallest of 1, 2 and 5 times a power of ten that is at least a positive value."""
     power = 10.0 ** np.floor(np.log10(value))
     return next(float(k * power) for k in (1.0, 2.0, 5.0, 10.0) if k * power >= 0.9999 * value)
-
-
-def ticks(low: float, high: float) -> np.ndarray:
-    """Three to eight round levels in an interval."""
-    step = nice((high - low) / 7.5)
-    levels: np.ndarray = np.arange(np.ceil(low / step - 1e-6), np.floor(high / step + 1e-6) + 1.0)
-    return step * levels

@@ -30,28 +30,30 @@ function overlay({ label, colour }) {
   const truth = colour === "true_soft", each = { label, colour };
   return { label: named(each, state.second), colour: truth ? "true" : ["true", "believed"].includes(colour) ? "second" : colour, width: 1.3, dash: [5, 3] };
 }
+/** Lowest and highest round level of an axis, and zero where its label has room between them. */
+function ends(self, _, low, high) {
+  const round = levels(low, high, round125((high - low) / 7.5)), first = round[0], last = round.at(-1);
+  const apart = (v) => (Math.min(v - first, last - v) * (self.height - 26)) / (high - low) > 13;
+  return [first, ...round.filter((v) => v === 0 && apart(v)), last];
+}
 function plot(each) {
   const { chart, other, lines, room } = each, length = Math.max(...lines.map(({ value }) => value.rows));
   const blank = new Array(length).fill(null), points = { show: false };
   const plain = (array) => (array ? Array.from({ length }, (_, i) => (Number.isFinite(array.values[i]) ? array.values[i] : null)) : blank);
   const axis = { stroke: () => colours.muted, grid: { stroke: () => colours.grid, width: 1 }, ticks: { show: false }, font: "11px system-ui, sans-serif" };
   const edge = { stroke: "transparent", points }, marks = LOOKS.map(({ fix }) => () => colours[fix]).reverse();
-  const ends = [Math.min(chart.limits[0], other?.limits[0] ?? Infinity), Math.max(chart.limits[1], other?.limits[1] ?? -Infinity)];
-  const round = [...chart.ticks, ...(other?.ticks ?? [])].sort((a, b) => a - b), levels = [...new Set([round[0], ...round.filter((level) => level === 0), round.at(-1)])];
-  /** Levels of a chart, without one whose label would touch that of an end. */
-  const apart = (self) => levels.filter((v, i) => i === 0 || i === levels.length - 1 || (Math.min(v - levels[0], levels.at(-1) - v) * (self.height - 26)) / (ends[1] - ends[0]) > 13);
   const options = {
     width: Math.max(room.clientWidth, 50), height: Math.max(room.clientHeight, 50), legend: { show: false }, padding: [6, 22, 0, 0],
     cursor: { drag: { x: false, y: false }, y: false, points },
-    scales: { x: { time: false, range: [0, duration] }, y: { range: ends } },
-    axes: [{ ...axis, size: 20, gap: 2, values: (_, at) => at.map((v) => (v ? `${v} ${data.unit}` : "")) }, { ...axis, size: 44, gap: 3, splits: apart, values: (_, at) => at.map((v) => number(v)) }],
+    scales: { x: { time: false, range: [0, duration] }, y: { range: (_, low, high) => [low - 0.06 * (high - low) - 1e-3, high + 0.06 * (high - low) + 1e-3] } },
+    axes: [{ ...axis, size: 20, gap: 2, values: (_, at) => at.map((v) => (v ? `${v} ${data.unit}` : "")) }, { ...axis, size: 44, gap: 3, splits: ends, values: (_, at) => at.map((v) => number(v)) }],
     bands: [{ series: [1, 2], fill: () => colours.band }, { series: [3, 4], fill: () => colours["band-second"] }],
-    series: [{}, edge, edge, edge, edge, { stroke: () => colours.zero, width: 1, points },
-      ...marks.map((mark) => ({ width: 0, paths: () => null, points: { show: true, size: 3, fill: mark, stroke: mark } })),
-      ...lines.map(({ colour, width, dash }) => ({ stroke: () => colours[colour], width, dash, points }))],
+    series: [{}, edge, edge, edge, edge, { stroke: () => colours.zero, width: 1, points, auto: false },
+      ...marks.map((mark) => ({ auto: false, width: 0, paths: () => null, points: { show: true, size: 3, fill: mark, stroke: mark } })),
+      ...lines.map(({ colour, width = colour === "true_soft" ? 3.5 : 1.4, dash }) => ({ stroke: () => colours[colour], width, dash, points }))],
   };
-  const zero = ends[0] < 0 && ends[1] > 0 ? new Array(length).fill(0) : blank, [low, high] = chart.band ?? [], [low2, high2] = other?.band ?? [];
-  each.plot = new uPlot(options, [blank.map((_, i) => i * dt), plain(high), plain(low), plain(high2), plain(low2), zero, plain(other?.measured), plain(chart.measured), ...lines.map(({ value }) => plain(value))], room);
+  const [low, high] = chart.band ?? [], [low2, high2] = other?.band ?? [];
+  each.plot = new uPlot(options, [blank.map((_, i) => i * dt), plain(high), plain(low), plain(high2), plain(low2), new Array(length).fill(0), plain(other?.measured), plain(chart.measured), ...lines.map(({ value }) => plain(value))], room);
   each.veil = document.createElement("div"); each.veil.className = "veil";
   each.plot.over.append(each.veil);
   const timeAt = (event) => {

@@ -93,7 +93,6 @@ function layAmbient() {
   element("ambient").replaceChildren(...[north, ...flights[state.first].ambient].map((each) => {
     const item = document.createElement("li");
     item.innerHTML = '<svg viewBox="-9 -9 18 18" aria-hidden="true"><path d="M0 8V-7M-4-2 0-8 4-2" fill="none" stroke="currentColor" stroke-width="2"/></svg><span></span>';
-    item.title = each.note ?? "";
     return Object.assign(item, { each });
   }));
 }
