@@ -45,24 +45,21 @@ class HeadingShip(Ship):
     def estimated(self, kind: str) -> tuple[str, ...]:
         return ("v", "r", "psi", "u")[: 4 if kind == "nonlinear" else 3]
 
-    def _placed(self, x: np.ndarray) -> np.ndarray:
+    def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         v, r, psi, u = np.moveaxis(x, -1, 0)
         zero = np.zeros_like(v)
-        return np.stack([zero, zero, psi, u, v, r, zero, zero], -1)
+        return np.stack([zero, zero, psi, u, v, r, zero, zero], -1), zero[..., None]
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
-        rudder = u[..., :1]
+        (state, _), rudder = self.start(x), u[..., :1]
         exogenous = np.concatenate([np.zeros_like(flow[..., :1]), flow], -1)
-        moved = self.step(self._placed(x), rudder, rudder, exogenous, self._nominal)
+        moved = self.step(state, rudder, rudder, exogenous, self._nominal)
         return moved[..., [STATE.index(name) for name in self.estimated("nonlinear")]]
 
     def known_input(
         self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None
     ) -> np.ndarray:
-        rudder = 0.5 * (before + after)
-        return np.concatenate(
-            [rudder, self._turning(rudder) if commanded is None else commanded], -1
-        )
+        return super().known_input(before, after, commanded)[..., :2]
 
     def linear(self, kind: str) -> tuple[Any, ...]:
         flows = len(self.ambient_flows)
@@ -82,7 +79,6 @@ class TurningCircle(TurningTrial):
 
     uniforms = 3
     prior_sd = (0.2, 0.002, 0.03, 0.2)
-    commanding = slice(1, 2)
 
     @cached_property
     def track(self) -> CircleTrack:
@@ -104,6 +100,11 @@ class TurningCircle(TurningTrial):
         ahead = np.clip((elapsed + self.preview) / ramp, 0.0, 1.0)
         turned = 0.5 * ramp * share * share + np.maximum(elapsed - ramp, 0.0)
         return np.stack([heading + rate * turned, rate * share, rate * ahead, rate], -1)
+
+    def commanded(
+        self, scenario: np.ndarray, step: np.ndarray, reference: np.ndarray
+    ) -> np.ndarray:
+        return reference[..., 1:2]
 
     def workspace(self, scenario: np.ndarray) -> Workspace:
         options = {"radius": self.ship.speed / scenario[1]}

@@ -23,6 +23,7 @@ from vessel_gym.models.state_space import force_names
 from vessel_gym.system import Estimate, System, Task, Vehicle
 
 _ROWS = 3
+_STEP = np.arange(1, 1 + _ROWS)
 _SAME = 1e-9
 """Largest difference between two ways to compute a number, relative to the largest entry."""
 _Shape = tuple[int | None, ...]
@@ -48,7 +49,8 @@ def check_system(system: System) -> None:
     vehicle, task = system.vehicle, system.task
     what, uniforms = f"scenario of {type(task).__name__}", _uniforms(task.uniforms)
     (scenario,) = _checked(what, lambda u: task.scenario(u, {}), [uniforms], _ANY)
-    commanded = task.commanded(scenario, np.zeros(_ROWS, int))
+    x, reference = _check_reference(task, scenario, vehicle)
+    commanded = task.commanded(scenario, _STEP, reference)
     state, actuators, exogenous = _check_vehicle(vehicle, commanded)
     for disturbance in system.disturbances.values():
         _check_disturbance(disturbance, vehicle, state)
@@ -59,7 +61,7 @@ def check_system(system: System) -> None:
             (sd,) = check(f"sd of {sensor.name}", sensor.sd, [y], channels)
             if (sd < 0.0).any():
                 raise ValueError(f"sd of {sensor.name} must give numbers of at least 0")
-    _check_task(task, scenario, vehicle, state, actuators, exogenous)
+    _check_task(task, vehicle, (scenario, reference, x), state, actuators, exogenous)
 
 
 # --- the parts ------------------------------------------------------------------------------------
@@ -146,13 +148,11 @@ def _contradictions(disturbance: Disturbance, vehicle: Vehicle) -> Iterator[str]
         yield f"process of {who} grows by a factor of {modulus:.3g} a step: 1 is the most"
 
 
-def _check_task(
-    task: Task, scenario: np.ndarray, vehicle: Vehicle, state: np.ndarray, actuators: np.ndarray,
-    exogenous: np.ndarray,
-) -> None:  # fmt: skip
-    """Check the methods of a task."""
-    tried, who = partial(_tried, task), type(task).__name__
-    step = np.arange(1, 1 + _ROWS)
+def _check_reference(
+    task: Task, scenario: np.ndarray, vehicle: Vehicle
+) -> tuple[np.ndarray, np.ndarray]:
+    """Check a task's prior and reference; states near the prior's mean, and references there."""
+    who = type(task).__name__
     prior = task.prior(frozen(scenario))
     if not isinstance(prior, Gaussian):
         raise TypeError(f"prior of {who} must give a Gaussian, got {short_repr(prior)}")
@@ -161,10 +161,22 @@ def _check_task(
     if (size := np.shape(prior.cov)[-1]) != n:
         raise ValueError(f"prior of {who} must have a covariance of {n} rows, got {size}")
     x = x + 0.01 * _uniforms(n)  # so that rows differ without a drawn scenario, too
-    (reference,) = tried("reference", [scenario, step, x], _ANY)
-    for name, shape in ("commanded", _ANY), ("exogenous", exogenous.shape[1:]):
-        if getattr(task, name)(scenario, step) is not None:
-            tried(name, [scenario, step], shape)
+    (reference,) = _tried(task, "reference", [scenario, _STEP, x], _ANY)
+    return x, reference
+
+
+def _check_task(
+    task: Task, vehicle: Vehicle, mission: tuple[np.ndarray, ...], state: np.ndarray,
+    actuators: np.ndarray, exogenous: np.ndarray,
+) -> None:  # fmt: skip
+    """Check the other methods of a task, for a mission of scenarios, references and states x."""
+    tried, who, (scenario, reference, x) = partial(_tried, task), type(task).__name__, mission
+    for name, arguments, shape in (
+        ("commanded", [scenario, _STEP, reference], _ANY),
+        ("exogenous", [scenario, _STEP], exogenous.shape[1:]),
+    ):
+        if getattr(task, name)(*arguments) is not None:
+            tried(name, arguments, shape)
     (score_state,) = tried("initial_score_state", [state, scenario], _ANY)
     (over,) = tried("over", [scenario, reference], _NUMBER)
     scored = [
@@ -177,7 +189,7 @@ def _check_task(
             f"score of {who} must give numbers of end_reasons, whole and below"
             f" {len(task.end_reasons)}, got {short_repr(end.tolist())}"
         )
-    tried("observe_mission", [scenario, step, actuators], _ANY)
+    tried("observe_mission", [scenario, _STEP, actuators], _ANY)
     estimated = [x, exogenous[:, len(vehicle.increments) :], scenario]
     for name, more in ("observe_state", []), ("observe", [reference, actuators]):
         method = partial(_of_estimate, getattr(task, name))

@@ -182,7 +182,8 @@ def test_a_ship_beside_its_track_is_as_far_off(
     task, truth = system_of(kept).task, kept.history["truth"].copy()
     scenario = kept.scenario
     for k in range(len(truth)):
-        x, y, direction = task.nominal(scenario, np.full(len(scenario), k))[:, :3].T
+        along = task.nominal_distance(scenario, np.full(len(scenario), k))
+        x, y, direction = task.track(scenario, along).T
         beside = [x - aside * np.sin(direction), y + aside * np.cos(direction), direction]
         truth[k, :, :3] = np.stack(beside, -1)
     truth[..., 6] = np.deg2rad(-2.0)

@@ -44,13 +44,17 @@ def test_the_track_is_a_straight_a_clothoid_and_a_circle():
             assert pose[0, 2] == pytest.approx(expected[2], abs=1e-6)
 
 
+def on_track(scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Poses ``(B, 3)`` at a step of ships that keep to track and speed."""
+    return TASK.track(scenario, TASK.nominal_distance(scenario, step))
+
+
 def test_the_nearest_point_is_nearest():
     """Against a search along the track, from places up to 80 m off."""
     rng = np.random.default_rng(1)
     for scenario in scenarios(20):
         step = rng.integers(0, 600)
-        nominal = TASK.nominal(scenario[None], np.array([step]))[0]
-        place = nominal[:2] + rng.uniform(-80.0, 80.0, 2)
+        place = on_track(scenario[None], np.array([step]))[0, :2] + rng.uniform(-80.0, 80.0, 2)
         state = np.zeros((1, 6))
         state[0, :2] = place
         reference = TASK.reference(scenario[None], np.array([step]), state)[0]
@@ -79,7 +83,7 @@ def test_ship_on_the_track_has_no_error_and_commanded_rate():
     scenario, steps = scenarios(5), np.arange(0, 600, 7)
     for step in steps:
         at = np.full(5, step)
-        state = TASK.nominal(scenario, at)
+        state = on_track(scenario, at)
         reference = TASK.reference(scenario, at, state)
         assert np.abs(reference[:, OFF]).max() < 0.05
         assert np.abs(np.sin(reference[:, TRACK] - state[:, 2])).max() < 1e-3

@@ -136,13 +136,12 @@ def test_prior_is_level_at_path_start_at_cruising_speed(system: System):
 def test_known_input_holds_the_path_angle_at_cruising_speed():
     system = VERTICAL
     scenario, step = scenarios(system.task, 2), np.array([0, 200])
-    told = system.vehicle.known_input(
-        np.zeros((2, 2)), np.zeros((2, 2)), system.task.commanded(scenario, step)
-    )
+    commanded = system.task.commanded(scenario, step, scenario)
+    told = system.vehicle.known_input(np.zeros((2, 2)), np.zeros((2, 2)), commanded)
     there = path_point(np.array([0.0, 30.0]), scenario)  # 20 s at 1.5 m/s
     np.testing.assert_allclose(np.tan(told[:, 4]), -there[:, 4], rtol=1e-12)
     np.testing.assert_array_equal(told[:, 5], 1.0)
-    late = system.task.commanded(scenario, np.array([2000, 3000]))
+    late = system.task.commanded(scenario, np.array([2000, 3000]), scenario)
     np.testing.assert_allclose(late, 0.0, atol=1e-12)  # level beyond the path's end
     assert system.vehicle.known_input(np.zeros((1, 2)), np.zeros((1, 2)), None)[0, 4] == 0.0
 
@@ -248,19 +247,12 @@ def test_actuators_are_seen_relative_to_their_limits(system: System):
 
 
 @DIVES
-def test_raw_observation_is_measurements_mask_and_course(system: System):
+def test_raw_observation_tells_the_courses_apart(system: System):
     task, sensors = system.task, sensors_of(system.vehicle)
-    p, scenario, rng = sensors.size, scenarios(task, 3, 9), np.random.default_rng(9)
-    measurements, available = rng.normal(size=(3, p)), rng.random((3, p)) < 0.5
-    measurements *= available
-    raw = task.observe_measurements(sensors, measurements, available, scenario, np.zeros(3))
-    seen = np.hstack([raw, task.observe_mission(scenario, np.zeros(3), trim(task, 3))])
-    assert seen.shape == (3, sizes(system)["measurement"])
-    expected = measurements / sensors.scale
-    np.testing.assert_allclose(seen[:, : 2 * p], np.hstack([expected, available]))
     assert (sensors.scale >= sensors.sd).all()  # what counts as 1 is no noise
-    shown = seen[:, 2 * p : -len(system.vehicle.action_names)]
-    assert len(np.unique(np.round(shown[:, -2:], 12))) == 6  # which tell the courses apart
+    mission = task.observe_mission(scenarios(task, 3, 9), np.zeros(3), trim(task, 3))
+    shown = mission[:, : -len(system.vehicle.action_names)]
+    assert len(np.unique(np.round(shown[:, -2:], 12))) == 6
 
 
 # --- score ----------------------------------------------------------------------------------------

@@ -17,6 +17,17 @@ NEAR = {
 """Missions that are soon over."""
 
 
+def test_missing_measurements_are_zero_and_the_mask_says_so():
+    core = make_core("SigmaCorvette-v0", 3, observe="measurement", guidance=False)
+    core.start(1)
+    y = core.now.y
+    available = np.arange(y.size).reshape(y.shape) % 3 > 0
+    seen = core.config.mission.observation(core.now.but(available=available), None)
+    p = y.shape[1]
+    np.testing.assert_array_equal(seen[:, :p] != 0.0, available)
+    np.testing.assert_array_equal(seen[:, p : 2 * p], available)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("env_id", NEAR)
 def test_an_episode_is_judged_as_if_the_truth_were_believed(env_id: str):

@@ -56,7 +56,7 @@ def test_a_turn_radius_may_be_requested():
 
 
 def test_known_input_is_mean_rudder_and_commanded_yaw_rate():
-    commanded = TASK.commanded(scenarios(2), np.array([30, 90]))
+    commanded = np.array([[0.01], [0.02]])
     told = VEHICLE.known_input(np.array([[0.1], [0.2]]), np.array([[0.14], [0.2]]), commanded)
     np.testing.assert_allclose(told[:, :2], np.hstack([[[0.12], [0.2]], commanded]))
 
@@ -87,16 +87,11 @@ def test_standard_deviations_are_scaled_like_their_means():
         np.testing.assert_allclose(found, [[1, 1, 1, expected]])
 
 
-def test_missing_measurements_are_zero_and_the_mask_says_so():
-    scenario = np.tile([0.5, 0.03], (3, 1))  # at first the commanded heading is the initial one
-    measurements = np.array(
-        [[0.4, 0.02], [0.3, 0.02], [0.4, 0.03]]
-    )  # whatever is left in a missing one
-    available = np.array([[True, True], [False, True], [True, False]])
-    observation = TASK.observe_measurements(SENSORS, measurements, available, scenario, np.zeros(3))
-    np.testing.assert_allclose(
-        observation[:, :4], [[1, 2, 1, 1], [0, 2, 0, 1], [1, 0, 1, 0]], atol=1e-12
-    )
+def test_a_measured_heading_is_its_error_to_the_commanded_one():
+    scenario = np.tile([0.5, 0.03], (2, 1))  # at first the commanded heading is the initial one
+    measurements = np.array([[0.4, 0.02], [0.3, 0.03]])
+    seen = TASK.observe_measurements(SENSORS, measurements, scenario, np.zeros(2))
+    np.testing.assert_allclose(seen, [[1, 2], [2, 3]], atol=1e-12)
 
 
 # --- score ----------------------------------------------------------------------------------------

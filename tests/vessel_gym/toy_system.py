@@ -53,7 +53,7 @@ class Post(Task):
     vehicle, horizon, uniforms, prior_sd = Cart(), 20, 1, (0.1, 0.1)
     end_reasons, success = ("", "away"), ""
 
-    def commanded(self, scenario: Any, step: Any) -> Any:
+    def commanded(self, scenario: Any, step: Any, reference: Any) -> Any:
         return scenario
 
     def exogenous(self, scenario: Any, step: Any) -> Any:

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from estimators.angles import wrap
-from estimators.checks import numbers, short_repr
+from estimators.checks import finite_array
 from vessel_gym.guidance.dubins import Path, chained, path_of
 
 SHARPEST = np.deg2rad(120.0)
@@ -32,7 +32,9 @@ def route(waypoints: object, radius: float, clearance: float = 0.0) -> tuple[np.
             `SHORTEST` or too short for its arcs, a route longer than `LONGEST`, or legs within the
             clearance of each other.
     """
-    points = _checked(waypoints)
+    points = finite_array("waypoints, rows (north, east) in metres,", waypoints, "k", 2)
+    if len(points) < 2:
+        raise ValueError(f"waypoints must be at least 2, got {len(points)}")
     with np.errstate(over="ignore"):
         points = points - points[0]
         legs = np.diff(points, axis=0)
@@ -79,24 +81,6 @@ def _refuse_other_units(length: np.ndarray, least: float) -> None:
             f"waypoints {at + 1} and {at + 2} are {length[at]:.2g} m apart, less than"
             f" {least:.0f} m: vessel_gym.guidance.geodesy.local makes metres of degrees"
         )
-
-
-def _checked(waypoints: object) -> np.ndarray:
-    """Waypoints ``(k, 2)`` as given.
-
-    Raises:
-        ValueError: for anything but at least 2 rows of finite numbers.
-    """
-    points = numbers(waypoints)
-    if points is None or points.ndim != 2 or points.shape[1] != 2:
-        raise ValueError(
-            f"waypoints must be rows (north, east), metres, got {short_repr(waypoints)}"
-        )
-    if len(points) < 2:
-        raise ValueError(f"waypoints must be at least 2, got {len(points)}")
-    if not np.isfinite(points).all():
-        raise ValueError(f"waypoints must be finite, got {short_repr(waypoints)}")
-    return points
 
 
 def _apart(one: np.ndarray, other: np.ndarray) -> float:

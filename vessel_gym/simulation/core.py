@@ -189,7 +189,8 @@ class Core:
             action=np.zeros((count, config.action_size)),
             reward=np.zeros(count), total=np.zeros(count), end=np.zeros(count, int),
         )  # fmt: skip
-        return now.but(**config.mission.asked(now, steps)), prior
+        reference = task.reference(scenario, steps, prior.mean)
+        return now.but(**config.mission.asked(now, steps, reference)), prior
 
     # --- what is seen -----------------------------------------------------------------------------
 

@@ -39,7 +39,6 @@ class Mission:
         self.observe, self.guidance, self.raw = observe, guidance, raw
         self.true_end, self.measured = termination == "task", observe == "measurement"
         self.observes = guidance and observe == "mean"
-        self.commanding = task.commanding if is_compiled(task) else None
         compiled = is_compiled(task) and is_compiled(self.space.disturbance)
         self.step, self.begin = Stage(self._step, compiled), Stage(self._begin, compiled)
 
@@ -64,22 +63,16 @@ class Mission:
         start = {"score_state": self.task.initial_score_state(now.state, now.scenario)}
         return start | self.asked(now, now.steps + 1, reference) | self._seen(now, reference)
 
-    def asked(self, now: State, step: Any, reference: Any = None) -> Changes:
+    def asked(self, now: State, step: Any, reference: np.ndarray) -> Changes:
         """Commands and additions to increments and flows, which the world's next step reads.
 
         Args:
             now: The record.
             step: Number of the step that the additions act in.
-            reference: Reference at the end of the last step; None before the first.
+            reference: Reference at the end of the last step; before the first, at the prior's mean.
         """
-        task = self.task
-        if reference is None:
-            commanded = task.commanded(now.scenario, step)
-        elif self.commanding is None:
-            commanded = task.commanded(now.scenario, step - 1)
-        else:
-            commanded = reference[..., self.commanding]
-        asked = {"commanded": commanded, "imposed": task.exogenous(now.scenario, step)}
+        commanded = self.task.commanded(now.scenario, now.steps, reference)
+        asked = {"commanded": commanded, "imposed": self.task.exogenous(now.scenario, step)}
         return {name: each for name, each in asked.items() if each is not None}
 
     def _reference(self, now: State, true: bool) -> np.ndarray:
@@ -113,8 +106,10 @@ class Mission:
     def _of_measurements(self, now: State) -> list[np.ndarray]:
         """Parts of an observation of raw measurements."""
         task, scenario, steps = self.task, now.scenario, now.steps
+        measured = task.observe_measurements(self.space.sensors, now.y, scenario, steps)
         parts = [
-            task.observe_measurements(self.space.sensors, now.y, now.available, scenario, steps),
+            np.where(now.available, measured, 0.0),
+            now.available,
             task.observe_mission(scenario, steps, now.actuators),
         ]
         if self.raw is None:

@@ -152,12 +152,6 @@ class Channel(Track):
         own = [heading, rate, self.turning(later), along, off, direction, surge, state[..., 2]]
         return np.stack(own, -1)
 
-    @compiled(axes=(1, 0))
-    def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Position [m] and heading [rad] ``(..., 3)`` on the axis at service speed."""
-        along = np.clip(step * (self.dt * self.ship.speed), 0.0, scenario[..., LENGTH])
-        return np.stack(pose_along(along, scenario[..., self._first_segment :]), -1)
-
     def workspace(self, scenario: np.ndarray) -> Workspace:
         """The ship, the axis, and the channel's outline half a beam outside the margins."""
         along = np.linspace(0.0, scenario[LENGTH], 200)

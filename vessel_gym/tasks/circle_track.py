@@ -11,6 +11,7 @@ from vessel_gym.guidance.frames import ahead_and_aside
 from vessel_gym.tasks.task import closeness, first_reason, wrapped
 from vessel_gym.tasks.track import HEADING, Track
 from vessel_gym.tasks.workspace import Workspace, at_depth
+from vessel_gym.vehicles.corvette import steady_turns
 
 RATE, CURVATURE, SPEED = range(HEADING + 1, 4)
 """Columns of a scenario after the first direction."""
@@ -76,7 +77,7 @@ class CircleTrack(Track):
         shortest, longest = self.radius
         drawn = self.ship.length * (shortest + (longest - shortest) * uniforms[..., 1])
         drawn = np.copysign(drawn, uniforms[..., 2] - 0.5)
-        most = 1.0 / self._turns.radius[-1]
+        most = 1.0 / steady_turns(self.ship).radius[-1]
         curvature = np.clip(1.0 / np.where(np.isnan(radius), drawn, radius), -most, most)
         heading, rate = np.pi * (1.0 - 2.0 * uniforms[..., 0]), self.turning(curvature)
         return np.stack([heading, rate, curvature, rate / curvature], -1)
@@ -98,7 +99,7 @@ class CircleTrack(Track):
         slower = scenario[..., SPEED] - self.ship.speed
         lead, ramp = self._lengths(scenario)
         along, off, direction, bent = self._nearest(
-            scenario, state, self._nominal_distance(scenario, step)
+            scenario, state, self.nominal_distance(scenario, step)
         )
         share = bent / curvature
         speed = self.ship.speed + share * slower
@@ -115,7 +116,7 @@ class CircleTrack(Track):
             self.ship.speed + scenario[..., SPEED]
         )
 
-    def _nominal_distance(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
+    def nominal_distance(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Distance [m] along the track of a ship that keeps to track and speed.
 
         The speed falls over the ramp.
@@ -170,11 +171,6 @@ class CircleTrack(Track):
             heading + np.where(on_circle, round_to, direction),
             np.where(on_circle, curvature, sharpness * length),
         )
-
-    @compiled(axes=(1, 0))
-    def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Position [m] and heading [rad] ``(..., 3)`` of a ship that keeps to track and speed."""
-        return self.track(scenario, self._nominal_distance(scenario, step))
 
     @compiled(axes=(1, 0))
     def track(self, scenario: np.ndarray, along: np.ndarray) -> np.ndarray:

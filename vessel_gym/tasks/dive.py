@@ -317,8 +317,10 @@ class VerticalDive(Dive):
             )
         return goal
 
-    @compiled(axes=(1, 0))
-    def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
+    @compiled(axes=(1, 0, 1))
+    def commanded(
+        self, scenario: np.ndarray, step: np.ndarray, reference: np.ndarray
+    ) -> np.ndarray:
         """Path angle [rad] ``(..., 1)``, upwards, at the place of a vehicle at cruise speed."""
         point = path_point(step * (self.dt * self.auv.cruise_speed), scenario)
         return -np.arctan(point[..., 4:])

@@ -62,12 +62,6 @@ class Task:
     """Reasons for an episode's end by number; number 0 means that the episode goes on."""
     success: str = ""
     """Entry of ``end_reasons`` that means success; empty if it means to last for the horizon."""
-    commanding: ClassVar[slice | list[int] | None] = None
-    """Columns of the reference that hold the commands.
-
-    A task whose class is decorated ``@compiled`` takes the commands from these columns. If it has
-    none, and in other tasks, the commands come from `commanded`.
-    """
     BOUND = 10.0
     """Observations are scaled to be of order 1 and clipped to +-10."""
     prior_sd: ClassVar[tuple[float, ...]]
@@ -122,8 +116,13 @@ class Task:
         """
         return scenario
 
-    def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray | None:
-        """Commands ``(B, c)`` that filters know besides the actuators; default: None."""
+    def commanded(
+        self, scenario: np.ndarray, step: np.ndarray, reference: np.ndarray
+    ) -> np.ndarray | None:
+        """Commands ``(B, c)`` that filters know besides the actuators; default: None.
+
+        The reference ``(B, r)`` is that of the step; before the first step, at the prior's mean.
+        """
         return None
 
     def exogenous(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray | None:
@@ -181,23 +180,19 @@ class Task:
         return estimate.sd / np.concatenate([scale, estimate.scale])
 
     def observe_measurements(
-        self,
-        sensors: Sensors,
-        measurements: np.ndarray,
-        available: np.ndarray,
-        scenario: np.ndarray,
-        step: np.ndarray,
+        self, sensors: Sensors, measurements: np.ndarray, scenario: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
-        """Part ``"measurements"`` ``(B, 2 p)``: scaled measurements and their mask.
+        """Scaled measurements ``(B, p)`` of part ``"measurements"``, which their mask completes.
+
+        The observation holds 0 where a measurement is missing, whatever this method returns there.
 
         Args:
             sensors: Sensors of the environment.
             measurements: ``(B, p)``, 0 where missing.
-            available: ``(B, p)`` mask.
             scenario: ``(B, k)``.
             step: ``(B,)`` steps since the episode's start.
         """
-        return np.concatenate([measurements / sensors.scale, available], -1)
+        return measurements / sensors.scale
 
     def observe_mission(
         self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray

@@ -7,12 +7,11 @@ from typing import ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from estimators.engine import compiled
 from vessel_gym.guidance.frames import ahead_and_aside
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import Task, smoothness, wrapped
-from vessel_gym.vehicles.corvette import SteadyTurn, steady_turns
+from vessel_gym.vehicles.corvette import steady_turns
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 
 HEADING = 0
@@ -86,7 +85,6 @@ class Steering(Task):
 class Track(Steering):
     """A track over ground, which begins at the origin."""
 
-    commanding: ClassVar[slice | list[int]] = [RATE_NOW, BELIEVED]
     prior_sd: ClassVar[tuple[float, ...]] = (2.0, 2.0, 0.03, 0.2, 0.2, 0.002)
 
     def prior(self, scenario: np.ndarray) -> Gaussian:
@@ -95,13 +93,9 @@ class Track(Steering):
         mean[:, 2], mean[:, 3] = scenario[:, HEADING], self.ship.speed
         return self._spread.about(mean)
 
-    @cached_property
-    def _turns(self) -> SteadyTurn:
-        return steady_turns(self.ship)
-
     def turning(self, curvature: np.ndarray) -> np.ndarray:
         """Yaw rate [rad/s] of the steady turn with a signed curvature [1/m]."""
-        turns = self._turns
+        turns = steady_turns(self.ship)
         rate = np.interp(np.abs(curvature), 1.0 / turns.radius, turns.yaw_rate)
         return np.copysign(rate, curvature)
 
@@ -112,18 +106,15 @@ class Track(Steering):
 
         The heading is the direction of the track plus the drift angle of the steady turn.
         """
-        turns = self._turns
+        turns = steady_turns(self.ship)
         surge, sway = (turns.interpolated(each, rate) for each in (turns.speed, turns.sway))
         return direction - np.arctan2(np.where(rate >= 0.0, sway, -sway), surge), surge
 
-    def nominal(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Position [m] and heading [rad] ``(..., 3)`` at a step of a ship that keeps to a track."""
-        raise NotImplementedError
-
-    @compiled(axes=(1, 0))
-    def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Commanded yaw rate and heading ``(..., 2)`` of a ship that keeps to the track."""
-        return self.reference(scenario, step, self.nominal(scenario, step))[..., self.commanding]
+    def commanded(
+        self, scenario: np.ndarray, step: np.ndarray, reference: np.ndarray
+    ) -> np.ndarray:
+        """Yaw rate now and estimated heading ``(..., 2)``."""
+        return reference[..., [RATE_NOW, BELIEVED]]
 
     def course_error(
         self, state: np.ndarray, exogenous: np.ndarray, direction: np.ndarray
@@ -196,14 +187,9 @@ class Track(Steering):
         return np.stack([*sd, d], -1) / [place, place, *rest]
 
     def observe_measurements(
-        self,
-        sensors: Sensors,
-        measurements: np.ndarray,
-        available: np.ndarray,
-        scenario: np.ndarray,
-        step: np.ndarray,
+        self, sensors: Sensors, measurements: np.ndarray, scenario: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
-        """Measurements and mask ``(..., 2 p)``; heading and position relative to the first."""
+        """Measurements ``(..., p)``; heading and position are relative to the first ones."""
         gives, measured = list(sensors.gives), measurements / sensors.scale
         turned = wrapped(measurements - scenario[..., :1])
         measured = np.where([state == "psi" for state in gives], turned, measured)
@@ -213,4 +199,4 @@ class Track(Steering):
             columns = list(np.moveaxis(measured, -1, 0))
             columns[x], columns[y] = place[..., 0], place[..., 1]
             measured = np.stack(columns, -1)
-        return np.concatenate([np.where(available, measured, 0.0), available], -1)
+        return measured

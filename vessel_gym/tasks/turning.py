@@ -6,7 +6,7 @@ docs/environments/thesis-corvette.md states what the thesis prints instead.
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +43,6 @@ class TurningTrial(Steering):
     helm = float(np.deg2rad(28.0))  # rad, our choice: more hardly helps; 35 deg is printed
 
     prior_sd = (1e-3**0.5,) * 3  # of sway, yaw rate, heading; inferred: equal to those of Q
-    commanding: ClassVar[slice | list[int]] = [3, 4]
 
     def scenario(self, uniforms: np.ndarray, options: dict[str, Any]) -> np.ndarray:
         """Scenarios ``(B, 3)`` without random values.
@@ -96,10 +95,11 @@ class TurningTrial(Steering):
         """Reference ``(..., 5)`` at a step ``(...)``, independent of the ship's state."""
         return self.command(scenario, step)
 
-    @compiled(axes=(1, 0))
-    def commanded(self, scenario: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Final yaw rate and simulation ``(..., 2)``."""
-        return scenario[..., 1:]
+    def commanded(
+        self, scenario: np.ndarray, step: np.ndarray, reference: np.ndarray
+    ) -> np.ndarray:
+        """Yaw rate of the turn, and the number of the simulation ``(..., 2)``."""
+        return reference[..., 3:]
 
     def workspace(self, scenario: np.ndarray) -> Workspace:
         """The ship and its positions in the trial."""
@@ -137,23 +137,16 @@ class TurningTrial(Steering):
         return np.stack([*sd, first_component(estimate.input_sd, sd[0])], -1) / scales
 
     def observe_measurements(
-        self,
-        sensors: Sensors,
-        measurements: np.ndarray,
-        available: np.ndarray,
-        scenario: np.ndarray,
-        step: np.ndarray,
+        self, sensors: Sensors, measurements: np.ndarray, scenario: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
-        """Measurements and mask ``(..., 2 p)``.
+        """Measurements ``(..., p)``.
 
         A measured heading becomes its error to the commanded one, on the scale of such an error.
         """
         heading = self.command(scenario, step)[..., :1]
         error = wrapped(heading - measurements) / self.HEADING_SCALE
-        measured = np.where(
-            [state == "psi" for state in sensors.gives], error, measurements / sensors.scale
-        )
-        return np.concatenate([np.where(available, measured, 0.0), available], -1)
+        are_headings = [state == "psi" for state in sensors.gives]
+        return np.where(are_headings, error, measurements / sensors.scale)
 
     def observe_mission(
         self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray

@@ -144,10 +144,7 @@ class ThesisCorvette(Ship):
         self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None
     ) -> np.ndarray:
         """Mean rudder over a step, yaw rate of the commanded turn, and simulation."""
-        rudder = 0.5 * (before + after)
-        if commanded is None:
-            commanded = np.concatenate([self._turning(rudder), np.zeros_like(rudder)], -1)
-        return np.concatenate([rudder, commanded], -1)
+        return super().known_input(before, after, commanded)[..., :3]
 
     def linear(self, kind: str) -> tuple[Any, ...]:
         """A, B and the effect of d.

@@ -167,8 +167,8 @@ pushes the stern up, so that the vehicle dives.
 """
 
 
-_CROSS_FLOW_DRAG = 1.1
-"""Drag coefficient of a cylinder; Hoerner (1965), as in Prestero (2001)."""
+CROSS_FLOW_DRAG = 1.1
+"""Drag coefficient of a cylinder across the flow; Hoerner (1965), as in Prestero (2001)."""
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ class Torpedo:
         """
         half_density = 0.5 * self.water_density
         x, dx = self.hull.strips()
-        hull = half_density * _CROSS_FLOW_DRAG * 2.0 * self.hull.radius(x) * dx
+        hull = half_density * CROSS_FLOW_DRAG * 2.0 * self.hull.radius(x) * dx
         fins = half_density * self.fins.plate_drag_coefficient() * 2.0 * self.fins.area
         drag, x = np.append(hull, fins), np.append(x, self.fins.position)
         return drag.sum(), drag @ x, drag @ (x * abs(x)), drag @ abs(x) ** 3

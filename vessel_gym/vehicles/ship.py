@@ -122,26 +122,22 @@ class Ship(SimulatedVehicle):
         """Components (x, y, psi, u, v, r)."""
         return _ESTIMATED
 
-    def _placed(self, x: np.ndarray) -> np.ndarray:
-        """State ``(..., 8)`` of an upright ship from the estimated components."""
-        return np.concatenate([x, np.zeros_like(x[..., :2])], -1)
-
     @property
     def cruise(self) -> tuple[np.ndarray, np.ndarray]:
         """Straight to the north at service speed."""
         return np.array([0.0, 0.0, 0.0, self.ship.speed, 0.0, 0.0]), np.array([0.0, 0.0, 0.0, 1.0])
 
     def start(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """State ``(..., 8)`` and actuators ``(..., 1)`` from the estimated components."""
-        return self._placed(x), np.zeros((*x.shape[:-1], 1))
+        """State ``(..., 8)`` of an upright ship, and its rudder ``(..., 1)`` amidships."""
+        return np.concatenate([x, np.zeros_like(x[..., :2])], -1), np.zeros((*x.shape[:-1], 1))
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
         """Estimated components a step later under ``u = (rudder, ...)``, constant over the step.
 
         Without roll, the substeps need to resolve only sway and yaw.
         """
-        rudder, still = u[..., :1], np.zeros(1)
-        given = self._placed(x), rudder, still, flow, self._nominal, self.dt
+        (state, _), rudder, still = self.start(x), u[..., :1], np.zeros(1)
+        given = state, rudder, still, flow, self._nominal, self.dt
         substeps = resolving_substeps(self.dt, self._plane_mode)
         moved = runge_kutta(corvette_rates, *given, substeps)
         return moved[..., : len(_ESTIMATED)]
