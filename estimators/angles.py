@@ -1,10 +1,10 @@
-"""Wrapping of angles and of their differences."""
+"""Wrapping of angles and of their differences, and vectors in the frame of a heading."""
 
 from typing import Any
 
 import numpy as np
 
-from estimators.engine import is_traced
+from estimators.engine import is_traced, sincos
 
 _TURN = 2.0 * np.pi
 _LOWEST = np.nextafter(-np.pi, 0.0)
@@ -44,3 +44,11 @@ def difference(a: np.ndarray, b: np.ndarray, angles: tuple[int, ...]) -> np.ndar
         index = ..., angles[0] if len(angles) == 1 else list(angles)
         residual[index] = wrap(residual[index])
     return residual
+
+
+def ahead_and_aside(
+    north: np.ndarray, east: np.ndarray, heading: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Components ``(...)`` of vectors along a heading [rad] and to starboard of it."""
+    sin, cos = sincos(heading)
+    return north * cos + east * sin, east * cos - north * sin

@@ -14,11 +14,11 @@ from estimators import Gaussian
 from estimators.engine import compiled
 from vessel_gym.disturbances import Sea
 from vessel_gym.envs.own import register_environment
-from vessel_gym.envs.shared import tuning
+from vessel_gym.models.estimation import tuning
 from vessel_gym.system import System
 from vessel_gym.tasks.circle_track import CircleTrack
+from vessel_gym.tasks.task import Workspace
 from vessel_gym.tasks.turning import TurningTrial
-from vessel_gym.tasks.workspace import Workspace
 from vessel_gym.vehicles.corvette import COMPASS, MOTION_UNIT, linear_matrices
 from vessel_gym.vehicles.corvette_equations import STATE
 from vessel_gym.vehicles.files import load

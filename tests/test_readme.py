@@ -41,8 +41,8 @@ def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
         exec(compile(cell, "cell", "exec"), namespace)
 
 
-AT_NIGHT = "filter-ensemble"
-"""A page that takes longest; by day tests of rollouts record ensembles."""
+AT_NIGHT = "filter-ensemble", "lima-menit", "training.md 0"
+"""Pages that take longest: others by day record ensembles, take five minutes and train."""
 EXAMPLES = {
     f"{page.relative_to(ROOT)} {i}": code for page in PAGES for i, code in enumerate(examples(page))
 } | {f"{page.relative_to(ROOT)} all": "".join(examples(page)) for page in NOTEBOOKS}
@@ -57,7 +57,9 @@ def test_each_page_has_an_example() -> None:
 @pytest.mark.parametrize(
     "example",
     [
-        pytest.param(code, id=name, marks=pytest.mark.nightly if AT_NIGHT in name else ())
+        pytest.param(
+            code, id=name, marks=pytest.mark.nightly if any(map(name.count, AT_NIGHT)) else ()
+        )
         for name, code in EXAMPLES.items()
     ],
 )

@@ -5,9 +5,24 @@ imports the package itself. An agent observes a filter's belief. The true state 
 is kept for scoring.
 """
 
+import os
+from importlib.util import find_spec
+
 from gymnasium.envs.registration import register
 
-from vessel_gym.name_clashes import clashing_file
+FOLDER = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))
+"""Folder of this project's packages."""
+
+
+def clashing_file(package: str) -> str | None:
+    """File that is imported instead of this project's package; None for the package itself."""
+    spec = find_spec(package)
+    if spec is None:
+        return None
+    place = spec.origin or next(iter(spec.submodule_search_locations or ()), None)
+    ours = os.path.join(FOLDER, package, "")
+    return place if place and not os.path.realpath(place).startswith(ours) else None
+
 
 if _file := clashing_file("estimators"):
     raise ImportError(
@@ -16,7 +31,7 @@ if _file := clashing_file("estimators"):
         name=__name__,  # so that python -m vessel_gym prints the sentence alone
     )
 
-from estimators.lazy import public_names
+from estimators.lazy import public_names  # noqa: E402, as another package is refused first
 
 __version__ = "1.0.0"
 

@@ -3,7 +3,7 @@
 import sys
 from importlib import import_module, metadata
 
-from vessel_gym.name_clashes import FOLDER, clashing_file
+from vessel_gym import FOLDER, clashing_file  # type: ignore[attr-defined]  # not public
 
 
 def main() -> int | None:

@@ -10,7 +10,7 @@ import numpy as np
 from estimators.checks import as_covariance, finite_array, frozen, short_repr
 from estimators.discretisation import van_loan
 from estimators.engine import as_word, lookup
-from estimators.threefry import normals
+from estimators.randomness import normals
 from vessel_gym.checks import check_numbers
 
 

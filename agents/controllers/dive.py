@@ -14,7 +14,7 @@ from vessel_gym.processes import interpolated
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import Dive
 from vessel_gym.vehicles.auv import AUV
-from vessel_gym.vehicles.equilibrium import root
+from vessel_gym.vehicles.simulated import root
 
 SPEED = 2.0  # s, time constant in which an error of speed is to vanish
 

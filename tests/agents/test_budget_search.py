@@ -87,7 +87,7 @@ def test_suite_at_border_is_confirmed_in_2_5_percent(disaster: float):
     assert hits >= binom.ppf(RARELY, trials, 0.01)  # nor does it ask for more than it says
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("world", ["one suite does", "disasters", "better need not be better"])
 def test_the_whole_procedure_rarely_errs(world: str):
     """All others keep a trifle too little, or any share whatever their grades are."""

@@ -61,7 +61,9 @@ def by_environments(arm: Arm, candidates: list[dict[str, float]]) -> np.ndarray:
 @pytest.mark.parametrize(
     ("env_id", "options", "own"),
     [
-        (CORVETTE, {"estimator": "enkf"}, {"estimator.inflation": 1.02}),
+        pytest.param(
+            CORVETTE, {"estimator": "enkf"}, {"estimator.inflation": 1.02}, marks=NIGHTLY
+        ),
         (CORVETTE, {"estimator": "truth"}, {}),
         (CORVETTE, {"estimator": Inflated}, {"estimator.factor": 1.05}),
         pytest.param(CORVETTE, {"estimator": "ekf"}, {}, marks=NIGHTLY),

@@ -261,7 +261,7 @@ def cluster():
         process.wait(PATIENCE)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_cluster_gives_same_values_though_worker_is_killed(tmp_path, expected, cluster):
     address, (victim, _) = cluster
 

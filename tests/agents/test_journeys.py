@@ -11,7 +11,9 @@ PUNA = "PunaUAV-v0"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("env_id", ["SegorogeniAUV-v0", "ItsunusaAUV-v0", PUNA])
+@pytest.mark.parametrize(
+    "env_id", ["SegorogeniAUV-v0", "ItsunusaAUV-v0", pytest.param(PUNA, marks=pytest.mark.nightly)]
+)
 def test_the_default_filter_is_consistent_in_the_position(env_id: str):
     """The mean NEES of a dive, by its size, is 1 on average: 50 runs, 4 standard errors, false-alarm rate 2e-4.
 

@@ -32,7 +32,7 @@ from vessel_gym.rendering.renderer import Renderer
 from vessel_gym.simulation.core import Core
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import Dive
-from vessel_gym.tasks.workspace import Workspace
+from vessel_gym.tasks.task import Workspace
 
 ENV, OWN = "KeepDepth-v0", "own_task:DepthController"
 COMMON = ["score", "return", "steps", "steering_travel", "reversals", "saturation"]

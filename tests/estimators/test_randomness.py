@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from scipy.stats import chi2, kstest, norm
 
 from estimators import RandomKeys
-from estimators.randomness import key, word
-from estimators.threefry import derived
+from estimators.randomness import derived, key, word
 
 ONES = 2**64 - 1
 PI = (0x243F6A8885A308D3, 0x13198A2E03707344, 0xA4093822299F31D0, 0x082EFA98EC4E6C89)

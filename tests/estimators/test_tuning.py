@@ -124,7 +124,8 @@ def profile(found: Fit, name: str, value: float, y: np.ndarray) -> float:
     return found.log_likelihood + min(best, *costs)
 
 
-@pytest.mark.parametrize("count", [2, pytest.param(69, marks=pytest.mark.nightly)])
+@pytest.mark.nightly
+@pytest.mark.parametrize("count", [2, 69])
 def test_what_is_said_of_a_variance_is_true_of_its_profile(count: int):
     rng, said = np.random.default_rng(0), 0
     for _ in range(count):
@@ -199,7 +200,7 @@ def test_a_search_leaves_a_plateau():
     assert far == pytest.approx(near, rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_every_evaluation_has_the_same_random_numbers():
     def build(q: float, r: float) -> tuple[Filter, Gaussian]:
         filter, prior = level(q, r)

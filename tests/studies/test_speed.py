@@ -46,7 +46,7 @@ def test_a_block_has_its_steps_and_no_end(env_id: str, rows: int, monkeypatch: p
     assert not now.episode.any()
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_the_report_names_all_that_is_timed_and_goes_onto_a_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):

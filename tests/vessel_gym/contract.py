@@ -16,7 +16,7 @@ from vessel_gym.envs import VesselEnv, VesselVectorEnv
 from vessel_gym.models.estimation import estimator_names
 from vessel_gym.simulation.configuration import observed
 from vessel_gym.simulation.core import Core
-from vessel_gym.simulation.delivery import Delivery
+from vessel_gym.simulation.loop import Delivery
 from vessel_gym.simulation.state import State
 
 OURS = [

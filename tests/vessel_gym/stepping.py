@@ -6,9 +6,9 @@ from functools import partial
 import numpy as np
 
 from vessel_gym.vehicles.corvette_equations import corvette_rates
-from vessel_gym.vehicles.integration import Rates, runge_kutta
 from vessel_gym.vehicles.puna import puna_rates
 from vessel_gym.vehicles.segorogeni import segorogeni_rates
+from vessel_gym.vehicles.simulated import Rates, runge_kutta
 
 Step = Callable[..., np.ndarray]
 

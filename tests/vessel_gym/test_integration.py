@@ -9,7 +9,7 @@ import pytest
 from vessel_gym.envs.ship import ship_system
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.integration import resolving_substeps, runge_kutta
+from vessel_gym.vehicles.simulated import resolving_substeps, runge_kutta
 
 # --- modes ----------------------------------------------------------------------------------------
 

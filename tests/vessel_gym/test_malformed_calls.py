@@ -17,8 +17,7 @@ from vessel_gym.processes import Process
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Bias, Sensor, plain
 from vessel_gym.system import System
-from vessel_gym.tasks.task import Task
-from vessel_gym.tasks.workspace import Workspace
+from vessel_gym.tasks.task import Task, Workspace
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.rov import ROV
 from vessel_gym.vehicles.ship import Ship

@@ -146,6 +146,7 @@ def test_mariner_zigzags_as_its_published_equations(degrees: int):
     np.testing.assert_allclose(swings(OURS, degrees), swings(symmetric, degrees), rtol=0.20)
 
 
+@pytest.mark.nightly
 def test_page_shows_the_computed_mariner_table():
     text = (Path(__file__).parents[2] / "docs" / "vehicles.md").read_text(encoding="utf-8")
     rows = re.findall(

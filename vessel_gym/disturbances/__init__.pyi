@@ -1,7 +1,6 @@
 from vessel_gym.disturbances.air import Air as Air
 from vessel_gym.disturbances.disturbance import Disturbance as Disturbance
 from vessel_gym.disturbances.fault import Fault as Fault
-from vessel_gym.disturbances.sea import Sea as Sea
 from vessel_gym.disturbances.seaway import BandedSeaway as BandedSeaway
 from vessel_gym.disturbances.seaway import Seaway as Seaway
 from vessel_gym.disturbances.spectrum import WaveSpectrum as WaveSpectrum
@@ -10,3 +9,4 @@ from vessel_gym.disturbances.water import SurfaceWater as SurfaceWater
 from vessel_gym.disturbances.water import Water as Water
 from vessel_gym.disturbances.wave_response import TabledResponse as TabledResponse
 from vessel_gym.disturbances.wave_response import WaveResponse as WaveResponse
+from vessel_gym.disturbances.waves import Sea as Sea

@@ -11,10 +11,9 @@ import numpy as np
 from estimators.engine import along, compiled, sincos
 from vessel_gym.checks import check_numbers, instance
 from vessel_gym.disturbances.disturbance import Disturbance
-from vessel_gym.disturbances.sea import Sea
 from vessel_gym.disturbances.spectrum import WaveSpectrum
 from vessel_gym.disturbances.wave_response import TabledResponse, WaveResponse
-from vessel_gym.disturbances.waves import WaveBands, WaveField
+from vessel_gym.disturbances.waves import Sea, WaveBands, WaveField
 from vessel_gym.processes import Process, integrated, interpolated
 from vessel_gym.vehicles.corvette_equations import (
     AROUND,
@@ -22,8 +21,8 @@ from vessel_gym.vehicles.corvette_equations import (
     CorvetteParameters,
     corvette_rates,
 )
-from vessel_gym.vehicles.equilibrium import root
 from vessel_gym.vehicles.seakeeping import StripTheory, encounter_frequency, wind_loads
+from vessel_gym.vehicles.simulated import root
 from vessel_gym.vehicles.vehicle import GRAVITY
 
 _REFLECTED = 0.25  # share of the waves' energy that a ship abeam reflects; assumed

@@ -8,7 +8,7 @@ from vessel_gym.caching import cached
 from vessel_gym.disturbances.disturbance import Disturbance
 from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem
 from vessel_gym.disturbances.water import SurfaceWater, Water
-from vessel_gym.envs.shared import tuning
+from vessel_gym.models.estimation import tuning
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.system import System
 from vessel_gym.tasks.dive import SpatialDive, VerticalDive

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from vessel_gym.caching import cached
 from vessel_gym.disturbances import Air
-from vessel_gym.envs.shared import tuning
+from vessel_gym.models.estimation import tuning
 from vessel_gym.system import System
 from vessel_gym.tasks.flight import Flight
 from vessel_gym.vehicles.files import load

@@ -10,7 +10,7 @@ from vessel_gym.caching import cached
 from vessel_gym.checks import instance
 from vessel_gym.disturbances.seaway import Seaway
 from vessel_gym.disturbances.spectrum import WaveSpectrum, WaveSystem
-from vessel_gym.envs.shared import tuning
+from vessel_gym.models.estimation import tuning
 from vessel_gym.system import System
 from vessel_gym.tasks.circle_track import CircleTrack
 from vessel_gym.vehicles.corvette_equations import CorvetteParameters

@@ -1,14 +1,19 @@
 """Single environments: a `gymnasium.Env` on a batch of one."""
 
+from collections.abc import Mapping
+from dataclasses import fields
+from inspect import getfullargspec
 from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.spaces import Box
 from gymnasium.utils import seeding
 
 from estimators.checks import short_repr
-from vessel_gym.checks import checked_action, is_integer
-from vessel_gym.envs.shared import action_space, check_arguments, first_seed, observation_space
+from estimators.factory import unknown
+from vessel_gym.checks import checked_action, is_integer, one_of
+from vessel_gym.simulation.configuration import Options
 from vessel_gym.simulation.core import Core
 from vessel_gym.simulation.truth import SCORED
 from vessel_gym.system import System
@@ -128,3 +133,43 @@ def _with_numbers(info: dict[str, Any]) -> dict[str, Any]:
     for name in SCORED:
         info[name] = info[name].item()
     return info
+
+
+def observation_space(core: Core) -> Box:
+    """Finite float32 bounds of scaled, clipped observations."""
+    bound = core.config.system.task.BOUND
+    return Box(-bound, bound, (core.config.observation_size,), np.float32)
+
+
+def action_space(core: Core) -> Box:
+    """float32 in [-1, 1]: shares of the actuators' ranges."""
+    return Box(-1.0, 1.0, (core.config.action_size,), np.float32)
+
+
+def check_arguments(env: Any, options: Mapping[str, Any], render_mode: str | None) -> None:
+    """Refuse unknown arguments of an environment.
+
+    Raises:
+        TypeError: naming the first unknown option and the known ones.
+        ValueError: for an unknown render mode.
+    """
+    known = [field.name for field in fields(Options)]
+    for option in options:
+        if option not in known:
+            own: dict[str, None] = {}
+            for base in type(env).__mro__:
+                spec = getfullargspec(base.__init__)  # type: ignore[misc]
+                own |= dict.fromkeys(spec.args[1:] + spec.kwonlyargs)
+            # Python's words, which other libraries look for
+            python = f"{type(env).__name__}.__init__() got an unexpected"
+            raise TypeError(unknown("keyword argument", option, [*own, *known], python))
+    if render_mode is not None:
+        one_of("render_mode", render_mode, env.metadata["render_modes"])
+
+
+def first_seed(env: gym.Env | gym.vector.VectorEnv, core: Core) -> int | None:
+    """Seed of ``np_random_seed`` for a first episode without a seed; None for later episodes."""
+    if core.seeds:
+        return None
+    seed = env.np_random_seed
+    return None if seed == -1 else seed  # -1: np_random was set from outside

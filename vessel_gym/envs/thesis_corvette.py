@@ -7,7 +7,7 @@ import numpy as np
 from estimators.engine import compiled
 from vessel_gym.caching import cached
 from vessel_gym.disturbances import Disturbance
-from vessel_gym.envs.shared import BESIDE_BIASES
+from vessel_gym.models.estimation import BESIDE_BIASES
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.system import System
 from vessel_gym.tasks.turning import TurningTrial

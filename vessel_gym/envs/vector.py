@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 
 from estimators.checks import integer
 from vessel_gym.checks import one_of
-from vessel_gym.envs.shared import action_space, check_arguments, first_seed, observation_space
+from vessel_gym.envs.single import action_space, check_arguments, first_seed, observation_space
 from vessel_gym.simulation.core import Core
 from vessel_gym.system import System
 

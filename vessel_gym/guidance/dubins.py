@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimators.angles import ahead_and_aside
 from estimators.checks import as_array, finite_array, number
 from estimators.engine import compiled, sincos
-from vessel_gym.guidance.frames import ahead_and_aside
 
 WORDS = ("LSL", "LSR", "RSL", "RSR", "LRL", "RLR")
 """Words in the order of the last axis of `lengths`."""

@@ -10,9 +10,9 @@ error costs `PER_RAD` metres a radian, and at most twice that. So no memory is n
 
 import numpy as np
 
+from estimators.angles import ahead_and_aside
 from estimators.engine import compiled
 from vessel_gym.guidance.dubins import COLUMNS, nearest, pose_along
-from vessel_gym.guidance.frames import ahead_and_aside
 
 LEAD = 50.0
 """Length [m] of the straights before the start and beyond the end."""

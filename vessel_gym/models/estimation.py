@@ -296,3 +296,22 @@ def chosen_disturbance(system: System, choice: object) -> Disturbance:
             f"disturbance must be one of {names}, or a Disturbance object, got {short_repr(choice)}"
         )
     return system.disturbances[checks.one_of("disturbance", choice, system.disturbances)]
+
+
+BESIDE_BIASES = 1e-6
+"""Radius of `robust-kf` that suits slow biases.
+
+The ball enlarges the largest standard deviation of a prediction by 0.07 % a step, which is less
+than the slowest bias of a sensor returns to zero.
+"""
+_OF_UNKNOWN_INPUTS = ("kf-umv-ui", "kf-umv-ui-wdf", "ekf-ui-wdf", "ukf-umv", "ulise")
+"""Filters with a prior of the unknown input, which must be true where no measurement shows it."""
+
+
+def tuning(name: str, space: StateSpace) -> dict[str, Any]:
+    """Options of filters: the variance of the unknown input, and the radius of `robust-kf`."""
+    if name == "robust-kf":
+        return {"radius": BESIDE_BIASES}
+    if name in _OF_UNKNOWN_INPUTS and space.inputs:
+        return {"input_prior": space.input_cov}
+    return {}

@@ -35,4 +35,4 @@ HULLS = {
     ]), 28.0, height=0.08),
     "dot": Hull(0.5 * CIRCLE, 9.0),
 }  # fmt: skip
-"""Outlines by name, see `vessel_gym.tasks.workspace.HULLS`."""
+"""Outlines by name, see `vessel_gym.tasks.task.HULLS`."""

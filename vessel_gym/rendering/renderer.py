@@ -8,7 +8,7 @@ from gymnasium.error import DependencyNotInstalled
 from vessel_gym.extras import require
 from vessel_gym.rendering.scene import RECORDED, Scene
 from vessel_gym.simulation.core import Core
-from vessel_gym.tasks.workspace import Workspace
+from vessel_gym.tasks.task import Workspace
 
 
 class Renderer:

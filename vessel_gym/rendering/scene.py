@@ -13,7 +13,7 @@ from vessel_gym.disturbances.seaway import Seaway
 from vessel_gym.disturbances.water import SurfaceWater
 from vessel_gym.rendering.components import Components, in_words, pose
 from vessel_gym.simulation.core import Core
-from vessel_gym.tasks.workspace import Workspace
+from vessel_gym.tasks.task import Workspace
 
 RECORDED = (
     "truth", "estimate", "covariance", "measurement", "available", "unknown_input",

@@ -10,7 +10,7 @@ import numpy as np
 from estimators.checks import short_repr
 from estimators.engine import as_word, compiled
 from estimators.factory import unknown
-from estimators.threefry import normals, threefry, uniform
+from estimators.randomness import normals, threefry, uniform
 from estimators.varying import StateNoise
 from vessel_gym.checks import all_are, check_names, check_numbers, is_compiled
 from vessel_gym.processes import Process, product

@@ -18,9 +18,8 @@ from vessel_gym.models.input_conditions import check_causal
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor, Sensors
-from vessel_gym.simulation.delivery import Delivery
 from vessel_gym.simulation.draws import StartNumbers
-from vessel_gym.simulation.loop import Estimator
+from vessel_gym.simulation.loop import Delivery, Estimator
 from vessel_gym.simulation.mission import Mission
 from vessel_gym.simulation.state import Stage
 from vessel_gym.simulation.truth import INFO, Info

@@ -10,8 +10,7 @@ from gymnasium.error import ResetNeeded
 from estimators import Gaussian
 from estimators.checks import short_repr
 from estimators.engine import as_word, compiled
-from estimators.randomness import word
-from estimators.threefry import normals, threefry, two_uniforms
+from estimators.randomness import normals, threefry, two_uniforms, word
 from vessel_gym.checks import is_integer
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.processes import block_diagonal

@@ -59,7 +59,7 @@ class State:
     available: Any = None  # (B, p) mask of those that arrived
     arrived: Any = None  # with late sensors, all that arrived and its mask, (B, ages, p) each
     transit: Any = None  # measurements by age, (B, ages, p), and their mask
-    faults: Any = None  # see `vessel_gym.simulation.delivery.Delivery`
+    faults: Any = None  # see `vessel_gym.simulation.loop.Delivery`
     # --- what they believe
     belief: Any = None  # of the estimator
     raw: Any = None  # of the estimator "measurement", for guidance from raw measurements

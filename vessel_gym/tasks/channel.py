@@ -12,9 +12,8 @@ from vessel_gym.checks import one_of
 from vessel_gym.guidance.dubins import COLUMNS, pose_along
 from vessel_gym.guidance.path_following import NEAREST, locate, padded
 from vessel_gym.guidance.routes import route
-from vessel_gym.tasks.task import closeness, first_reason
+from vessel_gym.tasks.task import Workspace, at_depth, closeness, first_reason
 from vessel_gym.tasks.track import HEADING, Track, in_frame
-from vessel_gym.tasks.workspace import Workspace, at_depth
 
 OFFSET, ERROR, LENGTH = 1, 2, 3
 """Columns of a scenario after the first direction.

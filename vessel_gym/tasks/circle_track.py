@@ -4,13 +4,12 @@ from typing import Any
 
 import numpy as np
 
+from estimators.angles import ahead_and_aside
 from estimators.checks import as_number, short_repr
 from estimators.engine import compiled, sincos
 from vessel_gym.checks import one_of
-from vessel_gym.guidance.frames import ahead_and_aside
-from vessel_gym.tasks.task import closeness, first_reason, wrapped
+from vessel_gym.tasks.task import Workspace, at_depth, closeness, first_reason, wrapped
 from vessel_gym.tasks.track import HEADING, Track
-from vessel_gym.tasks.workspace import Workspace, at_depth
 from vessel_gym.vehicles.corvette import steady_turns
 
 RATE, CURVATURE, SPEED = range(HEADING + 1, 4)

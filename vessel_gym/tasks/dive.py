@@ -7,14 +7,21 @@ from typing import Any, ClassVar
 import numpy as np
 
 from estimators import Gaussian
+from estimators.angles import ahead_and_aside
 from estimators.checks import short_repr
 from estimators.engine import compiled
 from vessel_gym.checks import one_of
 from vessel_gym.guidance.dive_path import arc_to, follow, path_point
-from vessel_gym.guidance.frames import ahead_and_aside
 from vessel_gym.system import Estimate
-from vessel_gym.tasks.task import Task, closeness, first_reason, smoothness, three_numbers, wrapped
-from vessel_gym.tasks.workspace import Workspace
+from vessel_gym.tasks.task import (
+    Task,
+    Workspace,
+    closeness,
+    first_reason,
+    smoothness,
+    three_numbers,
+    wrapped,
+)
 from vessel_gym.vehicles.auv import AUVParameters
 
 

@@ -6,17 +6,25 @@ from typing import Any
 import numpy as np
 
 from estimators import Gaussian
+from estimators.angles import ahead_and_aside
 from estimators.checks import number, short_repr
 from estimators.engine import compiled
 from vessel_gym.checks import one_of
 from vessel_gym.guidance.dubins import COLUMNS, Path, path_of
-from vessel_gym.guidance.frames import ahead_and_aside
 from vessel_gym.guidance.path_following import ANYWHERE, LEAD, end_pose, locate, padded
 from vessel_gym.guidance.planner import checked_obstacles, plan
 from vessel_gym.guidance.scenes import scene
 from vessel_gym.system import Estimate
-from vessel_gym.tasks.task import FARTHEST, Task, closeness, first_reason, smoothness, three_numbers
-from vessel_gym.tasks.workspace import Workspace, at_depth
+from vessel_gym.tasks.task import (
+    FARTHEST,
+    Task,
+    Workspace,
+    at_depth,
+    closeness,
+    first_reason,
+    smoothness,
+    three_numbers,
+)
 from vessel_gym.vehicles.puna import PunaParameters, airspeed
 
 SEGMENTS = 16

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from estimators import Gaussian
-from vessel_gym.guidance.frames import ahead_and_aside
+from estimators.angles import ahead_and_aside
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import Task, smoothness, wrapped

@@ -14,9 +14,8 @@ from estimators import Gaussian
 from estimators.engine import compiled, lookup
 from vessel_gym.checks import one_of
 from vessel_gym.sensors import Sensors
-from vessel_gym.tasks.task import Estimate, closeness, first_reason, wrapped
+from vessel_gym.tasks.task import Estimate, Workspace, at_depth, closeness, first_reason, wrapped
 from vessel_gym.tasks.track import Steering, first_component
-from vessel_gym.tasks.workspace import Workspace, at_depth
 from vessel_gym.vehicles.corvette_thesis import SIMULATIONS, ThesisCorvette
 
 SAMPLES = 195

@@ -18,7 +18,7 @@ from vessel_gym.vehicles.corvette_equations import (
     CorvetteParameters,
     propelled_rudder,
 )
-from vessel_gym.vehicles.equilibrium import root
+from vessel_gym.vehicles.simulated import root
 
 
 @dataclass(frozen=True, eq=False)

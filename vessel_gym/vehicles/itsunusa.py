@@ -19,8 +19,8 @@ import numpy as np
 from estimators.engine import compiled, sincos
 from vessel_gym.sensors import Sensor, plain
 from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters
-from vessel_gym.vehicles.equilibrium import root
 from vessel_gym.vehicles.files import load
+from vessel_gym.vehicles.simulated import root
 from vessel_gym.vehicles.vehicle import Trims
 
 STATE = ("u", "w", "q", "x", "z", "theta")

@@ -24,9 +24,8 @@ import numpy as np
 
 from estimators.engine import compiled, sincos
 from vessel_gym.sensors import Bias, Known, Sensor, plain
-from vessel_gym.vehicles.equilibrium import root
 from vessel_gym.vehicles.files import Particulars, load
-from vessel_gym.vehicles.simulated import Actuator, SimulatedVehicle
+from vessel_gym.vehicles.simulated import Actuator, SimulatedVehicle, root
 
 STATE = ("x", "y", "h", "north", "east", "climb", "phi")
 """Components of the state: position, altitude [m], velocity over ground [m/s], bank [rad]."""

@@ -23,8 +23,12 @@ from vessel_gym.vehicles.corvette_equations import (
     corvette_rates,
 )
 from vessel_gym.vehicles.files import load
-from vessel_gym.vehicles.integration import resolving_substeps, runge_kutta
-from vessel_gym.vehicles.simulated import Actuator, SimulatedVehicle
+from vessel_gym.vehicles.simulated import (
+    Actuator,
+    SimulatedVehicle,
+    resolving_substeps,
+    runge_kutta,
+)
 
 _ESTIMATED = STATE[:6]  # all but roll
 

@@ -38,9 +38,8 @@ from vessel_gym.models.reference_filters import DeadReckoning, Oracle
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import SUITES, Sensor, Sensors, in_quality
 from vessel_gym.simulation.configuration import OBSERVE
-from vessel_gym.simulation.delivery import Delivery
 from vessel_gym.simulation.draws import next_episodes
-from vessel_gym.simulation.loop import Estimator
+from vessel_gym.simulation.loop import Delivery, Estimator
 from vessel_gym.simulation.mission import standard_deviations
 from vessel_gym.simulation.state import State
 

@@ -166,7 +166,7 @@ def test_learning_curves_are_mean_and_range_over_runs():
     assert {tuple(at) for at in edges} >= {(100.0, 1.0), (100.0, 3.0), (200.0, 2.0), (200.0, 6.0)}
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_learned_policies_have_a_table(small, tmp_path):
     html = written(invented.learned(), tmp_path)
     assert "Normalised scores of learned agents" in html
