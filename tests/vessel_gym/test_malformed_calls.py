@@ -17,15 +17,26 @@ from vessel_gym.processes import Process
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Bias, Sensor, plain
 from vessel_gym.system import System
+from vessel_gym.tasks.circle_track import CircleTrack
+from vessel_gym.tasks.dive import SpatialDive
+from vessel_gym.tasks.flight import Flight
 from vessel_gym.tasks.task import Task, Workspace
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.rov import ROV
 from vessel_gym.vehicles.ship import Ship
 
-SHIP = load("corvette")
+SHIP, AUV, PUNA = (load(name) for name in ("corvette", "segorogeni", "puna"))
 SENSOR: dict[str, Any] = {"name": "fix", "channels": ("x [m]",), "reads": plain((0,)), "sd": (1.0,)}
 NOT_POSITIVE, NEGATIVE, NO_WHOLE, NO_VECTOR = 0, -5.0, 2.5, np.zeros((2, 2))
 SPECTRUM = WaveSpectrum.of_systems(WaveSystem(height=2.0, period=8.0))
+
+DIVE = {
+    "auv": AUV,
+    "goal": (10.0, 18.0, 6.0),
+    "goal_spread": (1.0, 1.0, 0.5),
+    "ahead": 2.5,
+    "horizon": 500,
+}
 SYSTEM = {name: getattr(SigmaCorvetteEnv.system, name) for name in System.__dataclass_fields__}
 CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] = [
     (WaveSystem, {"height": 1.0, "period": 7.0}, {"direction": 90.0, "spreading": "cos4"}),
@@ -44,6 +55,10 @@ CALLS: list[tuple[Callable[..., Any], dict[str, Any], dict[str, Any]]] = [
     (type(SHIP), {name: getattr(SHIP, name) for name in SHIP.__dataclass_fields__}, {"given": (("Yv",),)}),
     (Ship, {"ship": SHIP}, {"ship": None}),
     (ROV, {}, {"dt": NOT_POSITIVE, "substeps": NO_WHOLE}),
+    (CircleTrack, {"ship": SHIP}, {"pace": NOT_POSITIVE, "horizon": NO_WHOLE}),
+    (SpatialDive, DIVE, {"goal": NO_VECTOR, "ahead": NOT_POSITIVE}),
+    (Flight, {"body": PUNA},
+     {"body": None, "radius": NOT_POSITIVE, "distance": None}),
     (System, SYSTEM, dict.fromkeys(("name", "vehicle", "task", "disturbances", "filter_model", "estimator", "tuning"))
      | {"sensors": "nominal"}),
     (register_environment, {"system": replace(SigmaCorvetteEnv.system, name="Malformed-v0")},

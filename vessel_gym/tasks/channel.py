@@ -60,6 +60,7 @@ class Channel(Track):
     error = 0.05  # rad, largest initial error of the heading
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         integer("waypoints of Channel", self.waypoints, 2)
 
     uniforms = 4

@@ -8,9 +8,9 @@ import numpy as np
 
 from estimators import Gaussian
 from estimators.angles import ahead_and_aside
-from estimators.checks import short_repr
+from estimators.checks import finite_array, integer, short_repr
 from estimators.engine import compiled
-from vessel_gym.checks import one_of
+from vessel_gym.checks import check_numbers, instance, one_of
 from vessel_gym.guidance.dive_path import arc_to, follow, path_point
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import (
@@ -60,6 +60,14 @@ class Dive(Task):
     tightest = 4.0  # vehicle lengths, least radius of an option
     widest = 1.5 * np.pi  # rad, widest turn of an option
     steepest = np.deg2rad(35.0)  # rad, steepest path of an option
+
+    def __post_init__(self) -> None:
+        title = type(self).__name__
+        instance(f"auv of {title}", self.auv, AUVParameters)
+        for name in ("goal", "goal_spread"):
+            finite_array(f"{name} of {title}", getattr(self, name), 3)
+        integer(f"horizon of {title}", self.horizon, 1)
+        check_numbers(self, positive="ahead")
 
     uniforms = 3
     """Number of uniform random numbers that `scenario` needs."""

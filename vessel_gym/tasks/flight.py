@@ -7,9 +7,9 @@ import numpy as np
 
 from estimators import Gaussian
 from estimators.angles import ahead_and_aside
-from estimators.checks import number, short_repr
+from estimators.checks import integer, number, short_repr
 from estimators.engine import compiled
-from vessel_gym.checks import one_of
+from vessel_gym.checks import check_numbers, check_pair, instance, one_of
 from vessel_gym.guidance.dubins import COLUMNS, Path, path_of
 from vessel_gym.guidance.path_following import ANYWHERE, LEAD, end_pose, locate, padded
 from vessel_gym.guidance.planner import checked_obstacles, plan
@@ -70,6 +70,13 @@ class Flight(Task):
 
     altitudes = 80.0, 120.0  # m, commanded
     dt = 0.1  # s
+
+    def __post_init__(self) -> None:
+        instance("body of Flight", self.body, PunaParameters)
+        integer("horizon of Flight", self.horizon, 1)
+        check_numbers(self, positive="radius")
+        for name in ("distance", "obstacle_radius", "ahead"):
+            check_pair(f"{name} of Flight", getattr(self, name))
 
     prior_sd = (1.0, 1.0, 1.0, 0.5, 0.5, 0.3, 0.02)
     uniforms = 14

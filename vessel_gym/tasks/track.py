@@ -8,6 +8,8 @@ import numpy as np
 
 from estimators import Gaussian
 from estimators.angles import ahead_and_aside
+from estimators.checks import integer
+from vessel_gym.checks import check_numbers, instance
 from vessel_gym.sensors import Sensors
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import Task, smoothness, wrapped
@@ -42,6 +44,11 @@ class Steering(Task):
     ship: CorvetteParameters
     pace: float = 1.0  # time to sail the ship's own length, relative to the corvette's
     horizon: int = 600  # steps
+
+    def __post_init__(self) -> None:
+        instance(f"ship of {type(self).__name__}", self.ship, CorvetteParameters)
+        check_numbers(self, positive="pace")
+        integer(f"horizon of {type(self).__name__}", self.horizon, 1)
 
     @property
     def dt(self) -> float:
