@@ -327,7 +327,7 @@ def of(*sensors: Any) -> Callable[[], Sensors]:
 
 
 MISDECLARED = [
-    (fix(sd=(0.1,)), ValueError, r"fix has 2 channels, so sd must have 2 entries, got \(0\.1,\)"),
+    (fix(sd=(0.1,)), ValueError, r"sd of fix must have 2 entries, got \(0\.1,\)"),
     (fix(range=((0.0, 1.0), (2.0, 1.0))), ValueError, r"range of fix must have \(least, greatest\) for each .*"),
     (fix(channels="xy"), TypeError, r"channels of fix must be a tuple of names, got 'xy'"),
     (fix(dropout=1.1), ValueError, r"dropout of fix must be a number from 0 to 1, got 1\.1"),
@@ -340,7 +340,7 @@ MISDECLARED = [
     (of(fix(reads=plain((0,)))), ValueError, r"reads of fix must give 2 values for each state: \(2, 3, 6\) gave "
                                              r"\(2, 3, 1\), expected \(2, 3, 2\)"),
     (lambda: Bias(("b",), (1.0,), time=10.0, pace=(0.1,)), ValueError, r"the bias .* is stationary: give it no .*"),
-    (lambda: Bias(("b",), start=(1.0, 2.0)), ValueError, r"the bias .* has 1 channels, so start must have 1 entries.*"),
+    (lambda: Bias(("b",), start=(1.0, 2.0)), ValueError, r"start of the bias .* must have 1 entries, got .*"),
 ]  # fmt: skip
 
 

@@ -212,10 +212,7 @@ def _check_entries(title: str, name: str, values: Any, k: int, kind: str) -> Non
     several = isinstance(values, tuple | list) or np.ndim(values) > 0
     if not (several and len(values) == k):
         hint = f": write ({values!r},)" if k == 1 and isinstance(values, int | float) else ""
-        raise ValueError(
-            f"{title} has {k} channels, so {name} must have {k} entries, got"
-            f" {short_repr(values)}{hint}"
-        )
+        raise ValueError(f"{name} of {title} must have {k} entries, got {short_repr(values)}{hint}")
     for value in values if kind else ():
         check_numbers(title, {name: value}, **{kind: name})
 
