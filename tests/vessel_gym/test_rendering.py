@@ -18,7 +18,7 @@ from vessel_gym.rendering.maps import STYLES, Map, views  # noqa: E402
 from vessel_gym.rendering.palette import LIGHT  # noqa: E402
 from vessel_gym.rendering.picture import SIZE  # noqa: E402
 from vessel_gym.rendering.renderer import Renderer  # noqa: E402
-from vessel_gym.tasks import workspace  # noqa: E402
+from vessel_gym.tasks import task  # noqa: E402
 
 CORVETTE, THESIS, SPATIAL, VERTICAL, FLIGHT = (
     "SigmaCorvette-v0", "ThesisCorvette-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0",
@@ -309,7 +309,7 @@ def test_window_that_the_user_closes_ends_nothing_else(monkeypatch):
 
 
 def test_every_hull_is_symmetric_and_one_length_long():
-    assert tuple(HULLS) == workspace.HULLS
+    assert tuple(HULLS) == task.HULLS
     for name, hull in HULLS.items():
         above = hull.above
         assert np.ptp(above[:, int(name == "aircraft")]) == pytest.approx(1.0, rel=0.01)
