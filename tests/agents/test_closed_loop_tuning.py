@@ -116,6 +116,7 @@ def test_likelihood_is_that_of_the_prediction_s_measurement(estimator: str):
     assert found.item() == pytest.approx(np.mean(densities), rel=1e-6)
 
 
+@pytest.mark.nightly
 def test_scores_before_and_after_are_the_task_s_by_likelihood():
     arm = Arm(CORVETTE, picked=("estimator.R.receiver",), by="likelihood")
     found = tune(arm, 2, 1, fresh=2).found

@@ -323,7 +323,7 @@ def test_page_works_in_browser_without_a_complaint(tmp_path: Path, width: int, w
     assert [complaint for complaint in complaints if webgl or "WebGL" not in complaint] == []
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.browser
 @pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium to look at the page with")
 def test_page_explains_estimate_that_beats_truth(tmp_path: Path):

@@ -193,6 +193,7 @@ def test_a_start_without_likelihood_may_be_in_other_units(unit: float):
     assert one == pytest.approx(other, rel=1e-2)
 
 
+@pytest.mark.nightly
 def test_a_search_leaves_a_plateau():
     """A variance beside a far greater one is as likely with another."""
     y = random_walk(0, 60, 0.2, 4.0)

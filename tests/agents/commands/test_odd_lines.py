@@ -31,7 +31,7 @@ SURROUNDINGS = {
 """Redirections and variables, with the exit status and a pattern of what is printed."""
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.skipif(sys.platform == "win32", reason="redirections of a POSIX shell")
 @pytest.mark.parametrize("surroundings", SURROUNDINGS)
 def test_the_same_episodes_are_flown_in_any_surroundings(tmp_path: Path, surroundings: str):

@@ -61,7 +61,7 @@ def test_typical_seed_has_scores_nearest_to_their_means():
     assert typical_seed(scores[:, :1], [5]) == 5
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 def test_a_report_plays_what_was_flown(tmp_path):
     found = results(study((SEGOROGENI,)))
     job = examples(found)[SEGOROGENI]

@@ -137,6 +137,7 @@ def test_names_are_shown_as_they_are_written(tmp_path):
     assert all(f"<td>{name}</td>" in html for name in odd)
 
 
+@pytest.mark.nightly
 def test_no_text_of_a_figure_is_cut_or_covers_another():
     names = [f"huber-kf-nonlinear, number {i}" for i in range(12)]
     conditions = [Condition(f"a condition with a long name, {'abc'[i]}") for i in range(3)]
