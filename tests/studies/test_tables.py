@@ -38,7 +38,7 @@ COMPUTED = [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", COMPUTED)
 def test_a_command_writes_the_headings_and_labels_of_its_page(
     name: str, monkeypatch: pytest.MonkeyPatch
