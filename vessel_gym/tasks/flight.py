@@ -118,9 +118,8 @@ class Flight(Task):
         for option in options:
             one_of("reset option", option, _OPTIONS)
         given, radius = {"start", "goal", "obstacles"} & set(options), self.radius
-        if (
-            "radius" in options
-        ):  # drawn scenes have room for wide turns no more than for steep banks
+        if "radius" in options:
+            # drawn scenes are made for turns about as wide as the task's own
             low, high = (0.5 * radius, 5.0 * radius) if given else (0.74 * radius, 1.01 * radius)
             what = f"between {low:.0f} and {high:.0f} m"
             radius = number("radius", options["radius"], low, high, what)
