@@ -50,10 +50,14 @@ def test_record_put_back_is_stepped_to_the_same_bits(env_id: str, late: bool):
 
 
 @pytest.mark.parametrize("rows", [1, 5])
-@pytest.mark.parametrize("estimator", [None, "ekf", "ukf"])
+@pytest.mark.parametrize(
+    "options",
+    [{}, {"estimator": "ekf"}, {"estimator": "ukf"}, {"observe": "mean+std"}],
+    ids=["default", "ekf", "ukf", "mean+std"],
+)
 @pytest.mark.parametrize("env_id", OURS)
-def test_one_program_gives_the_bits_of_the_stages(env_id: str, estimator: str | None, rows: int):
-    core = make_core(env_id, rows, estimator=estimator, disturbance="rough")
+def test_one_program_gives_the_bits_of_the_stages(env_id: str, options: dict[str, Any], rows: int):
+    core = make_core(env_id, rows, disturbance="rough", **options)
     core.start(2)
     walk, apart = random_walk(0, rows, core.config.action_size), core.now
     for _ in range(8):

@@ -38,7 +38,7 @@ class Mission:
         self.task, self.space, self.prior_index = task, estimation.space, list(prior_index)
         self.observe, self.guidance, self.raw = observe, guidance, raw
         self.true_end, self.measured = termination == "task", observe == "measurement"
-        self.observes = guidance and observe == "mean"
+        self.observes = guidance and not self.measured
         compiled = is_compiled(task) and is_compiled(self.space.disturbance)
         self.step, self.begin = Stage(self._step, compiled), Stage(self._begin, compiled)
 

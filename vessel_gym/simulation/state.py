@@ -16,7 +16,9 @@ from estimators.engine import Compiled
 
 Changes = dict[str, Any]
 """Arrays that a stage fills in, by name."""
-_OF_EVERY_BELIEF = "belief.mean", "belief.cov", "belief.healthy", "belief.input_mean"
+_OF_EVERY_BELIEF = tuple(
+    f"belief.{name}" for name in ("mean", "cov", "healthy", "input_mean", "input_cov")
+)
 _ONE = np.ones(1, int)  # adding a Python number takes twice as long
 
 
@@ -163,7 +165,7 @@ class Stage:
 
         def function(*tracers: Any) -> Changes:
             fields, belief = apart(dict(zip(held, tracers, strict=True)))
-            belief = {"input_mean": None} | belief
+            belief = {"input_mean": None, "input_cov": None} | belief
             return self.function(State(**fields, belief=SimpleNamespace(**belief)))
 
         axes = [a.ndim - 1 for a in held.values()]

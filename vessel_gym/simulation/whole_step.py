@@ -272,6 +272,7 @@ def _entrywise(belief: Any) -> Any:
         mean=by_entries(belief.mean),
         cov=belief.cov,
         input_mean=by_entries(belief.input_mean),
+        input_cov=belief.input_cov,
         healthy=belief.healthy,
     )
 
