@@ -13,13 +13,14 @@ import gymnasium as gym
 import numpy as np
 import pandas as pd
 
+from agents.controllers import make_controller
 from agents.page import mean_and_half, text
 from agents.refusal import Refusal
 from agents.statistics import Interval, crossed_interval, paired_difference
 from agents.studies.records import FLOOR, ORACLE
 from agents.studies.worlds import system_of
 from estimators import compiled
-from studies.comparisons import SETTINGS, VARIANTS, arm_metrics, assuming
+from studies.comparisons import SETTINGS, arm_metrics
 from studies.markdown import NONE, ROOT, table
 from vessel_gym.envs import SigmaCorvetteEnv, VesselVectorEnv
 from vessel_gym.tasks.circle_track import CircleTrack
@@ -180,11 +181,13 @@ def normalised(study: str) -> str:
 
 
 def variation(
-    condition: str, sea: str = "moderate", scaled: Mapping[str, float] | None = None, **changes: Any
-) -> Column:
+    condition: str, sea: str = "moderate", scaled: Mapping[str, float] | None = None, Q: float = 1.0,
+    controller: Mapping[str, float] | None = None, **changes: Any,
+) -> Column:  # fmt: skip
     """Scores of the corvette with constants of the score ``scaled`` by factors, or another world.
 
-    The filter that assumes waves assumes those of the ``sea``.
+    The filter that assumes waves assumes those of the ``sea``. Filters assume ``Q`` times their
+    process noise, and the autopilot has the parameters ``controller``.
     """
     constants = {name: of * getattr(CircleTrack, name) for name, of in (scaled or {}).items()}
     task: Any = compiled(type("Scored", (CircleTrack,), constants))
@@ -193,9 +196,19 @@ def variation(
     env: Any = type("Env", (VesselVectorEnv,), {"system": system})
     env_id = f"Scored{len(gym.registry)}-v0"
     gym.register(env_id, vector_entry_point=env, max_episode_steps=corvette.task.horizon)
-    arms = {name: name for name in ("kf-umv-ui", INFORMED, PLAIN, "huber-kf", HELD)}
-    arms |= {INFORMED: "ekf assuming waves", "huber-kf": "huber-kf, nonlinear"}
-    changes["variants"] = VARIANTS | {"assuming waves": assuming(sea, "states")}
+    if controller:
+        changes["agent"] = make_controller("autopilot", system, **controller)
+    own = {
+        "plain": {"assume": {"Q": Q}},
+        "nonlinear": {"model": "nonlinear", "assume": {"Q": Q}},
+        "with waves": {"assume": {"disturbance": sea, "as": "states", "Q": Q}},
+    }
+    changes["variants"] = {name: {"estimator_options": options} for name, options in own.items()}
+    changes["variants"][""] = {}
+    arms = {
+        "kf-umv-ui": "kf-umv-ui, plain", PLAIN: "ekf, plain", INFORMED: "ekf, with waves",
+        "huber-kf": "huber-kf, nonlinear", HELD: HELD,
+    }  # fmt: skip
     scores = {name: arm_metrics(arm, env_id, **changes)["score"] for name, arm in arms.items()}
     return Column("", condition, scores)
 
