@@ -46,17 +46,15 @@ def check_numbers(of: object, values: Mapping[str, object] | None = None, **kind
                 number(f"{name.rstrip('?')} of {title}", value, low, high, what)
 
 
-def check_pair(name: str, value: object, low: float = 0.0) -> None:
-    """Refuse anything but two ordered numbers above ``low``.
+def check_pair(name: str, value: object) -> None:
+    """Refuse anything but two ordered numbers above 0.
 
     Raises:
         ValueError: naming the argument.
     """
     pair = numbers(value)
-    if pair is None or pair.shape != (2,) or not low < pair[0] <= pair[1] < LARGEST:
-        raise ValueError(
-            f"{name} must be (least, greatest), both above {low:g}, got {short_repr(value)}"
-        )
+    if pair is None or pair.shape != (2,) or not 0.0 < pair[0] <= pair[1] < LARGEST:
+        raise ValueError(f"{name} must be (least, greatest), both above 0, got {short_repr(value)}")
 
 
 def instance(name: str, value: object, kind: type) -> None:

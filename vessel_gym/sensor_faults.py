@@ -4,7 +4,6 @@ The kinds are those of PX4's failure injection; its "wrong" is divided into bias
 if a whole fix drifts) and scale. For faults of actuators see `vessel_gym.disturbances.Fault`.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -88,18 +87,3 @@ class SensorFault:
 
 LOSS = 120.0
 """Time [s] for which ``sensors="denied"`` loses the fix."""
-
-
-def lost_fix(sensors: Iterable[str], seconds: float) -> tuple[SensorFault, ...]:
-    """Loss of the fix for `LOSS` seconds in each episode.
-
-    The loss begins at a time that is drawn uniformly. If ``seconds`` is greater than `LOSS`, the
-    loss ends before the time ``seconds``. Otherwise the loss begins in the first half of this time
-    and lasts to the end of the episode.
-
-    Args:
-        sensors: Names of the sensors that give the fix.
-        seconds: Longest duration of an episode.
-    """
-    latest = seconds - LOSS if seconds > LOSS else 0.5 * seconds
-    return tuple(SensorFault(name, "off", begin=(0.0, latest), duration=LOSS) for name in sensors)

@@ -13,7 +13,7 @@ from vessel_gym.checks import all_are, check_names, check_numbers, instance, one
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.models.structure import readers
-from vessel_gym.sensor_faults import SensorFault, lost_fix
+from vessel_gym.sensor_faults import LOSS, SensorFault
 from vessel_gym.sensors import SUITE_NAMES, SUITES, Sensor, Sensors, in_quality
 from vessel_gym.tasks.task import Estimate, Task
 from vessel_gym.vehicles.vehicle import Trims, Vehicle
@@ -141,7 +141,11 @@ class System:
 
     @property
     def _outage(self) -> tuple[SensorFault, ...]:
-        """Loss of the position fix: of all sensors of x or, if none measures x, of psi."""
+        """Loss of the position fix: of all sensors of x or, if none measures x, of psi.
+
+        It begins at a time that is drawn uniformly, so that it ends within an episode of more than
+        `LOSS` seconds, and in the first half of a shorter one.
+        """
         sensors_of = partial(readers, self.vehicle, self.nominal_sensors)
         fixes = sensors_of("x") or sensors_of("psi")
         if not fixes:
@@ -149,7 +153,9 @@ class System:
                 f'{self.name} has no sensors="denied": none of its sensors measures a state x or'
                 " psi, so there is no fix to lose"
             )
-        return lost_fix(fixes, self.task.horizon * self.vehicle.dt)
+        seconds = self.task.horizon * self.vehicle.dt
+        latest = seconds - LOSS if seconds > LOSS else 0.5 * seconds  # it then lasts to the end
+        return tuple(SensorFault(name, "off", begin=(0.0, latest), duration=LOSS) for name in fixes)
 
     def sensors_of(
         self, choice: "str | Sequence[Sensor]", faults: Sequence[SensorFault] = ()
@@ -163,7 +169,7 @@ class System:
         """
         vehicle = self.vehicle
         if isinstance(choice, str):
-            name = one_of("sensor suite", choice, dict.fromkeys((*SUITES, *SUITE_NAMES)))
+            name = one_of("sensor suite", choice, SUITE_NAMES)
             if name == "denied" and isinstance(faults, list | tuple):
                 faults = (*faults, *self._outage)
             if name == "budget":

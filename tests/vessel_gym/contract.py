@@ -14,7 +14,6 @@ from pages import OWN
 import vessel_gym  # noqa: F401  (registers the environments)
 from vessel_gym.envs import VesselEnv, VesselVectorEnv
 from vessel_gym.models.estimation import estimator_names
-from vessel_gym.simulation.configuration import observed
 from vessel_gym.simulation.core import Core
 from vessel_gym.simulation.loop import Delivery
 from vessel_gym.simulation.state import State
@@ -61,15 +60,6 @@ CARRIED = [
 MODES = ("mean", "mean+std", "measurement")
 NATURE = "truth", "unknown_input", "parameters", "measurement", "available"
 """Keys of info that are the same to the last bit in every batch, under equal actions."""
-BROKEN = {"dropout": 0.7, "outliers": 0.2, "outlier_scale": 1e4}
-"""Worse than any suite that users can choose: long gaps and absurd measurements."""
-
-
-def sizes_by_mode(sizes: dict[str, int]) -> dict[str, int]:
-    """Lengths of observations with the guidance that is usual in each mode, from those of their parts."""
-    return {
-        mode: sum(sizes[part] for part in observed(mode, mode != "measurement")) for mode in MODES
-    }
 
 
 def single_class(env_id: str) -> type[VesselEnv]:

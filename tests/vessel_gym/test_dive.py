@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from contract import sizes_by_mode
 from scipy.spatial.transform import Rotation
 from scipy.stats import kstest
 from sensing import sensors_of
@@ -16,7 +15,6 @@ from vessel_gym.models.state_space import StateSpace
 from vessel_gym.simulation.core import Core
 from vessel_gym.system import Estimate, System
 from vessel_gym.tasks.dive import Dive
-from vessel_gym.tasks.task import observation_sizes
 
 SPATIAL, VERTICAL = SegorogeniAUVEnv.system, ItsunusaAUVEnv.system
 DIVES = pytest.mark.parametrize("system", [SPATIAL, VERTICAL], ids=lambda system: system.name)
@@ -38,13 +36,6 @@ def state(task: Dive, position: Any) -> np.ndarray:
 def belief(mean: np.ndarray, flow: np.ndarray | None = None) -> Estimate:
     """What is believed of the state, in a current or none."""
     return Estimate(mean, np.zeros((len(mean), 2)) if flow is None else flow)
-
-
-def sizes(system: System) -> dict[str, int]:
-    """The lengths of observations beside the nominal sensors and a filter that is told of the current."""
-    task, vehicle = system.task, system.vehicle
-    told = len(task.prior_sd) + len(vehicle.ambient_flows)
-    return sizes_by_mode(observation_sizes(task, vehicle, sensors_of(vehicle).size, told))
 
 
 def scenarios(task: Dive, n: int, seed: int = 0) -> np.ndarray:
@@ -208,7 +199,7 @@ def test_observed_errors_and_estimates_are_as_named(system: System):
     assert set(expected) | vectors == set(task.observed)
     assert (
         len(task.observed) + len(system.vehicle.action_names)
-        == sizes(system)["mean"]
+        == Core(system).config.observation_size
         == observation.shape[1]
     )
 
@@ -228,7 +219,7 @@ def test_observed_standard_deviations_are_one_at_the_start(system: System):
         core.now.belief = core.config.estimation.filter.init(known)
         core.now.belief = core.now.belief.replace(cov=factor * core.now.belief.cov)
         seen.append(core.observe()[:, -told:])
-    assert core.observe().shape == (2, sizes(system)["mean"] + told)
+    assert core.observe().shape == (2, Core(system).config.observation_size + told)
     assert (seen[0] > 0.3).all()
     assert (seen[0] < 1.5).all()
     np.testing.assert_allclose(seen[1], 2.0 * seen[0], rtol=1e-6)  # float32

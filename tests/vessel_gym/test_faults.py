@@ -46,7 +46,7 @@ def moved(core: Core, steps: int, seed: int = 1) -> list[dict[str, np.ndarray]]:
             "exogenous": core.now.exogenous.copy(),
         }
         before |= {
-            "d": core.config.unknown_input.values(core.now).copy(),
+            "d": core.config.unknown_input(core.now).copy(),
             "z": core.now.slow[:, : core.config.world.size].copy(),
         }
         core.step(rng.uniform(-1.0, 1.0, (core.num_envs, core.config.action_size)))

@@ -64,13 +64,13 @@ def test_the_world_moves_by_what_the_model_says_of_d(inputs: tuple[str, ...]):
         acting[len(vehicle.increments) :] = True
         core.now.exogenous = np.where(acting, core.now.exogenous, 0.0)
         d, before = (
-            config.unknown_input.values(core.now),
+            config.unknown_input(core.now),
             config.true_state.in_filter_order(core.truth),
         )
         action, actuators = rng.uniform(-1.0, 1.0, (6, 3)), core.now.actuators
         u = vehicle.known_input(actuators, vehicle.actuate(actuators, action), None)
         core.step(action)
-        d = np.where(flows, d, config.unknown_input.values(core.now))
+        d = np.where(flows, d, config.unknown_input(core.now))
         expected = model.transition(before, u) + np.matvec(model.input_matrix(before, u), d)
         assert np.abs(d).max(0).min() > 1e-4
         after = config.true_state.in_filter_order(core.truth)
@@ -145,7 +145,7 @@ def test_what_is_recorded_is_what_d_is():
     assert core.config.estimation.inputs == ("u increment",)
     core.step(np.zeros((2, 3)))
     np.testing.assert_array_equal(
-        core.config.unknown_input.values(core.now), core.now.exogenous_before[:, :1]
+        core.config.unknown_input(core.now), core.now.exogenous_before[:, :1]
     )
 
 
@@ -154,5 +154,5 @@ def test_input_that_only_the_filter_assumes_has_no_true_value():
     core.start(0)
     core.step(np.zeros((2, 3)))
     only_assumed = ["wave" in name for name in core.config.estimation.inputs]
-    missing = np.isnan(core.config.unknown_input.values(core.now))
+    missing = np.isnan(core.config.unknown_input(core.now))
     np.testing.assert_array_equal(missing, [only_assumed] * 2)

@@ -122,11 +122,11 @@ def test_the_channels_of_a_sensor_are_lost_and_spoilt_together():
 
 
 def test_a_suite_changes_the_quality_of_sensors_and_nothing_else():
-    log, fix = in_quality(TOGETHER, 2.0, 0.10, 0.05, 7.0)
-    assert (log.sd, log.dropout, log.outliers, log.outlier_scale) == ((0.2, 0.2), 0.25, 0.05, 7.0)
+    log, fix = in_quality(TOGETHER, 2.0, 0.10, 0.05)
+    assert (log.sd, log.dropout, log.outliers) == ((0.2, 0.2), 0.25, 0.05)
     for one, other in zip((log, fix), TOGETHER, strict=True):
         for field in fields(Sensor):
-            if field.name not in ("sd", "dropout", "outliers", "outlier_scale"):
+            if field.name not in ("sd", "dropout", "outliers"):
                 assert getattr(one, field.name) is getattr(other, field.name), field.name
     assert in_quality(TOGETHER, **SUITES["clean"])[0].dropout == 0.0
     assert in_quality(TOGETHER, dropout=0.95)[0].dropout == 1.0

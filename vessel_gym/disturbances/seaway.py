@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from estimators.angles import ahead_and_aside
 from estimators.engine import along, compiled, sincos
 from vessel_gym.checks import check_numbers, instance
-from vessel_gym.disturbances.disturbance import Disturbance
 from vessel_gym.disturbances.spectrum import WaveSpectrum
 from vessel_gym.disturbances.wave_response import TabledResponse, WaveResponse
-from vessel_gym.disturbances.waves import Sea, WaveBands, WaveField
+from vessel_gym.disturbances.waves import InWaves, Sea, WaveBands, WaveField
 from vessel_gym.processes import Process, integrated, interpolated
 from vessel_gym.vehicles.corvette_equations import (
     AROUND,
@@ -33,7 +33,7 @@ _LEAST = 1e-3
 
 @compiled
 @dataclass(frozen=True, eq=False)
-class Seaway(Disturbance):
+class Seaway(InWaves):
     """Disturbance of a ship that turns in a sea: first-order wave motion, wind, drift and current.
 
     The waves are a `WaveField` of a `WaveSpectrum`. The ship meets a wave at the frequency
@@ -72,7 +72,6 @@ class Seaway(Disturbance):
     forces = ("yaw increment", *AROUND)
     assumed_as = "unknown-input"
     averaged = ("roll moment", "wave sway")
-    uniforms = WaveField.uniforms
     scale = (1.0, 1.0, 1.0, 1.0)  # m/s and m
 
     def __post_init__(self) -> None:
@@ -91,11 +90,6 @@ class Seaway(Disturbance):
                     f"response of Seaway must have frequencies from {low:.3g} to {high:.3g} rad/s,"
                     f" where the sea has energy, got {own[0]:.3g} to {own[-1]:.3g}"
                 )
-
-    @cached_property
-    def waves(self) -> WaveField:
-        """The wave field alone."""
-        return WaveField(self.spectrum)
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
@@ -238,10 +232,8 @@ class Seaway(Disturbance):
         psi, u, v = np.moveaxis(state[..., 2:5], -1, 0)
         sin_mu, cos_mu = sincos(self.wind_direction)
         north, east = self.wind * cos_mu - current[..., 0], self.wind * sin_mu - current[..., 1]
-        sin, cos = sincos(psi)
-        surge_force, side_force, turning = wind_loads(
-            self.ship, north * cos + east * sin - u, east * cos - north * sin - v
-        )
+        ahead, aside = ahead_and_aside(north, east, psi)
+        surge_force, side_force, turning = wind_loads(self.ship, ahead - u, aside - v)
         sway, yaw, roll = motion
         return np.stack([
             self.dt * yaw, current[..., 0], current[..., 1], surge_force,
@@ -293,11 +285,6 @@ class BandedSeaway(Seaway):
     names = (*WaveBands.names, "current north", "current east")  # type: ignore[assignment]
     uniforms = 0
     modelled = scale = None  # type: ignore[assignment]
-
-    @cached_property
-    def bands(self) -> WaveBands:
-        """The waves alone."""
-        return WaveBands(self.spectrum)
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]

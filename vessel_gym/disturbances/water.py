@@ -10,7 +10,7 @@ from estimators.engine import compiled, sincos
 from vessel_gym.checks import check_names, check_numbers, instance
 from vessel_gym.disturbances.disturbance import Disturbance
 from vessel_gym.disturbances.spectrum import WaveSpectrum
-from vessel_gym.disturbances.waves import WaveBands, WaveField
+from vessel_gym.disturbances.waves import InWaves, WaveBands
 from vessel_gym.processes import Process, integrated, interpolated
 from vessel_gym.vehicles.vehicle import GRAVITY
 
@@ -61,7 +61,7 @@ class Water(Disturbance):
 
 @compiled
 @dataclass(frozen=True)
-class SurfaceWater(Disturbance):
+class SurfaceWater(InWaves):
     """Water near the surface, with waves that carry a submerged vehicle to and fro.
 
     The waves are a `WaveField` of a `WaveSpectrum`, which the current carries. Their horizontal
@@ -74,8 +74,6 @@ class SurfaceWater(Disturbance):
     place: tuple[int, ...]  # indices of the vehicle's position north and east, or north alone
     down: int  # index of its depth
     depth: float = 2.0  # m, depth of the origin
-
-    uniforms = WaveField.uniforms
 
     def __post_init__(self) -> None:
         instance("spectrum of SurfaceWater", self.spectrum, WaveSpectrum)
@@ -95,11 +93,6 @@ class SurfaceWater(Disturbance):
             scale=(*(water.scale or ()), *(1.0,) * len(own)),
             white_increments=water.white_increments, white=water.white,
         )  # fmt: skip
-
-    @cached_property
-    def waves(self) -> WaveField:
-        """The wave field alone."""
-        return WaveField(self.spectrum)
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]
@@ -145,11 +138,6 @@ class BandedSurfaceWater(SurfaceWater):
 
     def __post_init__(self) -> None:
         self._name(WaveBands.names)
-
-    @cached_property
-    def bands(self) -> WaveBands:
-        """The waves alone."""
-        return WaveBands(self.spectrum)
 
     @cached_property
     def process(self) -> Process:  # type: ignore[override]

@@ -217,6 +217,23 @@ class WaveBands:
         return parts
 
 
+class InWaves(Disturbance):
+    """Base of disturbances with waves of a spectrum: a field, which filters assume as bands."""
+
+    spectrum: WaveSpectrum
+    uniforms = WaveField.uniforms
+
+    @cached_property
+    def waves(self) -> WaveField:
+        """The wave field alone."""
+        return WaveField(self.spectrum)
+
+    @cached_property
+    def bands(self) -> WaveBands:
+        """The waves of a filter's model alone."""
+        return WaveBands(self.spectrum)
+
+
 @compiled
 @dataclass(frozen=True)
 class Sea(Disturbance):

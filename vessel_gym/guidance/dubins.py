@@ -52,14 +52,16 @@ def _choose(
     return pieces
 
 
-def _turn_straight_turn(
-    x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.ndarray,
-    hair: np.ndarray, side: float,
-) -> np.ndarray:  # fmt: skip
-    """First arc, straight and last arc of LSL (``side`` 1) or LSR (``side`` -1) to (x, y, a).
+_Goal = tuple[np.ndarray, ...]
+"""x, y, heading, its sine and cosine, and the size of rounding errors, ``(...)`` each."""
 
-    LSR is infinite if the two circles overlap. Errors below ``hair`` are rounding.
+
+def _turn_straight_turn(goal: _Goal, side: float) -> np.ndarray:
+    """First arc, straight and last arc of LSL (``side`` 1) or LSR (``side`` -1) to a goal.
+
+    LSR is infinite if the two circles overlap.
     """
+    x, y, a, sin, cos, hair = goal
     gap = 1.0 - side  # of LSR, whose straight goes from one side of the centres to the other
     dx, dy = x - side * sin, y + side * cos - 1.0  # from the first arc's centre to the last arc's
     distance, along, none = np.hypot(dx, dy), dx * cos + dy * sin, np.zeros_like(dx)
@@ -77,14 +79,13 @@ def _turn_straight_turn(
     )
 
 
-def _lrl(
-    x: np.ndarray, y: np.ndarray, a: np.ndarray, sin: np.ndarray, cos: np.ndarray, hair: np.ndarray
-) -> np.ndarray:
-    """The three arcs of LRL, with half a turn or more in the middle; infinite if no circle fits.
+def _lrl(goal: _Goal) -> np.ndarray:
+    """The three arcs of LRL to a goal, with half a turn or more in the middle; infinite if no circle fits.
 
     A middle arc of less than half a turn is never part of a shortest path (Dubins 1957), and a full
     circle in the middle is left out.
     """
+    x, y, a, sin, cos, hair = goal
     dx, dy = x - sin, y + cos - 1.0
     distance, none = np.hypot(dx, dy), np.zeros_like(dx)
     # Without the first arc the middle circle touches the start, without the last arc the goal.
@@ -120,12 +121,12 @@ def word_pieces(start: np.ndarray, goal: np.ndarray, radius: np.ndarray) -> np.n
     right = x, -y, -a, -sin, cos, hair  # R is the mirror image of L
     straight = _turn_straight_turn
     words = [
-        straight(*left, 1.0),
-        straight(*left, -1.0),
-        straight(*right, -1.0),
-        straight(*right, 1.0),
+        straight(left, 1.0),
+        straight(left, -1.0),
+        straight(right, -1.0),
+        straight(right, 1.0),
     ]
-    return np.stack([*words, _lrl(*left), _lrl(*right)], -2)
+    return np.stack([*words, _lrl(left), _lrl(right)], -2)
 
 
 @compiled(axes=(0, 0, 0, 0, 0))

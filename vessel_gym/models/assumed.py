@@ -12,7 +12,7 @@ from estimators.checks import number, short_repr
 from vessel_gym import checks
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.models.state_space import StateSpace, force_names
-from vessel_gym.models.structure import readers, relevant
+from vessel_gym.models.structure import readers, refuse_readers, relevant
 from vessel_gym.sensors import Sensors
 from vessel_gym.vehicles.vehicle import Vehicle
 
@@ -68,16 +68,14 @@ def _check_sensors(space: StateSpace) -> None:
     Raises:
         ValueError: naming the sensor or the bias, and the component.
     """
-    sensors, disturbance = space.sensors, space.disturbance
-    for name in space.vehicle.state_names:
-        unknown = name not in space.vehicle_states
-        if unknown and (who := readers(space.vehicle, sensors.each, name)):
-            raise ValueError(
-                f"{who[0]} reads {name}, which filters of this model do not estimate (they"
-                f" estimate {', '.join(space.vehicle_states)}): leave it out, or choose another"
-                " model"
-            )
-    for name in sensors.bias_names:
+    known, disturbance = space.vehicle_states, space.disturbance
+    refuse_readers(
+        space,
+        [name for name in space.vehicle.state_names if name not in known],
+        f"which filters of this model do not estimate (they estimate {', '.join(known)}): leave it"
+        " out, or choose another model",
+    )
+    for name in space.sensors.bias_names:
         if name in disturbance.names:
             raise ValueError(
                 f"a bias is called {name!r}, as is a component of {type(disturbance).__name__}"

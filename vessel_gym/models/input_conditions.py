@@ -12,7 +12,7 @@ from estimators import Filter, Gaussian, LinearModel, NonlinearModel
 from estimators.unknown_input import UnknownInputFilter
 from estimators.varying import resolve
 from vessel_gym.models.state_space import StateSpace
-from vessel_gym.models.structure import readers
+from vessel_gym.models.structure import refuse_readers
 from vessel_gym.vehicles.vehicle import Vehicle
 
 if TYPE_CHECKING:
@@ -31,12 +31,11 @@ def check_causal(world: StateSpace) -> None:
     Raises:
         ValueError: naming the sensor and the mean.
     """
-    for name in world.disturbance.averaged:
-        if who := readers(world.vehicle, world.sensors.each, name):
-            raise ValueError(
-                f"{who[0]} reads {name}, a mean over the coming step: let it read states,"
-                " increments, currents or forces"
-            )
+    refuse_readers(
+        world,
+        world.disturbance.averaged,
+        "a mean over the coming step: let it read states, increments, currents or forces",
+    )
 
 
 def check_ambient_flows(space: StateSpace) -> None:
@@ -45,16 +44,14 @@ def check_ambient_flows(space: StateSpace) -> None:
     Raises:
         ValueError: naming the sensor and the flow.
     """
-    if space.assumed_as != "process-noise":
-        return
-    for name in space.vehicle.ambient_flows:
-        disturbed = name in space.disturbance.forces
-        if disturbed and (who := readers(space.vehicle, space.sensors.each, name)):
-            raise ValueError(
-                f"{who[0]} reads {name}, of which a filter knows nothing that assumes"
-                f' {type(space.disturbance).__name__} as "{space.assumed_as}": assume it with'
-                ' {"as": "states"}, or leave it out'
-            )
+    if space.assumed_as == "process-noise":
+        flows, who = space.vehicle.ambient_flows, type(space.disturbance).__name__
+        refuse_readers(
+            space,
+            [name for name in space.disturbance.forces if name in flows],
+            f'of which a filter knows nothing that assumes {who} as "{space.assumed_as}": assume'
+            ' it with {"as": "states"}, or leave it out',
+        )
 
 
 def check_input(filter: Filter, space: StateSpace, model: LinearModel | NonlinearModel) -> None:

@@ -34,7 +34,7 @@ def _arguments(space: StateSpace) -> dict[str, Any]:
         ValueError: for sensors that show both increments and flows in d.
     """
     noise = {"Q": space.Q, "R": space.R}
-    for name, table in getattr(space.vehicle, "noise", {}).items():
+    for name, table in space.vehicle.noise.items():
         # The vehicle's schedules hold for its own sensors and states alone.
         if np.shape(noise[name]) == table.table.shape[1:]:
             noise[name] = table

@@ -1,6 +1,6 @@
 """Structure of a state space, read from traces of its functions: what depends on what."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -51,6 +51,17 @@ def readers(vehicle: Vehicle, sensors: Sequence[Sensor], name: str) -> list[str]
     names = *vehicle.state_names, *vehicle.increments, *vehicle.ambient_flows
     own = np.equal(names, name)
     return [s.name for s in sensors if own[np.concatenate(_used_by(s.reads, vehicle))].any()]
+
+
+def refuse_readers(space: StateSpace, names: Iterable[str], reason: str) -> None:
+    """Refuse a sensor that depends on one of some states, increments or flows.
+
+    Raises:
+        ValueError: naming the sensor and the component, with the reason.
+    """
+    for name in names:
+        if who := readers(space.vehicle, space.sensors.each, name):
+            raise ValueError(f"{who[0]} reads {name}, {reason}")
 
 
 @cached

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vessel_gym.disturbances.seaway import Seaway
-from vessel_gym.disturbances.water import SurfaceWater
+from vessel_gym.disturbances.waves import InWaves
 from vessel_gym.rendering.components import Components, in_words, pose
 from vessel_gym.simulation.core import Core
 from vessel_gym.tasks.task import Workspace
@@ -80,7 +80,7 @@ def ambients(core: Core, history: dict[str, np.ndarray]) -> list[Ambient]:
     if isinstance(disturbance, Seaway):
         wind = toward(disturbance.wind_direction, disturbance.wind)
         found.append(Ambient("Wind", "m/s", wind))
-    if isinstance(disturbance, Seaway | SurfaceWater):
+    if isinstance(disturbance, InWaves):
         spectrum = disturbance.spectrum
         found.append(Ambient("Waves", "m", toward(spectrum.direction, spectrum.height)))
     return found
@@ -96,7 +96,7 @@ def waves_of(core: Core, constants: np.ndarray) -> np.ndarray | None:
         constants: Constants of the disturbance ``(e,)`` that the episode has drawn.
     """
     disturbance = core.config.world.disturbance
-    if not isinstance(disturbance, Seaway | SurfaceWater):
+    if not isinstance(disturbance, InWaves):
         return None
     w, _, kx, ky = disturbance.waves.constants(constants)
     return np.stack([np.arctan2(ky, kx), w / (2.0 * np.pi)])

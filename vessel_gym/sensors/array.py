@@ -232,11 +232,11 @@ class Sensors:
 
     def sd_at(self, exact: np.ndarray) -> np.ndarray:
         """Standard deviations ``(..., p)`` at the noise-free measurements ``exact (..., p)``."""
-        known = np.broadcast_to(self.sd, exact.shape)
-        if not self._varying:
-            return known
-        varying = {own.start: spread(exact[..., own]) for own, spread in self._varying}
-        return np.concatenate([varying.get(own.start, known[..., own]) for own in self.own], -1)
+        sd = np.broadcast_to(self.sd, exact.shape)
+        for own, spread in self._varying:
+            parts = sd[..., : own.start], spread(exact[..., own]), sd[..., own.stop :]
+            sd = np.concatenate(parts, -1)
+        return sd
 
     def noise(
         self,

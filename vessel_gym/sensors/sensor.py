@@ -228,7 +228,6 @@ def in_quality(
     noise: float = 1.0,
     dropout: float = 0.0,
     outliers: float = 0.0,
-    outlier_scale: float = 10.0,
     lossless: bool = False,
 ) -> tuple[Sensor, ...]:
     """Sensors with noise and losses other than nominal ones.
@@ -238,24 +237,19 @@ def in_quality(
         noise: Standard deviations relative to nominal.
         dropout: Probability that a sensor's measurement is lost, besides its own.
         outliers: Probability that a measurement is an outlier, besides the sensor's own.
-        outlier_scale: Noise of an outlier relative to ordinary noise, for sensors without outliers
-            of their own.
         lossless: Does no sensor lose a measurement?
 
     Raises:
         ValueError: if a number is out of range.
     """
-    given = {
-        "noise": noise, "outlier_scale": outlier_scale, "dropout": dropout, "outliers": outliers,
-    }  # fmt: skip
-    check_numbers("in_quality", given, not_negative="noise outlier_scale", share="dropout outliers")
+    given = {"noise": noise, "dropout": dropout, "outliers": outliers}
+    check_numbers("in_quality", given, not_negative="noise", share="dropout outliers")
     return tuple(
         replace(
             sensor,
             sd=_scaled(noise, sensor.sd),
             dropout=0.0 if lossless else min(sensor.dropout + dropout, 1.0),
             outliers=min(sensor.outliers + outliers, 1.0),
-            outlier_scale=sensor.outlier_scale if sensor.outliers else outlier_scale,
         )
         for sensor in nominal
     )
@@ -281,7 +275,7 @@ SUITE_NAMES = (*SUITES, "budget", "denied")
 """Names of all suites of an environment.
 
 ``budget`` is a choice of grades (`vessel_gym.sensors.grades`). ``denied`` is the nominal suite
-without the position fix for a time (`vessel_gym.sensor_faults.lost_fix`).
+without the position fix for `vessel_gym.sensor_faults.LOSS` seconds.
 """
 
 

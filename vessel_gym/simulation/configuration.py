@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import SimpleNamespace
 from typing import Any, Self
 
 import numpy as np
@@ -18,15 +19,14 @@ from vessel_gym.models.input_conditions import check_causal
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.sensors import Sensor, Sensors
-from vessel_gym.simulation.draws import StartNumbers
+from vessel_gym.simulation.draws import StartNumbers, filter_prior
 from vessel_gym.simulation.loop import Delivery, Estimator
 from vessel_gym.simulation.mission import Mission
-from vessel_gym.simulation.state import Stage
+from vessel_gym.simulation.state import Stage, State
 from vessel_gym.simulation.truth import INFO, Info
 from vessel_gym.simulation.whole_step import WholeStep
 from vessel_gym.simulation.world import World
 from vessel_gym.system import System, Task, Vehicle
-from vessel_gym.tasks.task import observation_sizes
 
 OBSERVE = ("mean", "mean+std", "measurement")
 """Contents of an observation: estimates, also with standard deviations, or raw measurements."""
@@ -118,12 +118,11 @@ class Options:
             )
         guidance = not raw if self.guidance is None else self.guidance
         given = checked_options("estimator_options", self.estimator_options)
-        for name, value in (
-            ("mismatch", float(self.mismatch)), ("termination", termination),
-            ("guidance", guidance), ("estimator_options", given),
-            ("sensors", _as_tuple(self.sensors)), ("sensor_faults", _as_tuple(self.sensor_faults)),
-        ):  # fmt: skip
-            object.__setattr__(self, name, value)
+        vars(self).update(
+            mismatch=float(self.mismatch), termination=termination, guidance=guidance,
+            estimator_options=given, sensors=_as_tuple(self.sensors),
+            sensor_faults=_as_tuple(self.sensor_faults),
+        )  # fmt: skip
 
 
 def _numpy_methods(vehicle: Vehicle, disturbance: Disturbance, task: Task) -> dict[str, str]:
@@ -241,22 +240,24 @@ class Configuration:
 
     @cached_property
     def observation_size(self) -> int:
-        """Number of components of an observation."""
-        seen = observed(self.options.observe, bool(self.options.guidance))
-        states = len(self.estimation.space.names)
-        task, vehicle = self.system.task, self.system.vehicle
-        sizes = observation_sizes(task, vehicle, self.sensors.size, states)
-        return sum(sizes[part] for part in seen)
+        """Number of components of an observation, which one at a start without noise has."""
+        task, size = self.system.task, self.sensors.size
+        scenario, steps = task.scenario(np.full((1, task.uniforms), 0.5), {}), np.zeros(1, int)
+        prior = task.prior(scenario)
+        _, actuators = self.world.vehicle.start(np.array(prior.mean))
+        now = State(
+            scenario=scenario, steps=steps, actuators=actuators, y=np.zeros((1, size)),
+            available=np.ones((1, size), bool),
+        )  # fmt: skip
+        for each in self.estimators:
+            known = filter_prior(prior, each.estimation.space)
+            belief = SimpleNamespace(mean=known.mean, cov=known.cov[None], input_mean=None)
+            setattr(now, each.field, belief)
+        reference = task.reference(scenario, steps, prior.mean)
+        return self.mission.observation(now, reference).shape[1]
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Configuration, (self.system, self.options)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         return self
-
-
-def observed(observe: str, guidance: bool) -> tuple[str, ...]:
-    """Parts of an observation, by the keys of `vessel_gym.tasks.task.observation_sizes`."""
-    if observe == "measurement":
-        return *(("guided",) if guidance else ()), "measurements", "mission"
-    return "guided" if guidance else "unguided", *(("std",) if "std" in observe else ())

@@ -173,31 +173,18 @@ class Stage:
         self._read = attrgetter(*held)
 
 
-class Stages:
-    """A sequence of stages, which is one program if all of them are compiled.
+def in_turn(*stages: Stage) -> Stage:
+    """Stages one after another as one, which is one program if all of them are compiled."""
+    compiled = all(stage.compiled for stage in stages)
 
-    Args:
-        stages: Stages in their order.
-
-    Attributes:
-        compiled: Are all of them compiled?
-    """
-
-    def __init__(self, *stages: Stage) -> None:
-        self._stages, self.compiled = stages, all(stage.compiled for stage in stages)
-        self._parts = (Stage(self.function, True),) if self.compiled else stages
-
-    def function(self, now: State) -> Changes:
-        """Arrays that the stages change together."""
+    def function(now: State) -> Changes:
         changes: Changes = {}
-        for stage in self._stages:
-            changes |= stage.function(now.but(**changes))
+        for stage in stages:
+            run = stage.function if compiled else stage.changes
+            changes |= run(now.but(**changes))
         return changes
 
-    def __call__(self, now: State) -> None:
-        """Fill in the arrays of all."""
-        for part in self._parts:
-            part(now)
+    return Stage(function, compiled)
 
 
 def arrays_of(now: State) -> dict[str, np.ndarray]:

@@ -47,28 +47,6 @@ class TrueState(NamedTuple):
         return cls(names, slow, estimated, [*space.last])
 
 
-class UnknownInput(NamedTuple):
-    """Places of the true unknown input in the environment's state.
-
-    Increments and changes are those of the step that has ended, flows and faults the present ones.
-    """
-
-    columns: list[int]  # of exogenous inputs before and now and noise, side by side; -1: in none
-
-    def values(self, now: State) -> np.ndarray:
-        """True unknown input ``(B, q)``; NaN in components that only the filter's model has."""
-        arrays = now.exogenous_before, now.exogenous, now.noise_before
-        return _with_unknown(np.concatenate(arrays, -1))[..., self.columns]
-
-    @classmethod
-    def of(cls, world: World, names: tuple[str, ...]) -> "UnknownInput":
-        """Places of the components of the unknown input, by their names."""
-        channels, increments = world.space.channels, world.vehicle.increments
-        before = [name if name in increments else "" for name in channels]
-        known = *before, *channels, *world.space.noise_names
-        return cls([known.index(name) if name in known else -1 for name in names])
-
-
 def _with_unknown(values: np.ndarray) -> np.ndarray:
     """Values ``(..., k + 1)`` with NaN in a last column, which the index -1 finds."""
     return np.concatenate([values, np.full((*values.shape[:-1], 1), np.nan)], -1)
@@ -109,18 +87,20 @@ class Info:
 
     Attributes:
         true_state: Places of the true state.
-        unknown_input: Places of the true unknown input.
         scale: Scale of the scores.
     """
 
     def __init__(self, world: World, estimation: Estimation, task: Any) -> None:
         self.true_state = TrueState.of(world, estimation.space)
-        self.unknown_input = UnknownInput.of(world, estimation.inputs)
         self.scale = Scale.of(task)
+        channels, increments = world.space.channels, world.vehicle.increments
+        before = [name if name in increments else "" for name in channels]
+        known = *before, *channels, *world.space.noise_names  # as `unknown_input` joins them
+        self._inputs = [known.index(d) if d in known else -1 for d in estimation.inputs]
 
     def __call__(self, now: State) -> Changes:
         """Arrays of ``info``, one row for each environment."""
-        unknown, belief, d = self.unknown_input.values(now), now.belief, now.belief.input_mean
+        unknown, belief, d = self.unknown_input(now), now.belief, now.belief.input_mean
         arrays = (
             self.true_state.values(now), unknown, now.reference, now.actuators, now.y,
             now.available, belief.mean, belief.cov, np.zeros(unknown.shape) if d is None else d,
@@ -129,7 +109,16 @@ class Info:
         )  # fmt: skip
         return dict(zip(INFO, arrays, strict=True))
 
+    def unknown_input(self, now: State) -> np.ndarray:
+        """True unknown input ``(B, q)``; NaN in components that only the filter's model has.
+
+        Increments and changes are those of the step that has ended, flows and faults the present
+        ones.
+        """
+        arrays = now.exogenous_before, now.exogenous, now.noise_before
+        return _with_unknown(np.concatenate(arrays, -1))[..., self._inputs]
+
     def oracle(self, now: State) -> np.ndarray:
         """Measurement ``(B, n + q)`` of the oracle alone: true state and unknown input."""
         truth = self.true_state.in_filter_order(self.true_state.values(now))
-        return np.concatenate([truth, self.unknown_input.values(now)], -1)
+        return np.concatenate([truth, self.unknown_input(now)], -1)

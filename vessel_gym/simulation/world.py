@@ -7,7 +7,7 @@ import numpy as np
 from vessel_gym.checks import is_compiled
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.processes import advance, block_diagonal, product
-from vessel_gym.simulation.state import Changes, Stage, Stages, State
+from vessel_gym.simulation.state import Changes, Stage, State, in_turn
 
 
 class World:
@@ -39,8 +39,8 @@ class World:
         self.root = block_diagonal(disturbance.white, disturbance.process.root, sensors.bias.root)
         moves = is_compiled(vehicle) and is_compiled(disturbance)
         sense = Stage(self._sense, sensors.reads_compiled)
-        self.step = Stages(Stage(self._move, moves), sense)
-        self.begin = Stages(Stage(self._place, moves), sense)
+        self.step = in_turn(Stage(self._move, moves), sense)
+        self.begin = in_turn(Stage(self._place, moves), sense)
 
     def _move(self, now: State) -> Changes:
         """The truth a step later."""
@@ -50,11 +50,7 @@ class World:
         slow, noise = self._advanced(now, self.space.slow.transition)
         z = self.disturbance.met(slow[..., : self.size], now.state, state)
         slow = np.concatenate([z, slow[..., self.size :]], -1)
-        exogenous = self._acting(now, slow, noise, state, after)
-        return {
-            "actuators": after, "u": u, "state": state, "slow": slow, "noise": noise,
-            "exogenous": exogenous,
-        }  # fmt: skip
+        return self._acting_on(now, actuators=after, u=u, state=state, slow=slow, noise=noise)
 
     def _place(self, now: State) -> Changes:
         """The truth at an episode's start, from random numbers and the prior."""
@@ -66,14 +62,13 @@ class World:
         state, actuators = self.vehicle.start(x)
         constants = self.disturbance.draw(now.constant_uniforms)
         quiet = np.zeros((*now.steps.shape, len(self.root)))
-        now = now.but(episode_constants=constants, slow=slow, noise=quiet)
+        now = now.but(slow=slow, noise=quiet)
         slow, noise = self._advanced(now, np.eye(self.space.slow.size))
-        exogenous = self._acting(now, slow, noise, state, actuators)
         u = self.vehicle.known_input(actuators, actuators, now.commanded)
-        return {
-            "actuators": actuators, "u": u, "state": state, "slow": slow, "noise": noise,
-            "exogenous": exogenous, "episode_constants": constants,
-        }  # fmt: skip
+        return self._acting_on(
+            now, actuators=actuators, u=u, state=state, slow=slow, noise=noise,
+            episode_constants=constants,
+        )  # fmt: skip
 
     def _moved(self, now: State, after: np.ndarray) -> np.ndarray:
         """State of the vehicle a step later."""
@@ -88,18 +83,19 @@ class World:
         """States of disturbance and biases, and noise, without an effect of the vehicle."""
         return advance(now.keys, now.steps, now.slow, now.noise, self.parts, self.root, transition)
 
-    def _acting(
-        self, now: State, slow: np.ndarray, noise: np.ndarray, state: np.ndarray,
-        actuators: np.ndarray,
-    ) -> np.ndarray:  # fmt: skip
-        """Exogenous input over the coming step: of white noise, the disturbance and the task."""
-        own, z, outside = self.disturbance, slow[..., : self.size], self.space.increments_and_flows
-        effect = own.effect_at(now.episode_constants, self.sensors.dt * now.steps, z, state)
-        exogenous = self.space.exogenous(effect, actuators, noise[..., : self.white])
-        if now.imposed is None:
-            return exogenous
-        within = exogenous[..., :outside] + now.imposed
-        return np.concatenate([within, exogenous[..., outside:]], -1)
+    def _acting_on(self, now: State, **changes: Any) -> Changes:
+        """Changes, with the exogenous input over the coming step that then acts.
+
+        It is that of white noise, the disturbance and the task.
+        """
+        now, outside = now.but(**changes), self.space.increments_and_flows
+        time, z = self.sensors.dt * now.steps, now.slow[..., : self.size]
+        effect = self.disturbance.effect_at(now.episode_constants, time, z, now.state)
+        exogenous = self.space.exogenous(effect, now.actuators, now.noise[..., : self.white])
+        if now.imposed is not None:
+            within = exogenous[..., :outside] + now.imposed
+            exogenous = np.concatenate([within, exogenous[..., outside:]], -1)
+        return changes | {"exogenous": exogenous}
 
     def _sense(self, now: State) -> Changes:
         """Measurements and their mask, which contain nothing in the future.

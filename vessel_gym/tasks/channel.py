@@ -12,7 +12,7 @@ from vessel_gym.checks import one_of
 from vessel_gym.guidance.dubins import COLUMNS, pose_along
 from vessel_gym.guidance.path_following import NEAREST, locate, padded
 from vessel_gym.guidance.routes import route
-from vessel_gym.tasks.task import Workspace, at_depth, closeness, first_reason
+from vessel_gym.tasks.task import SCORE_AXES, Workspace, at_depth, closeness, first_reason
 from vessel_gym.tasks.track import HEADING, Track, in_frame
 
 OFFSET, ERROR, LENGTH = 1, 2, 3
@@ -188,7 +188,7 @@ class Channel(Track):
         """Farthest distance along the channel so far, rudder and its rate ``(..., 3)``."""
         return np.zeros_like(scenario[..., :3])
 
-    @compiled(axes=(1, 1, 1, 1, 0, 1, 1, 1))
+    @compiled(axes=SCORE_AXES)
     def score(
         self, state: np.ndarray, exogenous: np.ndarray, scenario: np.ndarray,
         reference: np.ndarray, over: np.ndarray, actuators: np.ndarray, action: np.ndarray,

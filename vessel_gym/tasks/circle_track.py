@@ -8,7 +8,7 @@ from estimators.angles import ahead_and_aside
 from estimators.checks import as_number, short_repr
 from estimators.engine import compiled, sincos
 from vessel_gym.checks import one_of
-from vessel_gym.tasks.task import Workspace, at_depth, closeness, first_reason, wrapped
+from vessel_gym.tasks.task import SCORE_AXES, Workspace, at_depth, closeness, first_reason, wrapped
 from vessel_gym.tasks.track import HEADING, Track
 from vessel_gym.vehicles.corvette import steady_turns
 
@@ -224,7 +224,7 @@ class CircleTrack(Track):
         """Distance along the track and farthest one [m], rudder and its rate ``(..., 4)``."""
         return np.zeros_like(scenario)
 
-    @compiled(axes=(1, 1, 1, 1, 0, 1, 1, 1))
+    @compiled(axes=SCORE_AXES)
     def score(
         self, state: np.ndarray, exogenous: np.ndarray, scenario: np.ndarray,
         reference: np.ndarray, over: np.ndarray, actuators: np.ndarray, action: np.ndarray,

@@ -14,6 +14,7 @@ from vessel_gym.checks import check_numbers, instance, one_of
 from vessel_gym.guidance.dive_path import arc_to, follow, path_point
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import (
+    SCORE_AXES,
     Task,
     Workspace,
     closeness,
@@ -239,7 +240,7 @@ class Dive(Task):
         used = np.stack([np.clip(progress, 0.0, scenario[..., 1]), np.zeros_like(progress)], -1)
         return np.concatenate([used, np.zeros_like(state[..., : 2 * (self.actuators - 1)])], -1)
 
-    @compiled(axes=(1, 1, 1, 1, 0, 1, 1, 1))
+    @compiled(axes=SCORE_AXES)
     def score(
         self, state: np.ndarray, exogenous: np.ndarray, scenario: np.ndarray,
         reference: np.ndarray, over: np.ndarray, actuators: np.ndarray, action: np.ndarray,

@@ -17,6 +17,7 @@ from vessel_gym.guidance.scenes import scene
 from vessel_gym.system import Estimate
 from vessel_gym.tasks.task import (
     FARTHEST,
+    SCORE_AXES,
     Task,
     Workspace,
     at_depth,
@@ -157,7 +158,14 @@ class Flight(Task):
             three_numbers(name, options.get(name, pose), "metres x and y and rad")
             for name, pose in poses.items()
         )
-        obstacles = self._obstacles(options.get("obstacles", ()))
+        value = options.get("obstacles", ())
+        obstacles = checked_obstacles(value)
+        if len(obstacles) > OBSTACLES:
+            raise ValueError(f"there may be {OBSTACLES} obstacles at most, got {len(obstacles)}")
+        if np.abs(obstacles).max(initial=0.0) > FARTHEST:
+            raise ValueError(
+                f"obstacles must lie within {FARTHEST:.0f} m of the origin, got {short_repr(value)}"
+            )
         path = plan(start, goal, radius, obstacles, self.margin)
         if len(path.segments) > SEGMENTS:
             raise ValueError(
@@ -174,17 +182,6 @@ class Flight(Task):
                 " goal"
             )
         return _listed(path.segments, obstacles)
-
-    def _obstacles(self, value: object) -> np.ndarray:
-        """Checked obstacles of a reset option, few and near enough."""
-        obstacles = checked_obstacles(value)
-        if len(obstacles) > OBSTACLES:
-            raise ValueError(f"there may be {OBSTACLES} obstacles at most, got {len(obstacles)}")
-        if np.abs(obstacles).max(initial=0.0) > FARTHEST:
-            raise ValueError(
-                f"obstacles must lie within {FARTHEST:.0f} m of the origin, got {short_repr(value)}"
-            )
-        return obstacles
 
     def prior(self, scenario: np.ndarray) -> Gaussian:
         """Prior at the beginning of the path, level at cruise speed: mean ``(B, 7)``, covariance.
@@ -271,7 +268,7 @@ class Flight(Task):
         progress = np.maximum(self.track(state, scenario, zero)[..., 0], 0.0)
         return np.stack([progress, *(zero,) * 6], -1)
 
-    @compiled(axes=(1, 1, 1, 1, 0, 1, 1, 1))
+    @compiled(axes=SCORE_AXES)
     def score(
         self, state: np.ndarray, exogenous: np.ndarray, scenario: np.ndarray,
         reference: np.ndarray, over: np.ndarray, actuators: np.ndarray, action: np.ndarray,

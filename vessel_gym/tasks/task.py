@@ -21,6 +21,9 @@ TRAVEL = 1.25
 REVERSALS = 4.0
 """Cost of a reversal between full rates in every step; smaller changes cost in proportion."""
 
+SCORE_AXES = 1, 1, 1, 1, 0, 1, 1, 1
+"""Axes of a row of each argument of `Task.score`, for `estimators.engine.compiled`."""
+
 
 @dataclass(frozen=True)
 class Workspace:
@@ -85,9 +88,9 @@ class Estimate:
     state: np.ndarray
     flow: np.ndarray
     input_mean: np.ndarray | None = None
-    sd: np.ndarray | None = None
+    sd: Any = None
     input_sd: np.ndarray | None = None
-    scale: np.ndarray | None = None
+    scale: Any = None
 
 
 class Task:
@@ -179,7 +182,7 @@ class Task:
         self, estimate: Estimate, scenario: np.ndarray, reference: np.ndarray,
         actuators: np.ndarray,
     ) -> np.ndarray:  # fmt: skip
-        """Part ``"guided"`` ``(B, k)``: guidance from the estimate, and the actuators.
+        """Guidance ``(B, k)`` from the estimate, and the actuators.
 
         Default: the estimated state and flow, the reference and the actuators.
 
@@ -216,19 +219,17 @@ class Task:
         return [name in vehicle.angles for name in names]
 
     def observe_std(self, estimate: Estimate) -> np.ndarray:
-        """Part ``"std"`` ``(B, k)``, which mode ``"mean+std"`` appends.
+        """Standard deviations ``(B, k)``, which mode ``"mean+std"`` appends.
 
         Default: the scaled standard deviations ``(B, m)`` of all that the filter estimates.
         """
-        assert estimate.sd is not None
-        assert estimate.scale is not None
         scale = getattr(self, "std_scale", np.ones(estimate.state.shape[-1]))
         return estimate.sd / np.concatenate([scale, estimate.scale])
 
     def observe_measurements(
         self, sensors: Sensors, measurements: np.ndarray, scenario: np.ndarray, step: np.ndarray
     ) -> np.ndarray:
-        """Scaled measurements ``(B, p)`` of part ``"measurements"``, which their mask completes.
+        """Scaled measurements ``(B, p)`` of raw observations, which their mask completes.
 
         The observation holds 0 where a measurement is missing, whatever this method returns there.
 
@@ -243,7 +244,10 @@ class Task:
     def observe_mission(
         self, scenario: np.ndarray, step: np.ndarray, actuators: np.ndarray
     ) -> np.ndarray:
-        """Part ``"mission"`` ``(B, k)``; default: the scenario and the actuators."""
+        """Mission ``(B, k)`` in observations of raw measurements or without guidance.
+
+        Default: the scenario and the actuators.
+        """
         return np.concatenate([scenario, actuators], -1)
 
     def workspace(self, scenario: np.ndarray) -> Workspace:
@@ -298,40 +302,6 @@ class Task:
         raise NotImplementedError(
             f"{type(self).__name__} needs a method score: what is a step worth?"
         )
-
-
-def observation_sizes(
-    task: Task, vehicle: Vehicle, measurements: int, states: int
-) -> dict[str, int]:
-    """Lengths of the parts of an observation, each of which is evaluated once.
-
-    Args:
-        task: Task.
-        vehicle: Vehicle of the environment.
-        measurements: Number of measurements.
-        states: Number of the filter's states.
-
-    Returns:
-        Lengths of ``"guided"``, ``"unguided"``, ``"std"``, ``"measurements"`` and
-        ``"mission"``.
-    """
-    scenario = task.scenario(np.full((1, task.uniforms), 0.5), {})
-    start = np.array(task.prior(scenario).mean)
-    (_, actuators), mean, step = vehicle.start(start), start[:, :states], np.zeros(1, int)
-    estimate = Estimate(
-        mean, np.zeros((1, len(vehicle.ambient_flows))), sd=np.ones((1, states)),
-        scale=np.ones(states - mean.shape[1]),
-    )  # fmt: skip
-    reference = task.reference(scenario, step, mean)
-    mission = task.observe_mission(scenario, step, actuators)
-    parts = {
-        "guided": task.observe(estimate, scenario, reference, actuators),
-        "unguided": np.concatenate([task.observe_state(estimate, scenario), mission], -1),
-        "std": task.observe_std(estimate),
-        "measurements": np.zeros((1, 2 * measurements)),
-        "mission": mission,
-    }
-    return {name: part.shape[1] for name, part in parts.items()}
 
 
 def three_numbers(name: str, value: object, what: str) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -78,6 +78,15 @@ class Steering(Task):
     def command_scale(self) -> float:
         """Scale [rad/s] of the commanded yaw rate."""
         return 0.04 / self.pace
+
+    std_scales: ClassVar[Any]
+    """Scales of observed standard deviations, by index in the estimated state."""
+
+    def observe_std(self, estimate: Estimate) -> np.ndarray:
+        """Scaled standard deviations of the components in `std_scales`, and of d, ``(..., k)``."""
+        sd = [estimate.sd[..., i] for i in self.std_scales]
+        d = first_component(estimate.input_sd, sd[0])
+        return np.stack([*sd, d], -1) / [*self.std_scales.values(), self.INPUT_SCALE]
 
     @cached_property
     def _known_scales(self) -> list[float]:
@@ -184,14 +193,12 @@ class Track(Steering):
         """Scale of a position on the map [m]."""
         return 2.0 * self.ship.length
 
-    def observe_std(self, estimate: Estimate) -> np.ndarray:
-        """Scaled standard deviations ``(..., 6)`` of position, heading, sway, yaw rate and d."""
-        assert estimate.sd is not None
-        sd = [estimate.sd[..., i] for i in (0, 1, 2, 4, 5)]
-        d = first_component(estimate.input_sd, sd[0])
+    @property
+    def std_scales(self) -> dict[int, float]:
+        """Scales of position, heading, sway and yaw rate."""
         place = 0.25 * self.track_scale
-        rest = self.HEADING_SCALE, self.SWAY_SCALE, self.rate_scale, self.INPUT_SCALE
-        return np.stack([*sd, d], -1) / [place, place, *rest]
+        motion = {2: self.HEADING_SCALE, 4: self.SWAY_SCALE, 5: self.rate_scale}
+        return {0: place, 1: place} | motion
 
     def observe_measurements(
         self, sensors: Sensors, measurements: np.ndarray, scenario: np.ndarray, step: np.ndarray
@@ -202,8 +209,6 @@ class Track(Steering):
         measured = np.where([state == "psi" for state in gives], turned, measured)
         if "x" in gives and "y" in gives:
             x, y = gives.index("x"), gives.index("y")
-            place = in_frame(scenario, measurements[..., [x, y]]) / self._place_scale
-            columns = list(np.moveaxis(measured, -1, 0))
-            columns[x], columns[y] = place[..., 0], place[..., 1]
-            measured = np.stack(columns, -1)
+            place = in_frame(scenario, measurements[..., [x, y]])
+            measured[..., [x, y]] = place / self._place_scale
         return measured

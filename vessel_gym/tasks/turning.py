@@ -10,11 +10,18 @@ from typing import Any
 
 import numpy as np
 
-from estimators import Gaussian
 from estimators.engine import compiled, lookup
 from vessel_gym.checks import one_of
 from vessel_gym.sensors import Sensors
-from vessel_gym.tasks.task import Estimate, Workspace, at_depth, closeness, first_reason, wrapped
+from vessel_gym.tasks.task import (
+    SCORE_AXES,
+    Estimate,
+    Workspace,
+    at_depth,
+    closeness,
+    first_reason,
+    wrapped,
+)
 from vessel_gym.tasks.track import Steering, first_component
 from vessel_gym.vehicles.corvette_thesis import SIMULATIONS, ThesisCorvette
 
@@ -60,14 +67,15 @@ class TurningTrial(Steering):
             scenarios[:, 2] = list(SIMULATIONS).index(one_of("simulation", value, SIMULATIONS))
         return scenarios
 
-    def prior(self, scenario: np.ndarray) -> Gaussian:
-        """Prior of (v, r, psi): mean ``(B, 3)`` and covariance ``(3, 3)``."""
-        return self._spread.about(np.zeros((len(scenario), 3)))
+    @cached_property
+    def vehicle(self) -> ThesisCorvette:  # type: ignore[override]
+        """The ship, whose straight course is the mean of the prior."""
+        return ThesisCorvette(self.ship, self.dt)
 
     @cached_property
     def record(self) -> np.ndarray:
         """States ``(k, 8)`` of the ship in the trial, up to the end of the preview."""
-        vessel = ThesisCorvette(self.ship, self.dt)
+        vessel = self.vehicle
         parameters, still = vessel.parameters(0.0, np.zeros((1, vessel.normals))), np.zeros((1, 1))
         state, rudder = vessel.start(np.zeros((1, 3)))
         states = [state[0]]
@@ -128,12 +136,10 @@ class TurningTrial(Steering):
         seen = [*errors, v, d, actuators[..., 0], rate, rate_ahead]
         return np.stack(seen, -1) / self._mean_scales
 
-    def observe_std(self, estimate: Estimate) -> np.ndarray:
-        """Scaled standard deviations ``(..., 4)`` of sway, yaw rate, heading and unknown input."""
-        assert estimate.sd is not None
-        sd = [estimate.sd[..., i] for i in range(3)]
-        scales = self.SWAY_SCALE, self.rate_scale, self.HEADING_SCALE, self.INPUT_SCALE
-        return np.stack([*sd, first_component(estimate.input_sd, sd[0])], -1) / scales
+    @property
+    def std_scales(self) -> dict[int, float]:
+        """Scales of sway, yaw rate and heading."""
+        return {0: self.SWAY_SCALE, 1: self.rate_scale, 2: self.HEADING_SCALE}
 
     def observe_measurements(
         self, sensors: Sensors, measurements: np.ndarray, scenario: np.ndarray, step: np.ndarray
@@ -174,7 +180,7 @@ class TurningTrial(Steering):
         """Rudder and its rate ``(..., 2)``."""
         return np.zeros_like(state[..., :2])
 
-    @compiled(axes=(1, 1, 1, 1, 0, 1, 1, 1))
+    @compiled(axes=SCORE_AXES)
     def score(
         self, state: np.ndarray, exogenous: np.ndarray, scenario: np.ndarray,
         reference: np.ndarray, over: np.ndarray, actuators: np.ndarray, action: np.ndarray,

@@ -5,7 +5,7 @@ gravity is below the centre of buoyancy, which is the origin. Body axes: x forwa
 down; earth axes: north, east, down.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
@@ -204,6 +204,42 @@ def _inverse(axes: str, inertia: np.ndarray) -> dict[str, np.ndarray]:
     inverse = np.linalg.inv(inertia)
     pairs = zip(*np.triu_indices(3), strict=True)
     return {f"inverse_{axes[i]}{axes[j]}": inverse[..., i, j] for i, j in pairs}
+
+
+def vertical_accelerations(
+    inertial: Sequence[Any], velocity: Sequence[Any], gravity: tuple[Any, Any], stern: Any,
+    thrust: Any, c: Any,
+) -> tuple[Any, Any, Any]:  # fmt: skip
+    """Accelerations ``(...)`` of surge, heave [m/s2] and pitch [rad/s2].
+
+    Lift is proportional to |u| and the fins' force to u |u|, so that both also brake a vehicle
+    going astern.
+
+    Args:
+        inertial: Forces ahead and down [N] and pitch moment [N m] of the momentum in moving axes.
+        velocity: Surge, heave [m/s] and pitch rate [rad/s].
+        gravity: Components of a unit vector down: astern and down in body axes.
+        stern: Stern plane [rad].
+        thrust: Thrust [N].
+        c: Coefficients of the equations of motion, by name.
+    """
+    (X, Z, M), (u, w, q), (astern, down) = inertial, velocity, gravity
+    U, W, Q = np.abs(u), w * np.abs(w), q * np.abs(q)
+    inflow = u * U
+    X = X - c.net_weight * astern + c.X_uu * inflow + thrust
+    Z = (
+        Z + c.net_weight * down + c.Z_ww * W + c.Z_qq * Q
+        + U * (c.Z_uw * w + c.Z_uq * q) + c.Z_uuds * inflow * stern
+    )  # fmt: skip
+    M = (
+        M - c.righting_moment * astern + c.M_ww * W + c.M_qq * Q
+        + U * (c.M_uw * w + c.M_uq * q) + c.M_uuds * inflow * stern
+    )  # fmt: skip
+    return (
+        c.inverse_uu * X + c.inverse_uw * Z + c.inverse_uq * M,
+        c.inverse_uw * X + c.inverse_ww * Z + c.inverse_wq * M,
+        c.inverse_uq * X + c.inverse_wq * Z + c.inverse_qq * M,
+    )
 
 
 @compiled

@@ -4,8 +4,8 @@ For particulars and equations of motion, with frames and sources, see
 `vessel_gym.vehicles.corvette_equations`.
 """
 
-from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,8 +21,7 @@ from vessel_gym.vehicles.corvette_equations import (
 from vessel_gym.vehicles.simulated import root
 
 
-@dataclass(frozen=True, eq=False)
-class SteadyTurn:
+class SteadyTurn(NamedTuple):
     """Steady turns at rising yaw rates, with speeds, drift and rudder, ``(k,)`` each."""
 
     yaw_rate: np.ndarray  # rad/s

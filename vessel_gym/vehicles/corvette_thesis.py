@@ -15,7 +15,7 @@ import numpy as np
 from estimators import Schedule
 from estimators.engine import compiled
 from vessel_gym.vehicles.corvette import COMPASS, MOTION_UNIT, linear_matrices
-from vessel_gym.vehicles.corvette_equations import CorvetteParameters
+from vessel_gym.vehicles.corvette_equations import AROUND, CorvetteParameters, corvette_rates
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.ship import Ship
 from vessel_gym.vehicles.simulated import Actuator
@@ -62,6 +62,14 @@ def _foreseeing(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
 
 
 @compiled
+def _calm_rates(
+    state: np.ndarray, control: np.ndarray, d: np.ndarray, coefficients: np.ndarray
+) -> np.ndarray:
+    """Rates ``(..., 8)`` of the ship in calm water; d ``(..., 1)`` does not move it."""
+    return corvette_rates(state, control, np.zeros(len(AROUND)), coefficients)
+
+
+@compiled
 @dataclass(frozen=True)
 class ThesisCorvette(Ship):
     """The ship in its turning circle trial, and the thesis' filter.
@@ -78,6 +86,7 @@ class ThesisCorvette(Ship):
     )
     dt: float = 0.8  # s: the printed 0.5 s leaves 195 samples no time for a full turn
 
+    equations = staticmethod(_calm_rates)
     action_names = ("rudder",)
     grades = "corvette-thesis"
     increments = ()
@@ -122,18 +131,6 @@ class ThesisCorvette(Ship):
     def _actuators(self) -> np.ndarray:
         limit = self.ship.rudder_limit
         return np.array([Actuator(limit, limit, turn=self.ship.rudder_rate * self.dt, limit=limit)])
-
-    def step(
-        self,
-        state: np.ndarray,
-        before: np.ndarray,
-        after: np.ndarray,
-        exogenous: np.ndarray,
-        parameters: np.ndarray,
-    ) -> np.ndarray:
-        """State one step later, in calm water; d does not move the ship."""
-        calm = np.zeros((*exogenous.shape[:-1], len(Ship.ambient_flows)))
-        return super().step(state, before, after, calm, parameters)
 
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
         """The corrected linear model."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from estimators.engine import compiled, sincos
 from vessel_gym.sensors import Sensor, plain
-from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters
+from vessel_gym.vehicles.auv import AUV, VERTICAL, AUVParameters, vertical_accelerations
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.simulated import root
 from vessel_gym.vehicles.vehicle import Trims
@@ -53,9 +53,6 @@ def itsunusa_rates(
 ) -> np.ndarray:
     """Rates ``(..., 6)`` by eqs. (1)-(3).
 
-    Lift is proportional to |u| and the fins' force to u |u|, so that both also brake a vehicle
-    going astern.
-
     Args:
         state: ``(..., 6)``, `STATE`.
         control: Stern plane [rad] and thrust [N] ``(..., 2)``.
@@ -72,21 +69,9 @@ def itsunusa_rates(
     # the printed equations.
     Px = c.surge_mass * u + c.mass_z_g * q
     Pz = c.heave_mass * w + c.heave_pitch * q
-    U, W, Q = np.abs(u), w * np.abs(w), q * np.abs(q)
-    inflow = u * U
-    X = -Pz * q - c.net_weight * sin_theta + c.X_uu * inflow + thrust
-    Z = (
-        Px * q + c.net_weight * cos_theta + c.Z_ww * W + c.Z_qq * Q
-        + U * (c.Z_uw * w + c.Z_uq * q) + c.Z_uuds * inflow * stern
-    )  # fmt: skip
-    M = (
-        Pz * u - Px * w - c.righting_moment * sin_theta + c.M_ww * W + c.M_qq * Q
-        + U * (c.M_uw * w + c.M_uq * q) + c.M_uuds * inflow * stern
-    )  # fmt: skip
+    inertial = -Pz * q, Px * q, Pz * u - Px * w
     return np.stack([
-        c.inverse_uu * X + c.inverse_uw * Z + c.inverse_uq * M,
-        c.inverse_uw * X + c.inverse_ww * Z + c.inverse_wq * M,
-        c.inverse_uq * X + c.inverse_wq * Z + c.inverse_qq * M,
+        *vertical_accelerations(inertial, (u, w, q), (sin_theta, cos_theta), stern, thrust, c),
         u * cos_theta + w * sin_theta + current[..., 0], w * cos_theta - u * sin_theta, q,
     ], -1)  # fmt: skip
 

@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from estimators.angles import ahead_and_aside
 from estimators.engine import compiled, sincos
 from vessel_gym.vehicles.files import Particulars, load
 from vessel_gym.vehicles.segorogeni import STATE, Segorogeni, coriolis
@@ -150,16 +151,15 @@ def with_euler_angles(state: np.ndarray, near: np.ndarray) -> np.ndarray:
     (_, north_y, north_z), (_, east_y, east_z), (down_x, down_y, down_z) = _rotation(
         [e / norm for e in quaternion]
     )
-    sin, cos = sincos(near[..., 9])
-    sin_change, cos_change = down_y * cos - down_z * sin, down_z * cos + down_y * sin
+    cos_change, sin_change = ahead_and_aside(down_z, down_y, near[..., 9])
     at_pole = np.abs(sin_change) + np.abs(cos_change) < 1e-12  # any roll serves there: the old one
     phi = near[..., 9] + np.arctan2(sin_change, np.where(at_pole, 1e-12, cos_change))
     sin, cos = sincos(phi)
     theta = np.arctan2(-down_x, down_y * sin + down_z * cos)
     # The body's y axis, with the roll removed, is horizontal.
     sin_psi, cos_psi = north_z * sin - north_y * cos, east_y * cos - east_z * sin
-    sin, cos = sincos(near[..., 11])
-    psi = near[..., 11] + np.arctan2(sin_psi * cos - cos_psi * sin, cos_psi * cos + sin_psi * sin)
+    cos_change, sin_change = ahead_and_aside(cos_psi, sin_psi, near[..., 11])
+    psi = near[..., 11] + np.arctan2(sin_change, cos_change)
     return np.concatenate([state[..., :9], np.stack([phi, theta, psi], -1)], -1)
 
 

@@ -17,9 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from estimators.angles import ahead_and_aside
 from estimators.engine import compiled, sincos
 from vessel_gym.sensors import Sensor, plain
-from vessel_gym.vehicles.auv import AUV, UNCERTAIN, AUVParameters
+from vessel_gym.vehicles.auv import AUV, UNCERTAIN, AUVParameters, vertical_accelerations
 from vessel_gym.vehicles.files import load
 
 STATE = ("u", "v", "w", "p", "q", "r", "x", "y", "z", "phi", "theta", "psi")
@@ -51,8 +52,8 @@ class SegorogeniParameters(AUVParameters):
     names = COEFFICIENTS
 
 
-Attitude = list[tuple[np.ndarray, np.ndarray]]
-"""Sines and cosines ``(...)`` of roll, pitch and yaw."""
+Attitude = list[Any]
+"""Pairs of sine and cosine ``(...)`` of roll, pitch and yaw."""
 
 
 def _momentum(velocity: list[np.ndarray], c: Coefficients) -> tuple[np.ndarray, ...]:
@@ -92,49 +93,37 @@ def coriolis(momentum: Sequence[Any], velocity: Sequence[Any]) -> tuple[Any, ...
 def _accelerations(
     velocity: list[np.ndarray], angles: Attitude, control: np.ndarray, c: Coefficients
 ) -> tuple[np.ndarray, ...]:
-    """Accelerations ``(...)`` by eqs. (5)-(10).
+    """Accelerations ``(...)`` by eqs. (5)-(10), with lift and fins as `vertical_accelerations`.
 
-    Lift is proportional to |u| and the fins' force to u |u|, so that hull and fins also brake a
-    vehicle going astern. The fins' lift in roll, K_up, is not in the paper: without it the vehicle
-    would roll for minutes after a push.
+    The fins' lift in roll, K_up, is not in the paper: without it the vehicle would roll for minutes
+    after a push.
     """
     u, v, w, p, q, r = velocity
     rudder, stern, thrust = np.moveaxis(control, -1, 0)
     (sin_phi, cos_phi), (sin_theta, cos_theta), _ = angles
     X, Y, Z, K, M, N = coriolis(_momentum(velocity, c), velocity)
-    U, V, W, P, Q, R = np.abs(u), *(x * np.abs(x) for x in (v, w, p, q, r))
+    gravity = sin_theta, cos_theta * cos_phi
+    surge, heave, pitch = vertical_accelerations((X, Z, M), (u, w, q), gravity, stern, thrust, c)
+    U, V, P, R = np.abs(u), *(x * np.abs(x) for x in (v, p, r))
     inflow = u * U
-    weight, righting = c.net_weight, c.righting_moment
-    X = X - weight * sin_theta + c.X_uu * inflow + thrust
     Y = (
-        Y + weight * (cos_theta * sin_phi) + c.Y_vv * V + c.Y_rr * R
+        Y + c.net_weight * (cos_theta * sin_phi) + c.Y_vv * V + c.Y_rr * R
         + U * (c.Y_uv * v + c.Y_ur * r) - c.Y_uudr * inflow * rudder
     )  # fmt: skip
-    Z = (
-        Z + weight * (cos_theta * cos_phi) + c.Z_ww * W + c.Z_qq * Q
-        + U * (c.Z_uw * w + c.Z_uq * q) + c.Z_uuds * inflow * stern
-    )  # fmt: skip
     K = (
-        K - righting * (cos_theta * sin_phi) + c.K_pp * P + U * c.K_up * p
+        K - c.righting_moment * (cos_theta * sin_phi) + c.K_pp * P + U * c.K_up * p
         - c.propeller_torque * thrust
-    )  # fmt: skip
-    M = (
-        M - righting * sin_theta + c.M_ww * W + c.M_qq * Q
-        + U * (c.M_uw * w + c.M_uq * q) + c.M_uuds * inflow * stern
     )  # fmt: skip
     N = N + c.N_vv * V + c.N_rr * R + U * (c.N_uv * v + c.N_ur * r) - c.N_uudr * inflow * rudder
     return (
-        c.inverse_uu * X + c.inverse_uw * Z + c.inverse_uq * M,
-        c.inverse_vv * Y + c.inverse_vp * K + c.inverse_vr * N,
-        c.inverse_uw * X + c.inverse_ww * Z + c.inverse_wq * M,
-        c.inverse_vp * Y + c.inverse_pp * K + c.inverse_pr * N,
-        c.inverse_uq * X + c.inverse_wq * Z + c.inverse_qq * M,
-        c.inverse_vr * Y + c.inverse_pr * K + c.inverse_rr * N,
-    )
+        surge, c.inverse_vv * Y + c.inverse_vp * K + c.inverse_vr * N,
+        heave, c.inverse_vp * Y + c.inverse_pp * K + c.inverse_pr * N,
+        pitch, c.inverse_vr * Y + c.inverse_pr * K + c.inverse_rr * N,
+    )  # fmt: skip
 
 
 def kinematics(
-    velocity: list[np.ndarray], angles: Attitude, current: np.ndarray
+    velocity: Sequence[Any], angles: Attitude, current: np.ndarray
 ) -> tuple[np.ndarray, ...]:
     """Rates ``(...)`` of position and Euler angles.
 
@@ -157,19 +146,6 @@ def kinematics(
     )  # fmt: skip
 
 
-def yaw_kinematics(
-    velocity: list[np.ndarray], angles: Attitude, current: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """Rates ``(...)`` of position and Euler angles as printed, eqs. 1-4: only yaw turns.
-
-    Arguments are velocities in body axes, `Attitude` and the current ``(..., 2)``.
-    """
-    (u, v, w, _, _, r), (sin_psi, cos_psi) = velocity, angles[2]
-    north, east = current[..., 0], current[..., 1]
-    level = np.zeros_like(r)
-    return u * cos_psi - v * sin_psi + north, u * sin_psi + v * cos_psi + east, w, level, level, r
-
-
 @compiled
 def segorogeni_rates(
     state: np.ndarray, control: np.ndarray, current: np.ndarray, coefficients: np.ndarray, *,
@@ -189,8 +165,10 @@ def segorogeni_rates(
     accelerations = _accelerations(
         velocity, angles, control, Coefficients(*np.moveaxis(coefficients, -1, 0))
     )
-    motion = yaw_kinematics if as_printed else kinematics
-    return np.stack([*accelerations, *motion(velocity, angles, current)], -1)
+    if as_printed:  # only yaw turns
+        level = 0.0, 1.0
+        velocity, angles = [*velocity[:3], 0.0, 0.0, velocity[5]], [level, level, angles[2]]
+    return np.stack([*accelerations, *kinematics(velocity, angles, current)], -1)
 
 
 printed_rates = compiled(partial(segorogeni_rates.function, as_printed=True))
@@ -203,9 +181,7 @@ def _over_ground(state: np.ndarray, exogenous: np.ndarray) -> np.ndarray:
     u, v, w = np.moveaxis(state[..., :3], -1, 0)
     north, east = exogenous[..., 6], exogenous[..., 7]
     (sin_phi, cos_phi), (sin_theta, cos_theta) = sincos(state[..., 9]), sincos(state[..., 10])
-    sin_psi, cos_psi = sincos(state[..., 11])
-    # horizontal components of the current
-    ahead, aside = north * cos_psi + east * sin_psi, east * cos_psi - north * sin_psi
+    ahead, aside = ahead_and_aside(north, east, state[..., 11])
     return np.stack([
         u + ahead * cos_theta,
         v + ahead * sin_theta * sin_phi + aside * cos_phi,

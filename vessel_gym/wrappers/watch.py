@@ -31,7 +31,6 @@ from estimators import (
     wrap,
 )
 from estimators.checks import as_number, numbers, short_repr
-from estimators.randomness import word
 from vessel_gym import checks
 from vessel_gym.models.estimation import LATE, Estimation, EstimatorChoice, is_own, own_filter
 from vessel_gym.models.reference_filters import DeadReckoning, Oracle
@@ -93,8 +92,6 @@ class Watch:
         estimation = Estimation(self.filter, cast(Any, None), (), late, horizon)
         self._delivery, self._tells_truth = Delivery(self.sensors), estimation.tells_truth
         self._estimator = Estimator(estimation, "belief", attrgetter("state"))
-        names = [*(sensor.name for sensor in self.sensors.each), "filter"]
-        self._parts = np.array([word(name) for name in names], np.uint64)
         self.now, self.seeds = State(episode=np.zeros(rows, int)), list[int]()
         self.space = self._space()
 
@@ -112,10 +109,11 @@ class Watch:
         state = _as_rows("state", state, self.rows, self.model.n)
         self.seeds, episode = next_episodes(self.seeds, self.now.episode, seed, rows)
         own = RandomKeys.seeded([self.seeds[row] for row in rows]).of(episode[rows])
-        keys = RandomKeys(own.keys[:, None]).of(self._parts).keys
         now = State(
-            episode=episode[rows], steps=np.zeros(len(rows), int), sensing=keys[:, :-1].copy(),
-            filtering=keys[:, -1].copy(), state=state[rows], u=np.zeros((len(rows), self._inputs)),
+            episode=episode[rows], steps=np.zeros(len(rows), int),
+            sensing=np.stack([own.of(sensor.name).keys for sensor in self.sensors.each], 1),
+            filtering=own.of("filter").keys,
+            state=state[rows], u=np.zeros((len(rows), self._inputs)),
         )  # fmt: skip
         self._delivery.begin(now)
         self._measure(now)
