@@ -1,8 +1,8 @@
 """Beliefs: an immutable record of arrays for each family of filters."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, make_dataclass
-from functools import cache, lru_cache
+from dataclasses import dataclass, field, fields
+from functools import lru_cache
 from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
@@ -33,6 +33,8 @@ class Belief:
             kept what it had before the step. A particle filter's belief is not healthy, either,
             where no particle explains the measurement.
         u: ``(..., m)`` the known input of the last prediction or measurement, or None.
+        parameters: ``(..., k)`` parameters that `Filter.by_rows` gives each row; None for other
+            filters.
     """
 
     mean: np.ndarray
@@ -42,33 +44,22 @@ class Belief:
     available: np.ndarray
     healthy: np.ndarray
     u: np.ndarray | None = None
+    parameters: np.ndarray | None = None
 
     input_mean: ClassVar[np.ndarray | None] = None
     """``(..., q)`` estimate of the unknown input; None if the filter has none."""
     input_cov: ClassVar[np.ndarray | None] = None
     """``(..., q, q)`` covariance of the unknown input; None if the filter has none."""
-    parameters: ClassVar[np.ndarray | None] = None
-    """``(..., k)`` parameters that `Filter.by_rows` gives each row; None for other filters."""
 
     @property
     def ensemble(self) -> np.ndarray | None:
         """``(..., N, n)`` members as rows; None if the filter has none."""
         return None
 
-    @classmethod
-    @cache
-    def names(cls) -> tuple[str, ...]:
-        """Names of all fields but the known input; a compiled step reads these arrays."""
-        return tuple(each.name for each in fields(cls) if each.name != "u")
-
-    @classmethod
-    @cache
-    def with_parameters(cls) -> type[Self]:
-        """The class of these beliefs with a field ``parameters``."""
-        added = [("parameters", np.ndarray, field())]
-        return make_dataclass(
-            cls.__name__, added, bases=(cls,), frozen=True, eq=False, kw_only=True
-        )
+    def names(self) -> tuple[str, ...]:
+        """Names of the arrays that a compiled step reads: all but the known input."""
+        fields = vars(self).items()
+        return tuple(name for name, a in fields if name != "u" and a is not None)
 
     @classmethod
     def of(cls, arrays: dict[str, Any]) -> Self:

@@ -44,7 +44,7 @@ def kalman_bucy(
         ValueError: naming the argument whose shape is wrong or which is not finite; or if R is
             singular, or times do not increase.
     """
-    A, B, C, Q, R = matrices(model)
+    A, B, C, Q, R = matrices(model, "ABCQR")
     precision, (n, m), p = _inverse(R), B.shape, model.p
     lengths = np.diff(finite_array("t", t, "T")).tolist()
     if min(lengths, default=1.0) <= 0.0:
@@ -85,7 +85,7 @@ def stationary_gain(model: LinearModel) -> tuple[np.ndarray, np.ndarray]:
         ValueError: if R is singular, or no gain makes the dynamics of the error, ``A - K C``,
             stable.
     """
-    A, _, C, Q, R = matrices(model)
+    A, C, Q, R = matrices(model, "ACQR")
     precision = _inverse(R)
     try:
         P = solve_continuous_are(A.T, C.T, Q, R)

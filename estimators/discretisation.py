@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from estimators.checks import AT_LEAST_0, as_array, finite_array, number
+from estimators.checks import AT_LEAST_0, as_array, number, shaped_array
 from estimators.linalg import congruence, identity, joined, symmetrise
 from estimators.models import LinearModel
 
@@ -144,22 +144,22 @@ def sampled(
             known input lacks the step's length or the length is negative.
     """
     model = LinearModel(A, C, Q, R, B)
-    A, B, _, Q, _ = matrices(model)
+    A, B, Q = matrices(model, "ABQ")
     steps = _Sampled(model.n, with_inputs(A, B), np.pad(Q, (0, B.shape[1])))
     names = [name for name in "ABQ" if getattr(model, name) is not None]
     over_steps: Any = {name: partial(steps.matrix, name) for name in names}
     return replace(model, **over_steps)
 
 
-def matrices(model: LinearModel) -> list[np.ndarray]:
-    """A, B, C, Q and R of a model of continuous time; without known input, B is ``(n, 0)``.
+def matrices(model: LinearModel, names: str) -> list[np.ndarray]:
+    """Matrices of a model by their letters; without known input, B is ``(n, 0)``.
 
     Raises:
         ValueError: naming a matrix that is a function or has batch axes.
     """
     B = np.zeros((model.n, 0)) if model.B is None else model.B
-    given = {"A": model.A, "B": B, "C": model.C, "Q": model.Q, "R": model.R}
-    return [finite_array(name, value, "n", "m") for name, value in given.items()]
+    given = vars(model) | {"B": B}
+    return [shaped_array(name, given[name], "n", "m") for name in names]
 
 
 @dataclass(frozen=True, eq=False)

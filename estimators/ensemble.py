@@ -83,7 +83,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
     ) -> None:
         super().__init__(model)
         self.inflation = number("inflation", inflation, 0.0, np.inf, "a positive number")
-        self._noise_root = None if callable(model.Q) else noise_root(resolve(model.Q))
+        self._noise_root = noise_root(model.Q)
         rank = model.n if self._noise_root is None else self._noise_root.shape[-1]
         needed = model.n + max(rank, model.p) + 2
         enough = max(64, -8 * (-needed // 8))
@@ -303,8 +303,10 @@ def draw(rng: Any, batch: tuple[int, ...], members: int, count: int, use: int) -
     return np.ascontiguousarray(rng.standard_normal(batch + (members, count)).mT)
 
 
-def noise_root(cov: np.ndarray) -> np.ndarray:
-    """``L (..., k, r)`` with ``L L' = cov``, r the rank of ``cov``: the largest of a batch."""
+def noise_root(cov: Any) -> np.ndarray | None:
+    """``L (..., k, r)`` with ``L L' = cov``, r the largest rank of a batch; None of a function."""
+    if callable(cov):
+        return None
     values, vectors = np.linalg.eigh(cov)
     values = np.where(values > 1e-14 * values.shape[-1] * values[..., -1:], values, 0.0)
     needed = values.any(tuple(range(values.ndim - 1)))

@@ -69,6 +69,7 @@ class Filter(ABC, Generic[Record]):
     """True if the filter runs compiled; its attributes are then constants of the program."""
     tunable: ClassVar[dict[str, Any]] = {}
     """Options that can be tuned beside Q and R, and the range of each."""
+    _by_rows = False
     varies_by_row: bool = True
     """True if `by_rows` serves; False if Q and R have entered other constants of the filter."""
     _axes: ClassVar[dict[str, tuple[int, ...]]] = {"predict": (1, 2, 2, 2), "update": (1, 2, 2, 2)}
@@ -190,7 +191,7 @@ class Filter(ABC, Generic[Record]):
         in ``tunable``. `init` takes those of this filter; `Belief.replace` sets others.
         """
         other = copy.copy(self)
-        object.__setattr__(other, "record", self.record.with_parameters())
+        object.__setattr__(other, "_by_rows", True)
         return other
 
     # --- the contract -----------------------------------------------------------------------------
@@ -216,7 +217,7 @@ class Filter(ABC, Generic[Record]):
         initial = self._begin(mean, cov, self._numbers(rng, batch))
         every = {"mean": mean, "cov": cov, "healthy": np.ones(batch, bool)}
         every |= unmeasured(batch, self.model.p)
-        if "parameters" in self.record.names():
+        if self._by_rows:
             own = [1.0] * (1 + self.model.p) + [getattr(self, name) for name in self.tunable]
             every["parameters"] = np.broadcast_to(own, (*batch, len(own))).copy()
         belief: Any = self.record.of(every | initial)

@@ -1,10 +1,10 @@
 """Conditions under which measurements of a linear system determine its unknown inputs."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from estimators.checks import finite_array
+from estimators.discretisation import matrices
 from estimators.kalman import input_covariance
 from estimators.linalg import congruence, identity
 from estimators.models import LinearModel
@@ -64,11 +64,9 @@ def input_conditions(
         ValueError: naming the argument that has a wrong shape or is not a covariance.
         LinAlgError: if ``R`` or ``prior`` is singular.
     """
-    given = zip("ACGHQR", (A, C, G, H, Q, R), strict=True)
-    matrices: dict[str, Any] = {name: finite_array(name, each, "n", "m") for name, each in given}
-    model = LinearModel(**matrices)
+    model = LinearModel(A, C, Q, R, G=G, H=H)
     q = model.q
-    A, C, G, H, Q, R = matrices.values()
+    A, C, G, H, _, R = matrices(model, "ACGHQR")
     cov = input_covariance("prior", prior, q)
     root, noise = np.linalg.cholesky(cov), np.linalg.cholesky(R)
     G, H = G @ root, H @ root

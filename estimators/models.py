@@ -7,8 +7,8 @@ step that has ended.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import lru_cache, partial
+from dataclasses import dataclass
+from functools import lru_cache, partial, partialmethod
 from typing import Any, ClassVar
 
 import numpy as np
@@ -65,8 +65,11 @@ class Gaussian(Frozen):
 
 
 class _Model(Frozen):
-    """Base of models."""
+    """Base of models of n states, p measurements and q unknown inputs."""
 
+    n: int
+    p: int
+    q: int
     parts: ClassVar[dict[str, tuple[str, ...]]]
     """Names of the matrices and functions that a "predict" and an "update" use."""
 
@@ -115,9 +118,6 @@ class LinearModel(_Model):
     state_angles: tuple[int, ...] = ()
     measurement_angles: tuple[int, ...] = ()
     delayed_feedthrough: bool = False
-    n: int = field(init=False)
-    p: int = field(init=False)
-    q: int = field(init=False)
 
     def __post_init__(self) -> None:
         check_matrices(
@@ -217,9 +217,6 @@ class NonlinearModel(_Model):
     states: int | None = None
     measurements: int | None = None
     delayed_feedthrough: bool = False
-    n: int = field(init=False)
-    p: int = field(init=False)
-    q: int = field(init=False)
 
     def __post_init__(self) -> None:
         shapes = {"Q": "nn", "R": "pp", "G": "nq", "H": "pq"}
@@ -236,37 +233,27 @@ class NonlinearModel(_Model):
         """G ``(..., n, q)``: how the unknown input moves the next state from ``x (..., n)``."""
         return resolve(self.G, x, u)
 
-    def linearise_transition(
-        self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """``f(x, u)`` and its Jacobian ``(..., n, n)``; ``cov`` sets the steps of differences."""
-        return self._linearise("transition", self.n, self.state_angles, x, u, cov)
-
-    def linearise_measurement(
-        self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """``h(x, u)`` and its Jacobian ``(..., p, n)``; ``cov`` sets the steps of differences."""
-        return self._linearise("measurement", self.p, self.measurement_angles, x, u, cov)
-
     def _linearise(
-        self,
-        name: str,
-        size: int,
-        angles: tuple[int, ...],
-        x: np.ndarray,
-        u: np.ndarray | None,
-        cov: np.ndarray | None,
+        self, name: str, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         function, slopes = getattr(self, name), getattr(self, f"{name}_jacobian")
         if is_traced(x):
             return matrix(linearise(function, x, u, slopes=slopes))
         if slopes is None and is_compiled(function):
             return _in_form(linearise, function)(x, u)
+        size, angles = self.p, self.measurement_angles
+        if name == "transition":
+            size, angles = self.n, self.state_angles
         if slopes is None:
             step = steps(x, cov, self.state_angles)
             return central_differences(name, function, x, u, size, angles, step)
         jacobian = np.broadcast_to(np.asarray(slopes(x, u), float), x.shape[:-1] + (size, self.n))
         return np.asarray(function(x, u), float), jacobian
+
+    linearise_transition = partialmethod(_linearise, "transition")
+    """``f(x, u)`` and its Jacobian ``(..., n, n)``; ``cov`` sets the steps of differences."""
+    linearise_measurement = partialmethod(_linearise, "measurement")
+    """``h(x, u)`` and its Jacobian ``(..., p, n)``; ``cov`` sets the steps of differences."""
 
 
 def at_columns(

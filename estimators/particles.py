@@ -124,7 +124,7 @@ class ParticleFilter(Filter[ParticleBelief]):
                 "pf needs noise in every measurement, but R is singular: give it a little, or use"
                 " etkf"
             )
-        self._noise_root = None if callable(model.Q) else noise_root(resolve(model.Q))
+        self._noise_root = noise_root(model.Q)
 
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
         normals = draw(rng, mean.shape[:-1], self.particles, self.model.n, PARTICLES)

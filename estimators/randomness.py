@@ -112,7 +112,7 @@ def two_uniforms(key: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.n
 
 def normals(key: np.ndarray, step: np.ndarray, count: int, use: int = 0) -> list[np.ndarray]:
     """Standard normal numbers ``(...)``, ``count`` of them, of keys ``(..., 2)`` at a step."""
-    second, counters = (step << 16) | use, range((count + 3) // 4)
+    second, counters = second_word(step, use), range((count + 3) // 4)
     fours = (four_normals(key, np.uint64(counter), second) for counter in counters)
     return [four[..., i] for four in fours for i in range(4)][:count]
 
@@ -133,9 +133,7 @@ def of_members(key: Any, second: Any, *, members: int, count: int) -> Any:
         count: Number of components of each member.
     """
     fours = (members + 3) // 4
-    counters = np.stack(
-        [np.tile(np.arange(fours), count), np.repeat(np.arange(count), fours)]
-    ).astype(float)
+    counters = np.indices((count, fours))[::-1].reshape(2, -1).astype(float)
 
     def four(counter: Any, key: Any, second: Any) -> Any:
         first = as_word(counter[0]) | (as_word(counter[1]) << 32)

@@ -130,7 +130,7 @@ def _without_rounding(filter: Any, before: Any, after: Any, data: Any) -> Any:
     known = (variance <= _KNOWN * size) & (variance > 2.0 * noise) & singular[..., None]
     row = known[..., None]
     changed = {"cov": np.where(row | known[..., None, :], 0.0, after.cov)}
-    for cross in filter.record.names():
+    for cross in after.names():
         if cross in _CROSS.values():
             changed[cross] = np.where(row, 0.0, getattr(after, cross))
     return after.replaced(changed)

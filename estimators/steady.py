@@ -177,8 +177,7 @@ class SteadyKalmanFilter(ExtendedKalmanFilter):
     ) -> None:  # fmt: skip
         super().__init__(model)
         A, C, Q, R = _matrices(model if design is None else design)
-        if C.shape != (model.p, model.n):
-            raise ValueError(f"C of design has shape {C.shape}, expected {(model.p, model.n)}")
+        shaped_array("C of design", C, model.p, model.n)
         kept, spare = np.arange(model.n), indices("nuisance", nuisance, model.n)
         for transition, rows in ((A.T, Q), (A, C)):
             hidden = _hidden(transition[np.ix_(kept, kept)], rows[:, kept])

@@ -29,14 +29,12 @@ def in_numpy(filter: Any, step: str, belief: Any, data: Any) -> dict[str, Any]:
         with np.errstate(all="ignore"):
             return changes(filter, step, belief, data)
     except np.linalg.LinAlgError:
-        batch = belief.mean.shape[:-1]
-    if belief.healthy.size == 1 or filter.model_per_row:
-        mean, healthy = np.full(belief.mean.shape, np.nan), np.zeros(batch, bool)
-        return belief.arrays() | {"mean": mean, "healthy": healthy}
+        healthy = belief.healthy
+    if healthy.size == 1 or filter.model_per_row:
+        lost = {"mean": np.full_like(belief.mean, np.nan), "healthy": np.zeros_like(healthy)}
+        return belief.arrays() | lost
     after = belief
-    for i in np.ndindex(batch):
-        row = np.zeros(batch, bool)
-        row[i] = True
+    for row in np.eye(healthy.size, dtype=bool).reshape(-1, *healthy.shape):
         one = belief[row]
         after = after.with_rows(row, one.replaced(in_numpy(filter, step, one, rows_of(data, row))))
     return after.arrays()
@@ -147,7 +145,7 @@ def is_healthy(belief: Any, changed: dict[str, Any], shrinks: bool, R: Any = Non
     """
     after = belief.replaced(changed)
     total = after.mean.sum(-1) + after.cov.sum(-1).sum(-1)
-    if "input_mean" in after.names():
+    if after.input_mean is not None:
         total = total + after.input_mean.sum(-1)
     if "feedthrough_cov" in after.names():
         total = total + after.feedthrough_cov.sum((-2, -1))

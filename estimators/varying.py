@@ -7,7 +7,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from estimators.checks import as_covariance, finite_array, frozen, indices, integer, number
+from estimators.checks import (
+    as_covariance,
+    finite_array,
+    frozen,
+    indices,
+    integer,
+    number,
+    shaped_array,
+)
 from estimators.engine import Compiled, TracedMatrix, by_entries, is_traced, lookup, matrix
 
 Matrix = ArrayLike | Callable[[Any], Any]
@@ -79,9 +87,9 @@ class Schedule(Frozen):
         within = np.fmin(np.fmax(index, 0.0), len(self.table) - 1.0)
         return self.table.take(within.astype(np.intp), axis=0)
 
-    def changed(self, change: Callable[[np.ndarray], np.ndarray]) -> "Schedule":
-        """A copy with the function ``change``, such as doubling, applied to the table."""
-        return replace(self, table=change(self.table))
+    def scaled(self, factor: float | np.ndarray) -> "Schedule":
+        """A copy with the table multiplied by a number, or by factors ``(n, m)``."""
+        return replace(self, table=factor * self.table)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,9 +108,9 @@ class StateNoise:
         """The nominal covariance, whatever the known input."""
         return self.nominal
 
-    def changed(self, change: Callable[[np.ndarray], np.ndarray]) -> "StateNoise":
-        """A copy with the function ``change``, such as doubling, applied to R."""
-        return StateNoise(lambda x, u: change(self.function(x, u)), change(self.nominal))
+    def scaled(self, factor: float | np.ndarray) -> "StateNoise":
+        """A copy with R multiplied by a number, or by factors ``(p, p)``."""
+        return StateNoise(lambda x, u: factor * self.function(x, u), factor * self.nominal)
 
 
 def check_matrices(model: Any, shapes: dict[str, str], **options: tuple[str, int | None]) -> None:
@@ -135,11 +143,8 @@ def check_matrices(model: Any, shapes: dict[str, str], **options: tuple[str, int
             if getattr(model, name) is None:
                 vars(model)[name] = frozen(np.zeros((sizes[rows], sizes["q"])))
     for name, letters in shapes.items():
-        shape = sizes[letters[0]], sizes.get(letters[1])
-        table = _nominal(model, name)
-        if table is not None and table.shape[-2:] != (shape[0], shape[1] or table.shape[-1]):
-            expected = ", ".join("m" if each is None else str(each) for each in shape)
-            raise ValueError(f"{name} has shape {table.shape}, expected (..., {expected})")
+        if (table := _nominal(model, name)) is not None:
+            shaped_array(name, table, "...", *(sizes.get(each, each) for each in letters))
     vars(model).update(sizes)
     for name, size in ("state_angles", sizes["n"]), ("measurement_angles", sizes["p"]):
         vars(model)[name] = indices(name, getattr(model, name), size)

@@ -102,7 +102,7 @@ def test_sizes_are_told_by_arrays_or_asked_for():
         NonlinearModel(**NONLINEAR, G=lambda x, u: np.ones((2, 1)))
     with pytest.raises(ValueError, match=r"cannot tell n: give one of A, .* as an array"):
         LinearModel(A=lambda u: I2, C=lambda u: I2, Q=lambda u: I2, R=I2)
-    with pytest.raises(ValueError, match=r"^H has shape"):
+    with pytest.raises(ValueError, match=r"^H must have shape"):
         LinearModel(**FINE, G=np.ones((2, 1)), H=np.ones((1, 2)))
 
 

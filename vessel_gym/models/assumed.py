@@ -1,7 +1,6 @@
 """State space of a filter: what it assumes of vehicle, disturbance and sensors."""
 
 from dataclasses import dataclass, replace
-from functools import partial
 from operator import attrgetter
 from typing import Any
 
@@ -161,7 +160,7 @@ class Assumptions:
         if self.Q == self.R == 1.0:
             return model
         Q, R = (
-            noise.changed(partial(np.multiply, factor)) if callable(noise) else factor * noise
+            noise.scaled(factor) if callable(noise) else factor * noise
             for factor, noise in ((self.Q, model.Q), (self._R(sensors), model.R))
         )
         return replace(model, Q=Q, R=R)
