@@ -187,16 +187,18 @@ def tunings() -> str:
     folder, study = ROOT / "results" / STUDY / "jobs", read_study(STUDIES[STUDY])
     first, rows = study.conditions[0].name, list[dict[str, str]]()
     flights = [f for f in plan(study).flights if (f.policy, f.condition) == (TUNED, first)]
-    for (environment, estimator), arm in groupby(flights, lambda f: (f.environment, f.estimator)):
-        jobs = [flight.job.needs[0] for flight in arm]
-        found = [record["values"] for job in jobs if (record := load(job, folder))]
-        fits = [load_tuned(folder / f"{job.key}.toml") for job in jobs]
-        own = episodes(STUDY, environment, TUNED)[first, estimator]
-        if estimator == ORACLE:
-            best, controllers = own, [fit.values for fit in fits]
-        pairs = zip(fits, controllers, strict=True)
-        under = Trials(fits[0].arm, study.seeds).scores(
-            [fit.values | other for fit, other in pairs]
+    arms = groupby(flights, lambda f: (f.environment, f.estimator))
+    jobs = {arm: [flight.job.needs[0] for flight in each] for arm, each in arms}
+    fits = {
+        arm: [load_tuned(folder / f"{job.key}.toml") for job in each] for arm, each in jobs.items()
+    }
+    for (environment, estimator), each in jobs.items():
+        found = [record["values"] for job in each if (record := load(job, folder))]
+        tuned = episodes(STUDY, environment, TUNED)
+        own, best = tuned[first, estimator], tuned[first, ORACLE]
+        mine, truths = fits[environment, estimator], fits[environment, ORACLE]
+        under = Trials(mine[0].arm, study.seeds).scores(
+            [fit.values | truth.values for fit, truth in zip(mine, truths, strict=True)]
         )
         means = own.mean(1)
         scores = {

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from control import lqe
 from scipy.integrate import solve_ivp
 
 from estimators import Gaussian, LinearModel, kalman_bucy, make, run, stationary_gain, van_loan
@@ -131,6 +130,8 @@ def test_kf_tends_to_it_at_order_one_with_r_over_dt(seed: int):
 
 @pytest.mark.parametrize("model", [STIFF, *map(drawn, range(3))], ids=str)
 def test_it_settles_at_the_gain_of_python_control(model: LinearModel):
+    from control import lqe  # late: the import is slow
+
     K, P = stationary_gain(model)
     _, covs, gains = kalman_bucy(
         model, PRIOR, [0.0, 1000.0, 2000.0], np.zeros((2, 2)), np.zeros((2, 1))

@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from contract import OURS, single_class
+from contract import ENVIRONMENTS, single_class
 from toy_system import POD, SYSTEM, Breeze, Cart, Post
 
 from estimators import compiled
@@ -99,8 +99,8 @@ FAULTS: dict[str, tuple[Callable[..., Any], str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", OURS)  # each of them, by day too
-def test_systems_of_the_package_pass(name: str) -> None:
+@pytest.mark.parametrize("name", [*ENVIRONMENTS, "USV-v0", "Route-v0"])  # each, by day too
+def test_systems_of_the_package_and_its_pages_pass(name: str) -> None:
     check_system(single_class(name).system)
 
 

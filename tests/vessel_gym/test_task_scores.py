@@ -240,7 +240,8 @@ def test_no_detour_ever_raises_the_score(
     """Loitering, circling, waiting and going back: out from a place that is met, and back to it.
 
     The detour stays behind the farthest place so far: one that goes on covers new metres, and may
-    cover them better.
+    cover them better. It also stays beside the straight: in the bend that follows, places to its
+    sides are not equally far along the track.
     """
     scales = [max(each) for each in zip(*course.halves, strict=True)]
 
@@ -256,7 +257,8 @@ def test_no_detour_ever_raises_the_score(
         rest = np.arange(max(out[-1, 0], 0.0), course.length + course.step, 1.4 * course.step)
         out = np.concatenate([out, places(rest)])
     i = round(when * (len(out) - 1))
-    away = trail(detour, out[i, 0], max(out[: i + 1, 0].max(), 0.0))
+    farthest = min(max(out[: i + 1, 0].max(), 0.0), course.length)
+    away = trail(detour, out[i, 0], farthest)
     longer = np.concatenate([out[: i + 1], away, out[i:]])
     assert scored(course, longer)[0].sum() <= scored(course, out)[0].sum() + 1e-12
 

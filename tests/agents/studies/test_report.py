@@ -28,7 +28,7 @@ TUNED = "autopilot, tuned"
 
 @pytest.fixture(scope="module")
 def small():
-    return results(study((CORVETTE,)))
+    return results(study((CORVETTE,), conditions=CONDITIONS[::2]))
 
 
 def written(found, folder):
