@@ -35,71 +35,56 @@ AGENT = "autopilot"
 TUNED = f"{AGENT}, tuned"
 
 
-class Arms:
-    """Scores of an environment's arms ``(tunings, seeds)`` by condition and estimator.
+def arms(environment: str) -> pd.DataFrame:
+    """Scores and costs of an environment's arms in words, a row for each condition and estimator.
 
     Costs are against the truth with its own tuned controller; 95 % hold for all of an
-    environment at once, crossed over tunings and seeds.
+    environment at once, crossed over tunings and seeds. A dash: where an arm cannot be used.
     """
+    delivered, once = (episodes(STUDY, environment, agent) for agent in (AGENT, TUNED))
+    conditions, names = map(set, zip(*once, strict=True))
+    each = {at: own for at, own in once.items() if at[0] == next(iter(once))[0]}
+    if environment in read_study(STUDIES[EACH]).environments:
+        each |= episodes(EACH, environment, TUNED)
 
-    def __init__(self, environment: str) -> None:
-        self.delivered = episodes(STUDY, environment, AGENT)
-        self.once = episodes(STUDY, environment, TUNED)
-        first = next(iter(self.once))[0]
-        own = {at: each for at, each in self.once.items() if at[0] == first}
-        known = environment in read_study(STUDIES[EACH]).environments
-        self.each = own | (episodes(EACH, environment, TUNED) if known else {})
-        self.likely = episodes(LIKELIHOOD, environment, TUNED)
-        self.conditions = list(dict.fromkeys(condition for condition, _ in self.once))
-        self.names = list(dict.fromkeys(name for _, name in self.once))
-
-    def cost(self, of: Episodes, condition: str, name: str) -> str:
-        """Cost of an estimator with its interval; a dash where it cannot be used."""
-        if (condition, name) not in of or name == ORACLE:
+    def cost(own: Episodes, condition: str, name: str) -> str:
+        if (condition, name) not in own or name == ORACLE:
             return NONE
-        comparisons = len(self.conditions) * (len(self.names) - 1)
-        lost = of[condition, ORACLE] - of[condition, name]
-        return text(crossed_interval(lost, comparisons))
+        lost = own[condition, ORACLE] - own[condition, name]
+        return text(crossed_interval(lost, len(conditions) * (len(names) - 1)))
+
+    likely = episodes(LIKELIHOOD, environment, TUNED)
+    return pd.DataFrame(
+        {
+            "environment": environment, "condition": at[0], "estimator": at[1],
+            "delivered": mean(delivered, at), "by likelihood": mean(likely, at),
+            "tuned once": mean(once, at), "cost": cost(once, *at),
+            "tuned for the condition": mean(each, at), "its cost": cost(each, *at),
+        }
+        for at in once
+    )  # fmt: skip
 
 
-def mean(of: Episodes, *at: str) -> str:
+def mean(own: Episodes, at: tuple[str, str]) -> str:
     """Mean score of an arm; a dash where it cannot be used."""
-    return f"{of[at].mean():.3f}" if at in of else NONE
+    return f"{own[at].mean():.3f}" if at in own else NONE
 
 
 def scores(environment: str) -> str:
     """Scores in the first condition, and costs in all."""
-    arms = Arms(environment)
-    first, *others = arms.conditions
-    rows = [
-        [
-            f"`{name}`", mean(arms.delivered, first, name), mean(arms.likely, first, name),
-            mean(arms.once, first, name), *(arms.cost(arms.once, c, name) for c in arms.conditions),
-        ]
-        for name in arms.names
-    ]  # fmt: skip
+    found = arms(environment).set_index(["estimator", "condition"])
+    costs = found["cost"].unstack(sort=False).fillna(NONE)
+    first, *others = costs
+    ways = found[["delivered", "by likelihood", "tuned once"]].xs(first, level="condition")
+    shown = ways.join(costs, how="right").fillna(NONE)
     heads = "delivered", "by likelihood", "tuned", f"cost: {first}", *others
-    return table(["", *heads], rows)
+    return table(["", *heads], [(f"`{name}`", *cells) for name, *cells in shown.itertuples()])
 
 
 def everything() -> str:
     """All scores and costs, in a file beside the pages."""
-    rows = []
-    for environment in read_study(STUDIES[STUDY]).environments:
-        arms = Arms(environment)
-        rows += [
-            {
-                "environment": environment, "condition": condition, "estimator": name,
-                "delivered": mean(arms.delivered, condition, name),
-                "by likelihood": mean(arms.likely, condition, name),
-                "tuned once": mean(arms.once, condition, name),
-                "cost": arms.cost(arms.once, condition, name),
-                "tuned for the condition": mean(arms.each, condition, name),
-                "its cost": arms.cost(arms.each, condition, name),
-            }
-            for condition, name in arms.once
-        ]  # fmt: skip
-    return _file("tuned.csv", pd.DataFrame(rows))
+    found = map(arms, read_study(STUDIES[STUDY]).environments)
+    return _file("tuned.csv", pd.concat(found))
 
 
 SUITES: dict[str, dict[str, Any]] = {

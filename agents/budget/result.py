@@ -18,7 +18,7 @@ from agents.refusal import Refusal
 from agents.rollouts import batch
 from agents.studies.plan import options, plan
 from agents.studies.records import ORACLE, Agent, Condition, Estimator, Study
-from agents.studies.results import Results
+from agents.studies.results import long_table
 from agents.studies.worlds import environment_id, environment_options, system_of
 
 FRESH = 500_000
@@ -110,6 +110,6 @@ class Budget(Search):
         outcome = agents.jobs.run(jobs, self.folder, self.processes)
         for failure in outcome.failures.values():
             raise Refusal(f"a flight failed:\n{failure}")
-        tables = [Results.of(each, outcome).table for each in plans]
+        tables = [long_table(each, outcome) for each in plans]
         self.tables += tables
         return [table.score.to_numpy(float) if len(table) else None for table in tables]

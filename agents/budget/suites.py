@@ -10,8 +10,8 @@ import numpy as np
 
 from agents.budget.sensors import no_worse, total_error
 from agents.page import named
-from estimators.checks import short_repr
-from estimators.factory import unknown
+from estimators.checks import AT_LEAST_0, number
+from vessel_gym.checks import one_of
 from vessel_gym.sensors import Sensor
 from vessel_gym.sensors.grades import grades_of
 from vessel_gym.system import System
@@ -76,11 +76,8 @@ def choices_of(system: System, rates: Sequence[float] = ()) -> dict[str, list[Ch
     }
     highest = max(s.rate for each in grades.values() for s in each.values())
     for rate in rates:
-        if not 0.0 < rate < highest:
-            raise ValueError(
-                f"--rates must be above 0 and below {highest:g} Hz, the highest of any grade, got"
-                f" {rate:g}"
-            )
+        what = f"above 0 and below {highest:g} Hz, the highest of any grade"
+        number("--rates", rate, 0.0, highest, what)
         replace(system.nominal_sensors[0], rate=rate).period(dt)
     found = {
         name: [
@@ -173,21 +170,16 @@ def price_list(choices: Choices, prices: Mapping[str, Any] | None) -> dict[str, 
     if prices is None:
         return {sensor: _steps(sensor, listed) for sensor, listed in choices.items()}
     for sensor, grades in prices.items():
-        if sensor not in choices:
-            raise ValueError(unknown("sensor in the prices", sensor, choices))
+        one_of("sensor in the prices", sensor, choices)
         if not isinstance(grades, Mapping):
             raise ValueError(
                 f"prices of {sensor} must be a table of numbers by grade, got {grades!r}"
             )
         known = [choice.words for choice in choices[sensor]]
         for grade, price in grades.items():
-            if grade not in known:
-                raise ValueError(unknown(f"grade of {sensor} in the prices", grade, known))
-            if type(price) not in (int, float) or not 0.0 <= price <= DEAREST:
-                raise ValueError(
-                    f"the price of {sensor}, {grade}, must be a number from 0 to {DEAREST:g}, got"
-                    f" {short_repr(price)}"
-                )
+            one_of(f"grade of {sensor} in the prices", grade, known)
+            what = f"a number from 0 to {DEAREST:g}"
+            number(f"the price of {sensor}, {grade},", price, AT_LEAST_0, DEAREST + 1.0, what)
     found = {}
     for sensor, listed in choices.items():
         own = prices.get(sensor, {})

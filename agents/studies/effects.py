@@ -10,7 +10,6 @@ tuned several times, intervals are for other tunings, too.
 
 import re
 from collections.abc import Sequence
-from functools import reduce
 from itertools import pairwise
 from math import prod
 from typing import Any, NamedTuple
@@ -22,7 +21,7 @@ from agents.page import named
 from agents.statistics import Interval
 from agents.studies.ranking import interval
 from agents.studies.records import Condition
-from agents.studies.results import Results
+from agents.studies.results import Results, at
 from agents.studies.worlds import AT_RATE
 from vessel_gym.sensors.grades import NOMINAL
 
@@ -106,22 +105,21 @@ def _varying(conditions: list[Condition]) -> pd.DataFrame:
 
 def cells(results: Results, environment: str) -> pd.DataFrame:
     """Scores of the classical agent on filters, a row for each cell and run, a column a seed."""
-    study, score = results.plan.study, results.score.loc[[environment]]
-    factors = _varying([c for c in study.conditions if c.is_in(environment)])
-    of = score.index.get_level_values
-    own = score[
-        (of("policy") == results.compared) & of(ESTIMATOR).isin(results.filters(environment))
-    ]
+    factors = _varying([c for c in results.plan.study.conditions if c.is_in(environment)])
+    own = at(results.score, environment=environment, policy=results.compared)
+    own = own[own.index.get_level_values(ESTIMATOR).isin(results.filters(environment))]
     keys = [*factors, ESTIMATOR, RUN]
     return own.join(factors, on="condition").groupby(keys, sort=False).mean()
 
 
 def contrasts(table: pd.DataFrame, factor: str, reference: str) -> dict[str, pd.DataFrame]:
     """Differences of `cells` from those at the reference, by level, where both have a result."""
-    each = {str(k): rows.droplevel(factor) for k, rows in table.groupby(level=factor, sort=False)}
-    base = each.pop(reference, table.iloc[:0].droplevel(factor))
-    gaps = {k: (rows - base.reindex(rows.index)).dropna() for k, rows in each.items()}
-    return {k: rows for k, rows in gaps.items() if len(rows)}
+    base, found = at(table, **{factor: reference}), {}
+    for level in table.index.unique(factor).drop(reference, errors="ignore"):
+        rows = at(table, **{factor: level})
+        if len(gaps := (rows - base.reindex(rows.index)).dropna()):
+            found[level] = gaps
+    return found
 
 
 Contrasts = dict[str, tuple[str, dict[str, pd.DataFrame]]]
@@ -144,25 +142,25 @@ def _policies(results: Results, environment: str) -> Contrasts:
 
     A tuned agent is compared on every filter, any other one on its home estimator.
     """
-    score, classical = results.score.loc[[environment]], results.classical
+    score, classical = at(results.score, environment=environment), results.classical
     found: Contrasts = {}
     for policy in score.index.unique("policy").drop(classical, errors="ignore"):
         tuned = policy == results.compared
         names = results.filters(environment) if tuned else [results.home(environment, policy)]
-        own = score[score.index.get_level_values(ESTIMATOR).isin(names)].droplevel("environment")
-        ours, theirs = (own[own.index.get_level_values("policy") == p] for p in (policy, classical))
-        ours, theirs = ours.droplevel("policy"), theirs.droplevel(["policy", RUN])
-        base = theirs.reindex(ours.index.droplevel(RUN)).to_numpy()
+        own = score[score.index.get_level_values(ESTIMATOR).isin(names)]
+        ours, theirs = (at(own, policy=name) for name in (policy, classical))
+        base = theirs.droplevel(RUN).reindex(ours.index.droplevel(RUN)).to_numpy()
         if len(gaps := (ours - base).dropna()):
-            of = _TUNING if tuned else (AGENT, classical, policy)
-            found.setdefault(of[0], (of[1], {}))[1][of[2]] = gaps
+            factor, first, level = _TUNING if tuned else (AGENT, classical, policy)
+            found.setdefault(factor, (first, {}))[1][level] = gaps
     return found
 
 
-def _by_run(rows: pd.DataFrame) -> pd.DataFrame:
-    """Means over the cells of each run that lacks none."""
-    runs = rows.groupby(RUN, sort=False)
-    return runs.mean()[runs.size() == runs.size().max()]
+def _by_run(reference: str, gaps: dict[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
+    """Means of differences over the cells of each run that lacks none; of the reference 0."""
+    runs = {level: rows.groupby(RUN, sort=False) for level, rows in gaps.items()}
+    found = {level: of.mean()[of.size() == of.size().max()] for level, of in runs.items()}
+    return {reference: 0.0 * next(iter(found.values()))} | found
 
 
 def effects(results: Results) -> list[Effect]:
@@ -174,12 +172,12 @@ def effects(results: Results) -> list[Effect]:
     each = [_by_cell(results, e) | _policies(results, e) for e in results.environments]
     found = []
     for factor in dict.fromkeys(name for own in each for name in own):
-        places = [own[factor] for own in each if factor in own]
-        among = prod(len(levels) for _, levels in places)
-        ends: list[Any] = [_one([first for first, _ in places], "first")]
+        places = [_by_run(*own[factor]) for own in each if factor in own]
+        among = prod(len(place) - 1 for place in places)
+        ends: list[Any] = [_one([next(iter(place)) for place in places], "first")]
         for sign, word in ((1.0, "best"), (-1.0, "worst")):
-            names, gaps = zip(*(_extreme(*place, sign) for place in places), strict=True)
-            values = _mean(gaps).to_numpy()
+            names = [_extreme(place, sign) for place in places]
+            values = _mean(places, names).to_numpy()
             change = interval(results, names[0], values, among) if values.any() else None
             ends += [_one(names, word), change]
         ends.append(_trend(results, places))
@@ -190,9 +188,14 @@ def effects(results: Results) -> list[Effect]:
     )
 
 
-def _mean(gaps: Sequence[pd.DataFrame]) -> pd.DataFrame:
-    """Mean of the differences over environments, in the runs that every environment has."""
-    return reduce(pd.DataFrame.add, gaps).dropna() / len(gaps)
+Place = dict[str, pd.DataFrame]
+"""Differences from the reference in an environment by level, a row for each run."""
+
+
+def _mean(places: Sequence[Place], names: Sequence[str]) -> pd.DataFrame:
+    """Mean of a level's differences over environments, in the runs that every environment has."""
+    first, *others = (place[name] for place, name in zip(places, names, strict=True))
+    return sum(others, first).dropna() / len(places)
 
 
 def _one(names: Sequence[str], word: str) -> str:
@@ -200,30 +203,23 @@ def _one(names: Sequence[str], word: str) -> str:
     return names[0] if len(set(names)) == 1 else f"each environment's {word}"
 
 
-def _extreme(
-    reference: str, levels: dict[str, pd.DataFrame], sign: float
-) -> tuple[str, pd.DataFrame]:
-    """The level with the highest score, or with a negative sign the lowest, and its difference."""
-    gaps = {name: _by_run(rows) for name, rows in levels.items()}
-    level = max(gaps, key=lambda name: sign * gaps[name].to_numpy().mean())
-    beyond = sign * gaps[level].to_numpy().mean() > 0.0
-    return (level, gaps[level]) if beyond else (reference, 0.0 * gaps[level])
+def _extreme(place: Place, sign: float) -> str:
+    """The level with the highest score, or with a negative sign the lowest."""
+    return max(place, key=lambda name: sign * place[name].to_numpy().mean())
 
 
-def _trend(
-    results: Results, places: Sequence[tuple[str, dict[str, pd.DataFrame]]]
-) -> list[Interval | float | None]:
+def _trend(results: Results, places: Sequence[Place]) -> list[Interval | float | None]:
     """Differences of the score between successive levels of a factor; empty without a trend.
 
     The levels of such a factor have numbers, such as rates, and are in the study's order. All
     differences are significant and have one sign. A trend needs all of them, so their intervals
     need no correction for several comparisons (intersection-union test, Berger 1982).
     """
-    orders = {(first, *others) for first, others in places}
+    orders = {tuple(place) for place in places}
     if len(orders) > 1 or not _numbered(*orders):
         return []
-    gaps = [_mean([_by_run(own[name]) for _, own in places]) for name in places[0][1]]
-    changes = (after - before for before, after in pairwise((0.0 * gaps[0], *gaps)))
+    gaps = [_mean(places, [name] * len(places)) for name in places[0]]
+    changes = (after - before for before, after in pairwise(gaps))
     steps = [interval(results, results.compared, c.dropna().to_numpy()) for c in changes]
     one_way = len({mean(step) > 0.0 for step in steps}) == 1
     return steps if one_way and all(map(significant, steps)) else []

@@ -18,13 +18,10 @@ def examples(results: Results) -> dict[str, Job]:
     """
     chosen: dict[str, Job] = {}
     plan = results.plan
-    condition = plan.study.conditions[0].name
+    where = {"condition": plan.study.conditions[0].name, "policy": results.classical}
     for environment, ranking in rankings(results).items():
-        jobs = {
-            f.estimator: f.job.arguments
-            for f in plan.flights
-            if (f.environment, f.condition, f.policy) == (environment, condition, results.classical)
-        }
+        flights = plan.where(environment=environment, **where)
+        jobs = {flight.estimator: flight.job.arguments for flight in flights}
         names = dict.fromkeys((ranking.best, ranking.reference, ORACLE))
         arms = {name: jobs[name] for name in names if name in jobs}
         if arms:

@@ -9,7 +9,7 @@ from agents.plotting import PALETTE, WIDTH, styled
 from agents.statistics import crossed_interval
 from agents.studies.ranking import ALL, rankings
 from agents.studies.records import ENDS
-from agents.studies.results import Results
+from agents.studies.results import Results, at
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,8 +53,10 @@ def _points(panel: "Axes", results: Results, environment: str, names: list[str])
     """
     conditions, handles = results.conditions(environment), {}
     for k, (name, colour, mark) in enumerate(zip(names, cycle(PALETTE), cycle(_MARKS))):
-        at = [(environment, condition, results.compared, name) for condition in conditions]
-        scores = [crossed_interval(results.values(results.normalised, *place)) for place in at]
+        own = at(
+            results.normalised, environment=environment, policy=results.compared, estimator=name
+        )
+        scores = [crossed_interval(at(own, condition=each).to_numpy()) for each in conditions]
         ends = np.array([(s.mean, s.half) if s else (np.nan, np.nan) for s in scores])
         places = np.arange(len(conditions)) + 0.6 * ((k + 0.5) / len(names) - 0.5)
         handles[name] = panel.errorbar(

@@ -67,6 +67,10 @@ class Plan:
         """The jobs of all flights."""
         return [flight.job for flight in self.flights]
 
+    def where(self, **wanted: str) -> list[Flight]:
+        """Flights whose fields have some values."""
+        return [f for f in self.flights if all(getattr(f, k) == v for k, v in wanted.items())]
+
 
 def plan(study: Study, metrics: bool = True) -> Plan:
     """Every flight of a study. What an environment cannot carry is left out there, with the reason.
@@ -148,37 +152,25 @@ class _EnvironmentPlan:
         once = [c for c in self.conditions if c.name in tuning.conditions] or self.conditions[:1]
         name, home = f"{agent.name}, {TUNED}", self.system.estimator
         for estimator in (each for each in self.estimators.values() if each.name != FLOOR):
+            shared = _shared_options(self.study, estimator, self.environment)
+            arm: dict[str, Any] = {"agent": agent.kind, "options": shared, "by": tuning.by}
             try:
-                arm = Arm(self.environment, **self._arm(agent, tuning, estimator, once))
-                arm.parameters  # noqa: B018
+                each = tuple(condition.options for condition in once)
+                Arm(self.environment, conditions=each, **arm).parameters  # noqa: B018
             except ValueError as error:
                 self._skip(f"{name} on {estimator.name}", str(error))
                 continue
             for condition, run in product(self.conditions, range(tuning.tunings)):
                 chosen = [condition] if EACH in tuning.conditions else once
-                needed = self._tune(agent, tuning, chosen, estimator, run)
-                yield self._flight(agent, name, home, run, condition, estimator, needed)
-
-    def _arm(
-        self, agent: Agent, tuning: Tuning, estimator: Estimator, conditions: list[Condition]
-    ) -> dict[str, Any]:
-        """Arguments of an `agents.tuning.arm.Arm`."""
-        shared = _shared_options(self.study, estimator, self.environment)
-        each = [condition.options for condition in conditions]
-        return {"agent": agent.kind, "options": shared, "conditions": each, "by": tuning.by}
-
-    def _tune(
-        self, agent: Agent, tuning: Tuning, conditions: list[Condition], estimator: Estimator,
-        seed: int,
-    ) -> Job:  # fmt: skip
-        """The tuning of a classical agent with an estimator."""
-        arguments = self._arm(agent, tuning, estimator, conditions) | {
-            "environment": self.environment, "seed": seed,
-            "own": self._own(agent.kind, estimator, *conditions),
-            "evaluations": tuning.evaluations, "episodes": tuning.episodes,
-        }  # fmt: skip
-        label = f"tune {agent.name} on {estimator.name} in {self.environment}"
-        return Job("agents.studies.tuning:tune_arm", arguments, label, artifact=".toml")
+                arguments = arm | {
+                    "environment": self.environment, "seed": run,
+                    "conditions": [condition.options for condition in chosen],
+                    "own": self._own(agent.kind, estimator, *chosen),
+                    "evaluations": tuning.evaluations, "episodes": tuning.episodes,
+                }  # fmt: skip
+                label = f"tune {agent.name} on {estimator.name} in {self.environment}"
+                job = Job("agents.studies.tuning:tune_arm", arguments, label, artifact=".toml")
+                yield self._flight(agent, name, home, run, condition, estimator, job)
 
     def _policies(self, agent: Agent) -> Iterator[tuple[str, str, int, Job | None]]:
         """Name, home estimator, run and training of every policy of an agent."""
@@ -186,8 +178,7 @@ class _EnvironmentPlan:
             yield agent.name, self.system.estimator, 0, None
             return
         known = {RAW: _RAW_MEASUREMENTS, **self.estimators}
-        schools = (RAW,) if agent.raw else agent.trained_on
-        for school, run in product(schools, range(self.study.training_seeds)):
+        for school, run in product(agent.schools, range(self.study.training_seeds)):
             if home := known.get(self._real(school)):
                 yield agent.policy(school), home.name, run, self._train(agent, home, run)
 

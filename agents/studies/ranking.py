@@ -5,7 +5,6 @@ reckoning (`FLOOR`). All are means over training runs and evaluation seeds, with
 of `agents.statistics`; conditions of an environment count alike, and so do environments.
 """
 
-from collections.abc import Sequence
 from functools import cached_property, lru_cache
 from math import comb
 
@@ -20,23 +19,21 @@ from agents.statistics import (
     verdict,
 )
 from agents.studies.records import ENDS
-from agents.studies.results import Results
+from agents.studies.results import Results, at
 
 ALL = "All"
 """Name of the ranking over all environments together."""
 
 
-def normalised(
-    results: Results, environments: Sequence[str], policy: str, estimator: str
-) -> pd.DataFrame:
+def normalised(results: Results, scales: pd.DataFrame, policy: str, estimator: str) -> pd.DataFrame:
     """Normalised score of a policy on an estimator, a row for each run and a column for each seed.
 
-    Means over environments of means over their conditions that have a scale; runs that lack one of
-    these are left out.
+    Means over environments of means over their conditions, for some rows of `Results.scales`; runs
+    that lack one of these are left out.
     """
-    own = results.rows(results.normalised, estimator, policy)
-    own = own[own.index.get_level_values("environment").isin(environments)]
-    whole = own.groupby("run", sort=False).size() == len(results.scales.loc[list(environments)])
+    own = at(results.normalised, policy=policy, estimator=estimator)
+    own = own[own.index.droplevel("run").isin(scales.index)]
+    whole = own.groupby("run", sort=False).size() == len(scales)
     each = own.groupby(["environment", "run"], sort=False).mean()
     return each.groupby("run", sort=False).mean()[whole]
 
@@ -54,7 +51,7 @@ def policy_score(
     results: Results, environment: str, policy: str, estimator: str
 ) -> Interval | float | None:
     """Normalised score of a policy on an estimator."""
-    values = normalised(results, [environment], policy, estimator)
+    values = normalised(results, results.scales.loc[[environment]], policy, estimator)
     return interval(results, policy, values.to_numpy())
 
 
@@ -62,19 +59,22 @@ def policy_score(
 
 
 class Ranking:
-    """Estimators of the classical agent that some environments have in common, the best first.
+    """Estimators of the classical agent that some places have in common, the best first.
 
     The ends of the scale have no place in it. Intervals of scores hold for all its estimators at
     once, because the best is selected in the same episodes.
 
     Attributes:
+        scales: Rows of `Results.scales` of its places.
+        environments: Environments of its places.
         scores: Normalised score by estimator, a row for each tuning and a column for each seed.
     """
 
-    def __init__(self, results: Results, environments: Sequence[str]) -> None:
-        self.results, self.environments = results, list(environments)
+    def __init__(self, results: Results, scales: pd.DataFrame) -> None:
+        self.results, self.scales = results, scales
+        self.environments = list(scales.index.unique("environment"))
         each = {
-            name: normalised(results, environments, results.compared, name)
+            name: normalised(results, scales, results.compared, name)
             for name in results.estimators()
             if name not in ENDS
         }
@@ -91,11 +91,6 @@ class Ranking:
         """The estimator that others are compared with."""
         names = [name for name in self.results.estimators() if name in self.scores]
         return self.results.reference(self.environments[0], names)
-
-    @property
-    def scales(self) -> pd.DataFrame:
-        """Rows of `Results.scales` of its environments."""
-        return self.results.scales.loc[self.environments]
 
     def score(self, name: str) -> Interval | None:
         """Normalised score of one of its estimators."""
@@ -164,8 +159,9 @@ def rankings(results: Results) -> dict[str, Ranking]:
     `ALL` is there if environments have several estimators in common; then each environment in
     which an estimator can be ranked. A report asks for them several times.
     """
-    scaled = results.scales.index.unique("environment")
-    each = {name: Ranking(results, [name]) for name in results.environments if name in scaled}
+    scales = results.scales
+    names = scales.index.unique("environment")
+    each = {name: Ranking(results, scales.loc[[name]]) for name in names}
     each = {name: ranking for name, ranking in each.items() if ranking.scores}
-    together = Ranking(results, list(each))
+    together = Ranking(results, scales.loc[list(each)])
     return ({ALL: together} if len(each) > 1 < len(together.scores) else {}) | each

@@ -92,15 +92,14 @@ class Agent(_Somewhere):
         """True for an agent that sees measurements instead of estimates."""
         return self.observe == MEASUREMENT
 
-    def policy(self, trained_on: str) -> str:
-        """Name of the policy that is trained on an estimator."""
-        return self.name if self.raw else f"{self.name} trained on {trained_on}"
-
     @property
-    def policies(self) -> list[str]:
-        """Names of its learned policies, one for each estimator that it is trained on."""
-        trained_on = ("",) if self.raw else self.trained_on
-        return [self.policy(name) for name in trained_on] if self.learned else []
+    def schools(self) -> tuple[str, ...]:
+        """The estimators that it is trained on, one policy each."""
+        return (RAW,) if self.raw else self.trained_on
+
+    def policy(self, school: str) -> str:
+        """Name of the policy that is trained on an estimator."""
+        return self.name if self.raw else f"{self.name} trained on {school}"
 
 
 @dataclass(frozen=True)

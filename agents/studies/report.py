@@ -27,7 +27,7 @@ from agents.studies.answer import answer
 from agents.studies.figures import conditions_figure
 from agents.studies.ranking import ALL, policy_score, rankings
 from agents.studies.records import ORACLE
-from agents.studies.results import Results
+from agents.studies.results import FLIGHT, Results, at
 from agents.studies.tables import (
     choices_table,
     code,
@@ -167,17 +167,17 @@ def costs(results: Results, environment: str, chosen: Sequence[Metric]) -> pd.Da
 
     Differences are of the tunings that both have, with crossed intervals. Empty without the truth.
     """
-    columns, place = {}, (environment, results.conditions(environment)[0])
+    columns, first = {}, results.conditions(environment)[0]
     for m in chosen:
-        wide = results.wide(m.key)
-        truth = results.runs(wide, *place, results.reference_policy, ORACLE)
+        wide = at(results.wide(m.key), environment=environment, condition=first)
+        truth = at(wide, policy=results.reference_policy, estimator=ORACLE)
         if truth.empty:
             break
         column = columns[m.title] = {ORACLE: text(mean(m, truth.to_numpy()), m.decimals)}
         tuned = results.reference_policy == results.compared
-        for name in results.estimators(environment):
+        for name in results.estimators(environment=environment):
             if name != ORACLE:
-                ours = results.runs(wide, *place, results.compared, name)
+                ours = at(wide, policy=results.compared, estimator=name)
                 more = (ours - (truth if tuned else truth.iloc[0])).dropna(how="all").dropna(axis=1)
                 column[name] = text(crossed_interval(more.to_numpy()), m.decimals, True)
     return pd.DataFrame(columns).rename_axis("estimator")
@@ -185,11 +185,11 @@ def costs(results: Results, environment: str, chosen: Sequence[Metric]) -> pd.Da
 
 def consistency(results: Results, environment: str) -> pd.DataFrame:
     """Claimed uncertainty of the classical agent's estimators in the first condition."""
-    table, first = results.table, results.conditions(environment)[0]
-    here = (table.environment == environment) & (table.condition == first)
-    own = table[here & (table.policy == results.compared)].groupby("estimator", sort=False)
+    place = [environment, results.conditions(environment)[0], results.compared]
+    here = (results.table[FLIGHT[:3]] == place).all(axis=1)
+    own = results.table[here].groupby("estimator", sort=False)
     columns = {NEES.key: NEES.label, "nees_in_band": "In band", UNHEALTHY.key: UNHEALTHY.label}
-    found = own[[key for key in columns if key in table]].mean().rename(columns=columns)
+    found = own[[key for key in columns if key in results.table]].mean().rename(columns=columns)
     return found.map(lambda value: text(value, 2))
 
 

@@ -35,6 +35,18 @@ def long_table(plan: Plan, outcome: Outcome) -> pd.DataFrame:
     return pd.concat(found[1:] or found, ignore_index=True)
 
 
+def at(wide: pd.DataFrame, **levels: str) -> pd.DataFrame:
+    """Rows of a frame at some levels of its index, which it then lacks."""
+    for name, level in levels.items():
+        wide = wide[wide.index.get_level_values(name) == level].droplevel(name)
+    return wide
+
+
+def values(wide: pd.DataFrame, *flight: str) -> np.ndarray:
+    """Values ``(runs, seeds)`` of a frame such as `Results.wide` at the first four of `FLIGHT`."""
+    return at(wide, **dict(zip(FLIGHT, flight, strict=False))).to_numpy()
+
+
 @dataclass(frozen=True, eq=False)
 class Results:
     """The table of a study, and what its run left besides.
@@ -53,6 +65,10 @@ class Results:
     def of(cls, plan: Plan, outcome: Outcome) -> "Results":
         """The results of a run."""
         return cls(plan, long_table(plan, outcome), outcome)
+
+    def needed(self, flight: Flight) -> dict[str, Any]:
+        """Values of the training or tuning that a flight needs; empty without a result."""
+        return next((self.outcome.values.get(job.key, {}) for job in flight.job.needs), {})
 
     @property
     def missing(self) -> list[Flight]:
@@ -88,8 +104,9 @@ class Results:
     @cached_property
     def learned(self) -> list[str]:
         """Policies that learned, in the order of the study."""
-        names = [name for agent in self.plan.study.agents for name in agent.policies]
-        return [name for name in names if name in set(self.table.policy)]
+        agents, found = self.plan.study.agents, set(self.table.policy)
+        names = [a.policy(school) for a in agents if a.learned for school in a.schools]
+        return [name for name in names if name in found]
 
     def reference(self, environment: str, names: Sequence[str]) -> str:
         """The estimator among some names that others are compared with, see `Study.compare_to`."""
@@ -101,25 +118,22 @@ class Results:
         """The conditions of an environment, in the order of the study."""
         return [c.name for c in self.plan.study.conditions if c.is_in(environment)]
 
-    def estimators(self, environment: str | None = None) -> list[str]:
+    def estimators(self, **where: str) -> list[str]:
         """Estimators on which `compared` was steered, in the order of the study."""
-        own = self.table[self.table.policy == self.compared]
-        there = own if environment is None else own[own.environment == environment]
-        return list(there.estimator.unique())
+        return list(at(self.score, policy=self.compared, **where).index.unique("estimator"))
 
     def filters(self, environment: str) -> list[str]:
         """Filters among the `estimators` of an environment."""
         study = self.plan.study
         others = {each.name for each in study.estimators}.difference(study.filters)
-        return [name for name in self.estimators(environment) if name not in others]
+        return [name for name in self.estimators(environment=environment) if name not in others]
 
     def curves(self, environment: str) -> dict[str, list[Any]]:
         """Steps and returns of the runs of each policy, see `train_agent`."""
-        found: dict[str, dict[str, Any]] = {}
-        for flight in self.plan.flights:
-            for need in flight.job.needs if flight.environment == environment else ():
-                if curve := self.outcome.values.get(need.key, {}).get("curve"):
-                    found.setdefault(flight.policy, {})[need.key] = np.transpose(curve)
+        found: dict[str, dict[int, Any]] = {}
+        for flight in self.plan.where(environment=environment):
+            if curve := self.needed(flight).get("curve"):
+                found.setdefault(flight.policy, {})[flight.run] = np.transpose(curve)
         return {policy: list(runs.values()) for policy, runs in found.items()}
 
     # --- a flight a row, a seed a column ----------------------------------------------------------
@@ -134,20 +148,6 @@ class Results:
         """Score as `wide`."""
         return self.wide("score")
 
-    def rows(self, wide: pd.DataFrame, estimator: str, policy: str) -> pd.DataFrame:
-        """Rows of a frame such as `wide` by environment, condition and run."""
-        of = wide.index.get_level_values
-        own = wide[(of("estimator") == estimator) & (of("policy") == policy)]
-        return own.droplevel(["policy", "estimator"])
-
-    def runs(self, wide: pd.DataFrame, *flight: str) -> pd.DataFrame:
-        """Rows of a frame such as `wide` at the first four of `FLIGHT`, by run."""
-        return wide[wide.index.droplevel("run").isin([flight])].droplevel(FLIGHT[:4])
-
-    def values(self, wide: pd.DataFrame, *flight: str) -> np.ndarray:
-        """Values ``(runs, seeds)`` of `runs`."""
-        return self.runs(wide, *flight).to_numpy()
-
     @cached_property
     def scales(self) -> pd.DataFrame:
         """Score on the truth minus that on dead reckoning, a row for each place with a scale.
@@ -155,8 +155,8 @@ class Results:
         A place is an environment in a condition. It has a scale if the classical agent was steered
         on both ends there, and scored higher on the truth, see `reference_policy`.
         """
-        low = self.rows(self.score, FLOOR, self.classical).droplevel("run")
-        high = self.rows(self.score, ORACLE, self.reference_policy)
+        low = at(self.score, policy=self.classical, estimator=FLOOR).droplevel("run")
+        high = at(self.score, policy=self.reference_policy, estimator=ORACLE)
         scales = (high.groupby(FLIGHT[:2], sort=False).mean() - low).dropna()
         return scales[scales.mean(axis=1) > 0.0]
 
@@ -166,7 +166,7 @@ class Results:
         found = [self.score.iloc[:0]]
         for (*place, _, _), runs in self.score.groupby(FLIGHT[:4], sort=False):
             if tuple(place) in self.scales.index:
-                (floor,) = self.values(self.score, *place, self.classical, FLOOR)
+                (floor,) = values(self.score, *place, self.classical, FLOOR)
                 ceiling = floor + self.scales.loc[tuple(place)].to_numpy()
                 scores = normalise(runs.to_numpy(), floor, ceiling)
                 found.append(pd.DataFrame(scores, runs.index, runs.columns))
@@ -174,5 +174,5 @@ class Results:
 
     def home(self, environment: str, policy: str) -> str:
         """The home estimator of a policy, see `agents.studies.plan.Flight`."""
-        here = [f for f in self.plan.flights if (f.environment, f.policy) == (environment, policy)]
+        here = self.plan.where(environment=environment, policy=policy)
         return next((f.estimator for f in here if f.home), system_of(environment).estimator)

@@ -1,6 +1,6 @@
 """Tables of a study's report, of texts."""
 
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from agents.statistics import (
     CLEARLY_WORSE,
     SLIGHTLY_WORSE,
     UNDECIDED,
+    Interval,
     crossed_interval,
     mean_interval,
     share_interval,
@@ -18,7 +19,7 @@ from agents.statistics import (
 from agents.studies.answer import answer
 from agents.studies.effects import Effect, effects
 from agents.studies.ranking import Ranking, rankings
-from agents.studies.results import Results
+from agents.studies.results import FLIGHT, Results, values
 
 BEST = 5
 """Number of rows of a table that argues."""
@@ -53,28 +54,34 @@ def tuned_table(results: Results, environment: str) -> pd.DataFrame:
     """
     place = environment, results.conditions(environment)[0]
     tunings: dict[str, list[dict[str, Any]]] = {}
-    for f in results.plan.flights:
-        if (f.environment, f.condition, f.policy) == (*place, results.compared):
-            values = [results.outcome.values.get(need.key) for need in f.job.needs]
-            tunings.setdefault(f.estimator, []).extend(filter(None, values))
+    for flight in results.plan.where(environment=environment, policy=results.compared):
+        if flight.condition == place[1] and (found := results.needed(flight)):
+            tunings.setdefault(flight.estimator, []).append(found)
     rows = {}
     for name, each in tunings.items():
         old, new = (
-            results.values(results.score, *place, policy, name)
+            values(results.score, *place, policy, name)
             for policy in (results.classical, results.compared)
         )
-        if not each or not len(old):
-            continue
-        over = [f["after"] - f["before"] - f["gain"][0] for f in each]
-        rows[name] = {
-            "delivered": mean_and_half(old),
-            "tuned": mean_and_half(new),
-            "gain": text(crossed_interval(new - old[:1]), 3, True),
-            "overfitting": text(mean_interval(over), 3, True),
-            "Position NEES/n": text(float(np.mean([f["position_nees"] for f in each])), 2),
-            "at a bound": ", ".join(sorted({n for f in each for n in f["at_bound"]})) or "–",
-        }
+        if len(old):
+            over, nees, bounds = tuning_findings(each)
+            rows[name] = {
+                "delivered": mean_and_half(old),
+                "tuned": mean_and_half(new),
+                "gain": text(crossed_interval(new - old[:1]), 3, True),
+                "overfitting": text(over, 3, True),
+                "Position NEES/n": nees,
+                "at a bound": bounds,
+            }
     return _table(rows)
+
+
+def tuning_findings(tunings: Sequence[dict[str, Any]]) -> tuple[Interval | None, str, str]:
+    """Overfitting of an arm's tunings, its NEES/n of the position, and parameters at a bound."""
+    over = [found["after"] - found["before"] - found["gain"][0] for found in tunings]
+    nees = text(float(np.mean([found["position_nees"] for found in tunings])), 2)
+    bounds = sorted({name for found in tunings for name in found["at_bound"]})
+    return mean_interval(over), nees, ", ".join(bounds) or "–"
 
 
 def choices_table(results: Results) -> pd.DataFrame:
@@ -83,15 +90,13 @@ def choices_table(results: Results) -> pd.DataFrame:
     In brackets are others that are not significantly worse there.
     """
     columns: dict[str, dict[str, str]] = {}
-    for condition in results.plan.study.conditions:
-        under = replace(results, table=results.table[results.table.condition == condition.name])
-        for environment, _ in under.scales.index:
-            if (ranking := Ranking(under, [environment])).scores:
-                worse = SLIGHTLY_WORSE, CLEARLY_WORSE
-                rivals = [name for name, word in ranking.verdicts.items() if word not in worse]
-                beside = f" ({', '.join(rivals[:2])}{', ...' * (len(rivals) > 2)})" * bool(rivals)
-                cell = f"{ranking.best} {text(ranking.score(ranking.best), 2)}{beside}"
-                columns.setdefault(environment, {})[condition.name] = cell
+    for (environment, condition), scale in results.scales.groupby(FLIGHT[:2], sort=False):
+        if (ranking := Ranking(results, scale)).scores:
+            worse = SLIGHTLY_WORSE, CLEARLY_WORSE
+            rivals = [name for name, word in ranking.verdicts.items() if word not in worse]
+            beside = f" ({', '.join(rivals[:2])}{', ...' * (len(rivals) > 2)})" * bool(rivals)
+            cell = f"{ranking.best} {text(ranking.score(ranking.best), 2)}{beside}"
+            columns.setdefault(environment, {})[condition] = cell
     return pd.DataFrame(columns).fillna("–").rename_axis("condition")
 
 
@@ -99,17 +104,13 @@ def code(results: Results) -> list[str]:
     """A line for each environment that makes it with its best estimator, as tuned if it is."""
     lines = []
     for environment, ranking in rankings(results).items():
-        own = [
-            f.job
-            for f in results.plan.flights
-            if (f.environment, f.estimator) == (environment, ranking.best)
-        ]
-        needs = [need.key + need.artifact for job in own for need in job.needs]
+        flights = results.plan.where(environment=environment, estimator=ranking.best)
+        needs = [need.key + need.artifact for flight in flights for need in flight.job.needs]
         if tuned := [name for name in needs if name.endswith(".toml")]:
             options = f'**agents.load_tuned("jobs/{tuned[0]}").env_options'
             lines.append(f'gym.make("{environment}", {options})  # {ranking.best}')
-        elif own:
-            made = own[0].arguments["options"]
+        elif flights:
+            made = flights[0].job.arguments["options"]
             _, module, name = made["estimator"].rpartition(":")
             kind, chosen = name if module else f'"{name}"', made.get("estimator_options")
             options = f", estimator_options={chosen}" if chosen else ""
@@ -120,9 +121,8 @@ def code(results: Results) -> list[str]:
 def summary(ranking: Ranking) -> pd.DataFrame:
     """The best estimators of some environments: their scores, and the tails of these."""
     table, rows = ranking.results.table, {}
-    own = table[
-        (table.policy == ranking.results.compared) & table.environment.isin(ranking.environments)
-    ]
+    own = table[table.environment.isin(ranking.environments)]
+    own = own[own.policy == ranking.results.compared]
     for name in list(ranking.scores)[:BEST]:
         episodes = own[own.estimator == name]
         hits = episodes.groupby("seed").completed.mean()
@@ -152,9 +152,11 @@ def conditions_table(results: Results, environment: str) -> pd.DataFrame:
     """
     wide = results.normalised if environment in rankings(results) else results.score
     rows = {}
-    for name in results.estimators(environment):
-        places = [(environment, c, results.compared, name) for c in results.conditions(environment)]
-        rows[name] = {at[1]: mean_and_half(results.values(wide, *at)) for at in places}
+    for name in results.estimators(environment=environment):
+        rows[name] = {
+            condition: mean_and_half(values(wide, environment, condition, results.compared, name))
+            for condition in results.conditions(environment)
+        }
     return _table(rows)
 
 

@@ -224,7 +224,7 @@ def test_a_failed_tuning_leaves_the_others_compared():
     some = without(whole, lambda f: (f.policy, f.estimator, f.run) == lost, "an error")
     means = []
     for found in (whole, some):
-        ranking = Ranking(found, [CORVETTE])
+        ranking = Ranking(found, found.scales)
         gap = ranking.gap("ekf", "kf")
         assert gap.excludes_zero
         assert ranking.verdict("ekf", "kf") == "clearly better"

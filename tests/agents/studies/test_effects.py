@@ -32,7 +32,7 @@ from agents.studies.effects import (
 )
 from agents.studies.plan import plan
 from agents.studies.records import Condition, Estimator, Tuning
-from agents.studies.results import Results
+from agents.studies.results import Results, at
 
 NAMES = ("kf-umv-ui", "kf", "ekf", "enkf")
 SUITES = (
@@ -192,7 +192,7 @@ def test_agents_are_compared_at_home_over_their_runs(runs):
         found = without(found, lambda f: (f.policy, f.run, f.condition) == (policy, 2, "rough"))
     table = found.table.assign(score=found.table.score + 0.1 * (found.table.policy == policy))
     found = replace(found, table=table)
-    ours, theirs = (found.rows(found.wide("score"), "ekf", name) for name in (policy, "autopilot"))
+    ours, theirs = (at(found.score, policy=name, estimator="ekf") for name in (policy, "autopilot"))
     gaps = [
         (ours.xs(run, level="run") - theirs.xs(0, level="run")).mean()
         for run in ours.index.unique("run")

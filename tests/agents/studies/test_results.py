@@ -25,6 +25,11 @@ def found():
     return learned()
 
 
+def here(found):
+    """Rows of the scale in the corvette's environment."""
+    return found.scales.loc[[CORVETTE]]
+
+
 def by_hand(found, environment, policy, estimator):
     """Normalised score ``(runs, seeds)``, from the table: the ratio of means, linearised by seed."""
     table, each = found.table[found.table.environment == environment], []
@@ -47,7 +52,7 @@ def by_hand(found, environment, policy, estimator):
 )
 def test_score_is_mean_over_environments_and_conditions(found, policy, estimator):
     each = [by_hand(found, e, policy, estimator) for e in (CORVETTE, SEGOROGENI)]
-    together = ranking.normalised(found, (CORVETTE, SEGOROGENI), policy, estimator)
+    together = ranking.normalised(found, found.scales, policy, estimator)
     np.testing.assert_allclose(together, np.mean(each, axis=0), rtol=0, atol=1e-12)
     runs = 1 if policy == "autopilot" else 3
     assert together.shape == (runs, 8)
@@ -64,7 +69,7 @@ def test_policies_have_one_name_and_a_home_in_each_environment(found):
 def test_missing_or_flat_scale_leaves_condition_out(found):
     partial = without(found, lambda f: (f.estimator, f.condition) == ("truth", "calm"))
     assert (CORVETTE, "calm") not in partial.scales.index
-    kept = ranking.normalised(partial, [CORVETTE], "autopilot", "ekf").to_numpy()
+    kept = ranking.normalised(partial, here(partial), "autopilot", "ekf").to_numpy()
     rest = found.normalised.xs((CORVETTE, "autopilot", "ekf"), level=[0, 2, 3])
     rest = rest[rest.index.get_level_values("condition") != "calm"]
     np.testing.assert_allclose(kept[0], rest.mean(), atol=1e-12)
@@ -77,21 +82,20 @@ def test_incomplete_run_is_left_out_and_others_stay_paired(found):
         return (f.environment, f.condition, f.policy, f.run) == (CORVETTE, "rough", PPO, 2)
 
     partial = without(found, lost)
-    both = (CORVETTE, SEGOROGENI)
-    whole = ranking.normalised(found, both, PPO, "enkf").mean(axis=1)
-    left = ranking.normalised(partial, both, PPO, "enkf").mean(axis=1)
+    whole = ranking.normalised(found, found.scales, PPO, "enkf").mean(axis=1)
+    left = ranking.normalised(partial, found.scales, PPO, "enkf").mean(axis=1)
     np.testing.assert_allclose(left, whole.drop(2), atol=1e-12)
     gone = without(found, lambda f: f.condition == "rough" and f.policy == PPO)
-    assert ranking.normalised(gone, [CORVETTE], PPO, "ekf").empty
+    assert ranking.normalised(gone, here(gone), PPO, "ekf").empty
     assert ranking.policy_score(gone, CORVETTE, PPO, "ekf") is None
 
 
 def test_intervals_are_over_seeds_or_over_runs_and_seeds(found):
-    values = ranking.normalised(found, [CORVETTE], "autopilot", "ekf").to_numpy()
+    values = ranking.normalised(found, here(found), "autopilot", "ekf").to_numpy()
     assert ranking.policy_score(found, CORVETTE, "autopilot", "ekf") == mean_interval(values[0])
     own = ranking.rankings(found)[CORVETTE]
     assert own.score("ekf") == mean_interval(values[0], len(own.scores))
-    runs = ranking.normalised(found, [CORVETTE], PPO, "kf-umv-ui").to_numpy()
+    runs = ranking.normalised(found, here(found), PPO, "kf-umv-ui").to_numpy()
     assert ranking.policy_score(found, CORVETTE, PPO, "kf-umv-ui") == crossed_interval(runs)
     assert ranking.interval(found, PPO, runs[:1]) == float(runs[0].mean())
 
