@@ -36,7 +36,7 @@ def tuning_seeds(count: int, first: int = 0) -> list[int]:
     return _seeds("tuning", _TUNING, count, first)
 
 
-def _seeds(kind: str, begin: int, count: int, first: int = 0) -> list[int]:
+def _seeds(kind: str, begin: int, count: int, first: int) -> list[int]:
     if count < 1 or not 0 <= first <= _RANGE - count:
         raise ValueError(
             f"there are {_RANGE} {kind} seeds, numbered from 0: ask for one or more of these, got"

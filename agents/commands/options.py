@@ -92,7 +92,8 @@ def parsed(
     if odd:
         from estimators.factory import unknown
 
-        raise Refusal(unknown("argument", odd[0], parser.flags))
+        flags = [flag for flag in parser._option_string_actions if flag.startswith("--")]
+        raise Refusal(unknown("argument", odd[0], flags))
     given = vars(values)
     for key, value in given.items():
         least, each = _LEAST.get(key, 0), value if isinstance(value, list) else [value]
@@ -105,10 +106,6 @@ def parsed(
 
 
 class _Parser(argparse.ArgumentParser):
-    @property
-    def flags(self) -> list[str]:
-        return [flag for flag in self._option_string_actions if flag.startswith("--")]
-
     def error(self, message: str) -> NoReturn:
         raise Refusal(f"{message}; --help tells what there is")
 

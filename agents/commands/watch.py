@@ -7,6 +7,7 @@ from typing import Any
 from agents.commands.console import asked, progress
 from agents.commands.options import acting
 from agents.plotting import KINDS
+from agents.refusal import Refusal
 
 FPS = 12
 """Frames a second of a GIF or MP4."""
@@ -90,23 +91,14 @@ def _film(
         flyer = load_agent(agent, env)
     with closing(env):
         flyer.reset(1)
-        with asked():  # the first picture needs pygame
+        with asked():
             observation, _ = env.reset(seed=seed)
-            check_picture(env, env_id)
+        try:
+            env.render()
+        except Exception as error:  # of whatever library draws it, such as a missing pygame
+            raise Refusal(f"{env_id} cannot be drawn here ({error})") from error
         score = record(env, flyer, observation, out, every)
     print(f"wrote {out}, score {score:.3f}")
-
-
-def check_picture(env: Any, env_id: str) -> None:
-    """Refuse an environment that cannot draw itself on this machine.
-
-    Raises:
-        ValueError: with its reason.
-    """
-    try:
-        env.render()
-    except Exception as error:  # of whatever library it draws by
-        raise ValueError(f"{env_id} cannot be drawn here ({error})") from error
 
 
 def record(env: Any, agent: Any, observation: Any, out: Path, every: int) -> float:

@@ -1,4 +1,4 @@
-"""Regulators: loops of proportional, integral and derivative action, and linear-quadratic gains."""
+"""Controllers with a compiled law; gains of PID loops and linear-quadratic regulators."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
@@ -89,28 +89,6 @@ def pid_gains(
     frequency = float(np.sqrt(response * proportional))
     derivative = max(2.0 * damped * frequency - damping, 0.0) / response
     return proportional, integral * frequency * proportional, derivative, frequency
-
-
-def pid(
-    gains: np.ndarray, error: np.ndarray, rate: np.ndarray, integral: np.ndarray, limit: float,
-    feedforward: np.ndarray, dt: float,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """The actuation of a PID loop within its limits, and the next integral, ``(...)`` each.
-
-    The integral waits where the actuator is at a limit, so that it cannot wind up.
-
-    Args:
-        gains: Proportional, integral and derivative ``(..., 3)``.
-        error: What is wanted less what is, ``(...)``.
-        rate: Of the error ``(...)``.
-        integral: Of the error ``(...)``.
-        limit: Largest actuation, to either side.
-        feedforward: Actuation that is known to be needed, ``(...)``.
-        dt: Time step [s].
-    """
-    wanted = feedforward + (gains * np.stack([error, integral, rate], -1)).sum(-1)
-    integral = integral + dt * error * (np.abs(wanted) < limit)
-    return np.clip(wanted, -limit, limit), integral
 
 
 def jacobian(function: Callable[[np.ndarray], np.ndarray], x: np.ndarray) -> np.ndarray:

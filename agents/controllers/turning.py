@@ -14,7 +14,6 @@ from agents.controllers.loops import (
     Controller,
     bryson,
     first_order,
-    pid,
     pid_gains,
     regulator_gains,
 )
@@ -250,11 +249,12 @@ class TurningPID(Controller):
             off = task.track_scale * observation[..., 7]
             heading = heading - np.arctan2(off, numbers[..., 4])
         needed = _steady(observation, steady_turns(task.ship).rudder, task)
-        rudder, integral = pid(
-            numbers[..., :3], heading, rate, state[..., 0], limit, needed, vehicle.dt
-        )
-        wanted = (rudder - limit * observation[..., 4]) / numbers[..., 3]
-        return _action(observation, wanted, task, vehicle), integral[..., None]
+        errors = np.stack([heading, state[..., 0], rate], -1)
+        wanted = needed + (numbers[..., :3] * errors).sum(-1)
+        # The integral waits while the rudder is at its limit, so that it cannot wind up.
+        integral = state[..., 0] + vehicle.dt * heading * (np.abs(wanted) < limit)
+        change = np.clip(wanted, -limit, limit) - limit * observation[..., 4]
+        return _action(observation, change / numbers[..., 3], task, vehicle), integral[..., None]
 
 
 @register_controller(Track, "pid")

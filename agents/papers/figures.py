@@ -5,6 +5,8 @@ three dimensions), and ``lines`` by name, each a list of coordinates. It may hav
 low, high) of two standard deviations, limits ``ylim`` and ``equal`` scales.
 """
 
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import repeat
 from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +40,20 @@ def over_time(
         return panel
     last = [*lines.values()][-1]
     return panel | {"band": [times, last - 2.0 * sd, last + 2.0 * sd]}
+
+
+def panels(
+    times: np.ndarray,
+    names: Sequence[str],
+    lines: Mapping[str, np.ndarray],
+    sds: Iterable[Any] = repeat(None),
+) -> list[Panel]:
+    """A panel `over_time` for each of k components: lines ``(T, k)``, and an sd or None for each."""
+    components = zip(names, sds, *(line.T for line in lines.values()), strict=False)
+    return [
+        over_time(times, name, dict(zip(lines, of, strict=True)), sd)
+        for name, sd, *of in components
+    ]
 
 
 def draw(described: dict[str, Any]) -> "Figure":

@@ -46,15 +46,22 @@ def trend(members: Sequence[int], errors: np.ndarray) -> str:
     return text(Interval(*(100.0 * (end - 1.0) for end in astuple(of))), 1)
 
 
-def by_members(label: str, errors: Mapping[int, Any]) -> Table:
+def means(errors: np.ndarray, decimals: int = 5) -> list[str]:
+    """Means over the runs of errors ``(runs, quantities)``, with their 95 % intervals."""
+    return [mean_and_half(of, decimals) for of in errors.T]
+
+
+def with_units(quantities: Mapping[str, str]) -> list[str]:
+    """Quantities with their units, as heads of columns and labels of axes."""
+    return [f"{name} [{unit}]" for name, unit in quantities.items()]
+
+
+def by_members(label: str, errors: Mapping[int, np.ndarray]) -> Table:
     """Rows of errors ``(runs, quantities)`` by members, and the change from fewest to most."""
     sizes = np.stack([*errors.values()], -1)
     changes = (trend([*errors], of) for of in sizes.swapaxes(0, 1))
     return [
-        *(
-            (label, str(n), *(mean_and_half(of, 5) for of in np.transpose(errors[n])))
-            for n in errors
-        ),
+        *((label, str(n), *means(of)) for n, of in errors.items()),
         (label, f"{min(errors)} to {max(errors)} [%]", *changes),
     ]
 

@@ -70,6 +70,11 @@ class Experiment:
         nothing = 0.0 * estimates[..., 0]
         return np.stack([known.get(i, nothing) for i in range(self.start.shape[-1])], -1)
 
+    def path(self, states: np.ndarray, components: list[int]) -> np.ndarray:
+        """Components ``(T + 1, B, c)`` from 0 on, by their increments in steps from ``(T, B, n)``."""
+        moved = self.advance(states, self.controls[:, None]) - states
+        return np.cumsum(np.pad(moved[..., components], ((1, 0), (0, 0), (0, 0))), 0)
+
     def simulate(self, runs: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """True states ``(T + 1, B, n)``, and measurements ``(T, B, p)`` after each step."""
         steps = len(self.controls)

@@ -166,9 +166,8 @@ def npz_path(path: str | Path) -> Path:
 
 def policy_path(path: str | Path) -> Path:
     """Path of a policy: of ``<name>.zip`` the file ``<name>.npz`` beside it, if there is one."""
-    name = os.fspath(path)
-    beside = f"{name.removesuffix('.zip')}.npz"
-    return Path(beside if name.endswith(".zip") and os.path.isfile(beside) else name)
+    zipped = os.fspath(path).endswith(".zip")
+    return npz_path(path) if zipped and os.path.isfile(npz_path(path)) else Path(path)
 
 
 def packaged(env_id: str) -> Path:

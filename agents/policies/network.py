@@ -11,6 +11,8 @@ ACTIVATIONS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "ReLU": lambda values: np.maximum(values, 0.0),
 }
 """Activation functions by their name in `torch.nn`."""
+_BLOCKS = ("lstm_actor", "mlp_extractor.policy_net", "actor.latent_pi", "actor.mu", "action_net")
+"""Parts of actors in the order of their computation; a policy has some of them."""
 _LSTM = ("weight_ih_l0", "weight_hh_l0", "bias_ih_l0", "bias_hh_l0")
 
 
@@ -89,13 +91,8 @@ def exported(policy: Any) -> Network:
 
 def _chain(policy: Any) -> tuple[list[str], dict[str, np.ndarray]]:
     """Layers from the observations to the actions, and their parameters."""
-    if hasattr(policy, "mlp_extractor"):
-        recurrent = [policy.lstm_actor] if hasattr(policy, "lstm_actor") else []
-        blocks = [*recurrent, policy.mlp_extractor.policy_net, policy.action_net]
-    elif hasattr(policy, "actor"):
-        blocks = [*filter(None, [getattr(policy.actor, "latent_pi", None)]), policy.actor.mu]
-    else:
-        blocks = [policy.action_net]
+    parts = dict(policy.named_modules())
+    blocks = [parts[name] for name in _BLOCKS if name in parts]
     layers: list[str] = []
     arrays: dict[str, np.ndarray] = {}
     for module in (leaf for block in blocks for leaf in block.modules()):

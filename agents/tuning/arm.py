@@ -122,9 +122,9 @@ class Arm:
         found = self.every if by_score else self._of_likelihood()
         if not found:
             raise ValueError(f"{self.agent} on {self.estimator} has nothing that can be tuned")
-        chosen: set[str] = set() if self.picked else {*found}
-        if by_score and not self.picked:
-            chosen.discard("estimator.Q")
+        if not self.picked:
+            return {n: each for n, each in found.items() if not by_score or n != "estimator.Q"}
+        chosen: set[str] = set()
         for name in self.picked:
             matching = {each for each in found if f"{each}.".startswith(f"{name}.")}
             if not matching:

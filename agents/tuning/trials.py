@@ -1,8 +1,8 @@
-"""Scores of candidates on equal seeds, side by side in one batch where the filter allows it."""
+"""Scores of candidates on equal seeds; where the filter allows it, in batches made once."""
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -25,31 +25,39 @@ class Trials:
 
     def __init__(self, arm: Arm, seeds: Sequence[int], processes: int = 1) -> None:
         self.arm, self.seeds, self.processes = arm, list(seeds), min(processes, len(seeds))
-        self._cores = cache(self._made_cores)
 
     def scores(self, candidates: Sequence[Values]) -> np.ndarray:
         """Scores ``(C, conditions * N)`` of C candidates; NaN for one that cannot be designed."""
-        if self.processes > 1:
-            return self._shared(candidates)
-        agents = [self._agent(values) for values in candidates]
-        found = np.full((len(candidates), len(self.arm.conditions) * len(self.seeds)), np.nan)
-        designed = [i for i, agent in enumerate(agents) if agent is not None]
-        if designed:
-            chosen = [candidates[i] for i in designed], [agents[i] for i in designed]
-            score = self._side_by_side if self.arm.by_rows else self._one_by_one
-            found[designed] = score(*chosen)
-        return found
+        found = self._shared(candidates) if self.processes > 1 else self.each(candidates)
+        return found.reshape(len(candidates), -1)
+
+    def each(self, candidates: Sequence[Values]) -> np.ndarray:
+        """Scores ``(C, conditions, N)``, computed in this process."""
+        return np.array([self._scores(values) for values in candidates])
 
     def _shared(self, candidates: Sequence[Values]) -> np.ndarray:
-        """Scores ``(C, conditions * N)``, each process with its share of the seeds."""
+        """Scores ``(C, conditions, N)``, each process with its share of the seeds."""
         from joblib import Parallel, delayed
 
         shares, arm = np.array_split(self.seeds, self.processes), replace(self.arm)
         jobs = (delayed(_share)(arm, share.tolist(), candidates) for share in shares)
-        found = Parallel(self.processes, inner_max_num_threads=1)(jobs)
-        rows = len(candidates), len(self.arm.conditions), -1
-        each = np.concatenate([part.reshape(rows) for part in found], -1)
-        return each.reshape(len(candidates), -1)
+        return np.concatenate(Parallel(self.processes, inner_max_num_threads=1)(jobs), -1)
+
+    def _scores(self, values: Values) -> np.ndarray:
+        """Scores ``(conditions, N)`` of a candidate."""
+        arm, agent = self.arm, self._agent(values)
+        if agent is None:
+            return np.full((len(arm.conditions), len(self.seeds)), np.nan)
+        if arm.by_rows:
+            cores, by = self._cores, arm.by
+            return np.array([
+                _scored(core, agent, self.seeds, self._parameters(core, values), by)
+                for core in cores
+            ])  # fmt: skip
+        env_id, own = registered_id(arm.env_id), arm.estimator_options(values)
+        worlds = [world | ({"estimator_options": own} if own else {}) for world in arm.worlds]
+        flown = [rollout(agent, env_id, self.seeds, each, record=False) for each in worlds]
+        return np.array([each.score for each in flown])
 
     def _agent(self, values: Values) -> Any:
         """The agent of a candidate; None if its parameters allow no design."""
@@ -58,49 +66,26 @@ class Trials:
         except (ArithmeticError, np.linalg.LinAlgError):
             return None
 
-    def _one_by_one(self, candidates: Sequence[Values], agents: Sequence[Any]) -> np.ndarray:
-        """Scores ``(C, conditions * N)``, by an environment for each candidate."""
-        arm, env_id, rows = self.arm, registered_id(self.arm.env_id), []
-        for values, agent in zip(candidates, agents, strict=True):
-            own = arm.estimator_options(values)
-            worlds = [world | ({"estimator_options": own} if own else {}) for world in arm.worlds]
-            flown = [rollout(agent, env_id, self.seeds, each, record=False) for each in worlds]
-            rows.append(np.concatenate([each.score for each in flown]))
-        return np.array(rows)
-
-    # --- side by side -----------------------------------------------------------------------------
-
-    def _side_by_side(self, candidates: Sequence[Values], agents: Sequence[Any]) -> np.ndarray:
-        """Scores ``(C, conditions * N)``, by one batch of all candidates for each condition."""
-        found = [
-            _scores(core, agents, self.seeds, self._rows(core, candidates), self.arm.by)
-            for core in self._cores(len(candidates))
-        ]
-        return np.concatenate([each.reshape(len(agents), -1) for each in found], 1)
-
-    def _made_cores(self, candidates: int) -> list[Core]:
-        """Cores for so many candidates, one for each condition."""
-        system, rows, cores = self.arm.system, candidates * len(self.seeds), []
-        for world in self.arm.worlds:
-            core = Core(system, rows, **world)
+    @cached_property
+    def _cores(self) -> list[Core]:
+        """Cores for the seeds, one for each condition, whose filters have parameters by row."""
+        system = self.arm.system
+        cores = [Core(system, len(self.seeds), **world) for world in self.arm.worlds]
+        for core in cores:
             core.config = Configuration(system, core.config.options, by_rows=True)
-            cores.append(core)
         return cores
 
-    def _rows(self, core: Core, candidates: Sequence[Values]) -> np.ndarray:
-        """Parameters ``(C * N, k)`` of the filter in each row; its model has delivered factors."""
+    def _parameters(self, core: Core, values: Values) -> np.ndarray:
+        """Parameters ``(N, k)`` of the filter in each row; its model has delivered factors."""
         filter, sensors = core.config.estimation.filter, core.config.sensors
+        delivered, every = self.arm.delivered, self.arm.delivered | values
         channels = [sensors.of_channel(i).name for i in range(sensors.size)]
         factors = ["estimator.Q", *(f"estimator.R.{name}" for name in channels)]
-        own, delivered, size = filter.tunable, self.arm.delivered, 1 + filter.model.p
-
-        def row(values: Values) -> list[float]:
-            every = delivered | values
-            ratios = [every[n] / delivered[n] for n in factors if n in delivered]
-            ratios = [*ratios, *[1.0] * size][:size]  # the oracle has no factors
-            return ratios + [every[f"estimator.{name}"] for name in own]
-
-        return np.repeat(np.array([*map(row, candidates)]), len(self.seeds), 0)
+        known = [every[name] / delivered[name] for name in factors if name in delivered]
+        own = [every[f"estimator.{name}"] for name in filter.tunable]
+        ratios = np.ones(1 + filter.model.p)  # the oracle has no factors
+        ratios[: len(known)] = known
+        return np.tile([*ratios, *own], (len(self.seeds), 1))
 
 
 _KEPT: dict[str, Trials] = {}
@@ -108,31 +93,25 @@ _KEPT: dict[str, Trials] = {}
 
 
 def _share(arm: Arm, seeds: list[int], candidates: Sequence[Values]) -> np.ndarray:
-    """Scores of a process's share of the seeds."""
-    trials = _KEPT.setdefault(repr((arm, seeds)), Trials(arm, seeds))
-    return trials.scores(candidates)
+    """Scores ``(C, conditions, N)`` of a process's share of the seeds."""
+    return _KEPT.setdefault(repr((arm, seeds)), Trials(arm, seeds)).each(candidates)
 
 
-def _scores(
-    core: Core, agents: Sequence[Any], seeds: Sequence[int], parameters: np.ndarray, by: str
+def _scored(
+    core: Core, agent: Any, seeds: Sequence[int], parameters: np.ndarray, by: str
 ) -> np.ndarray:
-    """Scores ``(C * N,)`` of one episode for each seed with each of C agents.
+    """Scores ``(N,)`` of one episode for each seed.
 
     By "likelihood" a score is the mean log-likelihood of the measurements of a step.
     """
     core.config.estimators[0].parameters = parameters
-    core.start([*seeds] * len(agents))
-    rows = [slice(i * len(seeds), (i + 1) * len(seeds)) for i in range(len(agents))]
-    for agent in agents:
-        agent.reset(len(seeds))
+    core.start(seeds)
+    agent.reset(len(seeds))
     alive, score = np.ones(core.num_envs, bool), np.full(core.num_envs, np.nan)
     density, filter = np.zeros(core.num_envs), core.config.estimation.filter
     belief, horizon = core.now.belief, core.config.system.task.horizon
     while alive.any():
-        observations = core.observe()
-        actions = np.concatenate(
-            [a.act(observations[own]) for a, own in zip(agents, rows, strict=True)]
-        )
+        actions = agent.act(core.observe())
         core.advance(actions, core.action_shape, ended=~alive, info=False)
         if by == LIKELIHOOD:
             before, belief = belief, core.now.belief

@@ -97,9 +97,8 @@ class Tuned:
             OSError: if the file cannot be written.
         """
         arm = {key: getattr(self.arm, key) for key in _ARM}
-        tables = {"arm": arm, "values": self.values, "made_by": self.made_by, "found": self.found}
         comment = "Written by `vessel-gym tune`; see [made_by] for what it follows from."
-        write_tables(Path(path), comment, tables)
+        write_tables(Path(path), comment, vars(self) | {"arm": arm})
 
 
 SHIPPED = {path.stem: path for path in Path(__file__).with_name("shipped").glob("*.toml")}

@@ -1,15 +1,14 @@
 """Hermawan's five simulations: KF-UMV-UI follows a turn with an unknown input in measurements."""
 
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from agents import rollout
 from agents.metrics import scores
-from agents.page import mean_and_half
 from agents.papers.figures import figure, over_time
-from agents.papers.measures import EXPLORATORY, Comparison, comparison_table, row, rows
+from agents.papers.measures import EXPLORATORY, Comparison, comparison_table, means, row, rows
 from estimators import Gaussian, LinearModel, Series, make, run
 from vessel_gym.envs import ThesisCorvetteEnv
 from vessel_gym.tasks.turning import SAMPLES, SWITCH
@@ -78,18 +77,15 @@ def errors(series: Series, heading: np.ndarray, d: np.ndarray, scored: str = "up
     return np.stack([np.sqrt(np.mean(of**2, 0)) for of in (of_heading, of_input)])
 
 
-class Simulated(NamedTuple):
-    """A simulation: true heading and d ``(T,)`` [rad], and the filter's series of all runs."""
-
-    heading: np.ndarray
-    d: np.ndarray
-    series: Series
-
-
-def simulated(choices: Mapping[str, Any], runs: int, seed: int) -> dict[str, Simulated]:
+def simulated(
+    choices: Mapping[str, Any], runs: int, seed: int
+) -> dict[str, tuple[Any, np.ndarray, np.ndarray]]:
     """The five simulations under one combination of choices.
 
     Of those that are the same before and after the search there is no alternative.
+
+    Returns:
+        The filter's series of all runs, and true heading and d ``(T,)`` [rad], by simulation.
     """
     rng = np.random.default_rng(seed)
     shape = runs, SAMPLES, 2
@@ -104,15 +100,14 @@ def simulated(choices: Mapping[str, Any], runs: int, seed: int) -> dict[str, Sim
         d = (s.size if name == "V" else choices["size"]) * switched
         as_printed = choices["recursion"] == "Table 2.5"
         series = follow(s, choices["prior"], start, heading, d, noise, as_printed)
-        found[name] = Simulated(heading, d, series)
+        found[name] = series, heading, d
     return found
 
 
 def explain(choices: Mapping[str, Any], runs: int, seed: int) -> dict[str, np.ndarray]:
     """RMSE ``(2, runs)`` of heading and d in each simulation under one combination of choices."""
     return {
-        name: errors(of.series, of.heading, of.d, choices["scored"])
-        for name, of in simulated(choices, runs, seed).items()
+        name: errors(*of, choices["scored"]) for name, of in simulated(choices, runs, seed).items()
     }
 
 
@@ -139,14 +134,12 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
         tables["choices"].append((name.replace("_", " "), *cells))
     for s in SIMULATIONS:
         ways = *(rmse[model][s] for model in MODELS), letter[s]
-        cells = (mean_and_half(of, 5) for way in ways for of in way)
-        tables["models"].append((s, *cells))
+        tables["models"].append((s, *means(np.concatenate(ways).T)))
     changes = {f"I, {s}": (first["I"], first[s]) for s in [*SIMULATIONS][1:]}
     # d drives the heading, too
     changes |= {f"driven, {s}": (first[s], driven(s, *sizes)) for s in ("I", "V")}
-    for label, pair in changes.items():
-        cells = (mean_and_half(1e3 * (b - a)) for a, b in zip(*pair, strict=True))
-        tables["changes"].append((label, *cells))
+    for label, (one, other) in changes.items():
+        tables["changes"].append((label, *means(1e3 * (other - one).T, 3)))
     paper, combinations = settings["paper"], settings["search"]["combinations"]
     way = f"{paper}, likely choices ({EXPLORATORY}, of {combinations:,} combinations)"
     return {
@@ -159,19 +152,18 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
 def _figures(choices: Mapping[str, Any], seed: int) -> list[Any]:
     """Figures 4.1 to 4.10: heading and unknown input in a run of each simulation."""
     found: list[Any] = []
-    for name, of in simulated(choices, 1, seed).items():
-        series: Any = of.series
+    steps = np.arange(SAMPLES)
+    for name, (series, heading, d) in simulated(choices, 1, seed).items():
         belief = series if choices["scored"] == "updated" else series.predicted
-        heading = {"real": of.heading, "estimate": belief.mean[:, 0, 2]}
-        d = {"real": of.d, "estimate": series.input_mean[:, 0, 0]}
+        yaw = {"real": heading, "estimate": belief.mean[:, 0, 2]}
+        unknown = {"real": d, "estimate": series.input_mean[:, 0, 0]}
         sd = np.sqrt(belief.cov[:, 0, 2, 2])
-        for what, lines in (("yaw angle", heading), ("unknown input", d)):
-            yaw = what == "yaw angle"
-            panel = over_time(
-                np.arange(SAMPLES), f"{what} [rad]", lines, sd if yaw else None, x="time step"
-            )
-            if yaw:
-                panel["ylim"] = [0.0, 7.0]  # as printed
+        panels = {
+            "yaw angle": over_time(steps, "yaw angle [rad]", yaw, sd, "time step")
+            | {"ylim": [0.0, 7.0]},  # as printed
+            "unknown input": over_time(steps, "unknown input [rad]", unknown, x="time step"),
+        }
+        for what, panel in panels.items():
             caption = f"Estimate of the {what}, simulation {name}."
             found.append(figure(f"4.{len(found) + 1}", caption, panel))
     return found

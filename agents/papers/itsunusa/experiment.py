@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 
 from agents.controllers.dive import DiveAutopilot
-from agents.page import mean_and_half
-from agents.papers.figures import figure, over_time
+from agents.papers.figures import figure, panels
 from agents.papers.measures import (
     EXPLORATORY,
     against_table,
     by_members,
     comparison_table,
+    means,
     rows,
+    with_units,
 )
 from agents.papers.vehicle import Experiment, channel_sd, own_step
 from estimators import Filter, Model, make, rmse
@@ -62,8 +63,8 @@ def estimate(
     """
     experiment = dive(trial, measured, process, measurement)
     truth, measurements = experiment.simulate(runs, np.random.default_rng([seed, 0]))
-    means, _ = experiment.estimates(form(experiment.model, members), measurements, seed)
-    found = np.concatenate([means[..., :3], depths(experiment, means)[..., None]], -1)
+    filter_ = form(experiment.model, members)
+    found = scored(experiment, experiment.estimates(filter_, measurements, seed)[0])
     return rmse(found[1:], truth[1:, :, _SCORED], axis=0)
 
 
@@ -92,13 +93,10 @@ def dive(
     )
 
 
-def depths(experiment: Experiment, estimates: np.ndarray) -> np.ndarray:
-    """Depth [m] ``(T + 1, B)`` by the vehicle's kinematics from estimates ``(T + 1, B, 4)``."""
-    states = experiment.state(estimates[:-1])
-    sunk = experiment.advance(states, experiment.controls[:, None])[..., _DEPTH]
-    depth = np.zeros(estimates.shape[:-1])
-    np.cumsum(sunk, 0, out=depth[1:])
-    return depth
+def scored(experiment: Experiment, estimates: np.ndarray) -> np.ndarray:
+    """Estimated `QUANTITIES` ``(T + 1, B, 4)``; the depth follows by the vehicle's kinematics."""
+    depth = experiment.path(experiment.state(estimates[:-1]), [_DEPTH])
+    return np.concatenate([estimates[..., :3], depth], -1)
 
 
 @cache
@@ -134,8 +132,7 @@ FORMS: dict[str, tuple[Form, int]] = {
 def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Tables and measures."""
     shared = settings["runs"], settings["seed"], settings["trial"]
-    units = [f"{name} [{unit}]" for name, unit in QUANTITIES.items()]
-    forms: list[Any] = [("form", "members", *units)]
+    forms: list[Any] = [("form", "members", *with_units(QUANTITIES))]
     columns = {}
     for label, (form, measured) in FORMS.items():
         errors = {size: estimate(form, size, *shared, measured) for size in settings["members"]}
@@ -150,7 +147,7 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
         process,
         measurement,
     )
-    forms.append(("believed: ekf", "none", *(mean_and_half(each, 5) for each in believed.T)))
+    forms.append(("believed: ekf", "none", *means(believed)))
     (plain, as_printed), (pitched, other), _ = columns.items()
     paper = settings["paper"]
     way = f"{paper}, {pitched} ({EXPLORATORY})"
@@ -166,22 +163,11 @@ def _figures(members: int, seed: int, trial: Mapping[str, float]) -> list[Any]:
     """Figures 3 to 6: motions and depth in a dive with the update of Table 1."""
     experiment = dive(trial)
     truth, measurements = experiment.simulate(1, np.random.default_rng([seed, 0]))
-    means, sds = experiment.estimates(printed(experiment.model, members), measurements, seed)
-    estimated = [*means[:, 0, :3].T, depths(experiment, means)[:, 0]]
+    estimates, sds = experiment.estimates(printed(experiment.model, members), measurements, seed)
+    lines = {"real": truth[:, 0, _SCORED], "EnKF-SR": scored(experiment, estimates)[:, 0]}
     bands = [*sds[:, 0, :3].T, None]  # depth is integrated
-    times = VEHICLE.dt * np.arange(len(truth))
+    drawn = panels(VEHICLE.dt * np.arange(len(truth)), with_units(QUANTITIES), lines, bands)
     return [
-        figure(
-            str(3 + i),
-            f"Estimate of {name} by EnKF-SR with {members} members.",
-            over_time(
-                times,
-                f"{name} [{unit}]",
-                {"real": truth[:, 0, state], "EnKF-SR": of},
-                sd,
-            ),
-        )
-        for i, ((name, unit), state, of, sd) in enumerate(
-            zip(QUANTITIES.items(), _SCORED, estimated, bands, strict=True)
-        )
+        figure(str(number), f"Estimate of {name} by EnKF-SR with {members} members.", panel)
+        for number, name, panel in zip((3, 4, 5, 6), QUANTITIES, drawn, strict=True)
     ]

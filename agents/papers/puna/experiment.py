@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 
 from agents.page import text
-from agents.papers.figures import figure, over_time
+from agents.papers.figures import figure, panels
 from agents.papers.measures import (
     Comparison,
     by_members,
     comparison_table,
     geometric,
     rows,
+    with_units,
 )
 from agents.papers.puna.model import PlanarPuna
 from agents.papers.vehicle import Experiment
@@ -207,8 +208,7 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
             ("noise of the printed sizes", "sizes", "all"),
         )
     }
-    units = [f"{name} [{unit}]" for name, unit in QUANTITIES.items()]
-    own: list[Any] = [("angle", "members", *units)]
+    own: list[Any] = [("angle", "members", *with_units(QUANTITIES))]
     for control in CONTROLS:
         sizes = {n: errors("flight", control, "all", n) for n in settings["members"]}
         own += by_members(control, sizes)
@@ -258,16 +258,11 @@ def _figures(settings: Mapping[str, Any]) -> list[Any]:
         flown = flight(known, process, measurement)
         truth, measured = flown.simulate(1, np.random.default_rng(settings["seed"]))
         enkf = make("enkf", flown.model, members=members, draws="independent")
-        times, found_by = PLANE.dt * np.arange(len(truth)), flown.estimates(enkf, measured)
-        of_each = zip(
-            QUANTITIES.items(), *(each[:, 0].T for each in (truth, *found_by)), strict=True
-        )
-        panels = (
-            over_time(times, f"{name} [{unit}]", {"real": real, "EnKF": mean}, sd)
-            for (name, unit), real, mean, sd in of_each
-        )
+        times, (mean, sd) = PLANE.dt * np.arange(len(truth)), flown.estimates(enkf, measured)
+        flights = {"real": truth[:, 0], "EnKF": mean[:, 0]}
+        drawn = panels(times, with_units(QUANTITIES), flights, sd[:, 0].T)
         caption = f"Estimates of angle, speed and position, {control} α, {members} members."
-        found.append(figure(f"4 {control}", caption, *panels))
+        found.append(figure(f"4 {control}", caption, *drawn))
     return found
 
 

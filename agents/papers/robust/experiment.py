@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agents.page import text
-from agents.papers.figures import figure, over_time
+from agents.papers.figures import figure, over_time, panels
 from agents.papers.measures import Row, geometric
 from estimators import Gaussian, LinearModel, Series, make, run, van_loan, zero_order_hold
 
@@ -188,8 +188,8 @@ def simulate(
 
 def track(options: Mapping[str, Any], model: Any, y: np.ndarray) -> Series:
     """Beliefs of a filter before and after each measurement of ``y (T, systems, runs, p)``."""
-    kind, others = options["kind"], {key: of for key, of in options.items() if key != "kind"}
-    return run(make(kind, model, **others), PRIOR, y, known_input(len(y)))
+    others = dict(options)
+    return run(make(others.pop("kind"), model, **others), PRIOR, y, known_input(len(y)))
 
 
 def squared_errors(options: Mapping[str, Any], model: Any, record: Record) -> np.ndarray:
@@ -287,21 +287,17 @@ def _drawn(settings: Mapping[str, Any]) -> list[Any]:
         for condition in (Condition(), Condition(**settings["outliers"]))
     )
     of, disturbed = (track({"kind": "kf"}, model, record.y) for record in (calm, hit))
-    times, x, estimates = STEP * np.arange(len(calm.x)), calm.x[:, 0, 0], of.mean[:, 0, 0]
-    cov, shaken = of.cov[:, 0, 0], disturbed.mean[:, 0, 0]
-    sd = np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1))
-    alone, beside, robustness = list[Any](), list[Any](), list[Any]()
-    for i, name in enumerate(("x1", "x2")):
-        real, estimate = {"real": x[:, i]}, {"estimate": estimates[:, i]}
-        alone.append(over_time(times, name, estimate, sd[:, i]))
-        beside.append(over_time(times, name, real | estimate, sd[:, i]))
-        both = {"without disturbance": estimates[:, i], "with disturbance": shaken[:, i]}
-        robustness.append(over_time(times, name, real | both))
+    times, cov = STEP * np.arange(len(calm.x)), of.cov[:, 0, 0]
+    real, estimate = {"real": calm.x[:, 0, 0]}, {"estimate": of.mean[:, 0, 0]}
+    both = {"without disturbance": of.mean[:, 0, 0], "with disturbance": disturbed.mean[:, 0, 0]}
+    names, sds = ("x1", "x2"), np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1)).T
     gain = cov @ model.C[0, 0].T @ np.linalg.inv(model.R)
     gains = {f"K{i + 1}{j + 1}": gain[:, i, j] for i in range(STATES) for j in range(MEASUREMENTS)}
     variances = {f"P{i + 1}{i + 1}": cov[:, i, i] for i in range(STATES)}
+    beside = panels(times, names, real | estimate, sds)
+    robustness = panels(times, names, real | both)
     return [
-        figure("1", "Estimates of x1 and x2.", *alone),
+        figure("1", "Estimates of x1 and x2.", *panels(times, names, estimate, sds)),
         figure("2", "Estimates of x1 and x2 with the true states.", *beside),
         figure("3", "Kalman gain over time.", over_time(times, "gain", gains)),
         figure("4", "Covariance of the error over time.", over_time(times, "variance", variances)),

@@ -8,14 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import root
 
-from agents.page import mean_and_half
 from agents.papers.figures import figure
 from agents.papers.measures import (
     Comparison,
     against_table,
     by_members,
     comparison_table,
+    means,
     rows,
+    with_units,
 )
 from agents.papers.vehicle import Advance, Experiment, channel_sd, own_step
 from estimators import make, rmse
@@ -83,8 +84,7 @@ def estimate(
     experiment, truth, measurements = _simulated(trial, own, runs, seeds, process)
     options: dict[str, Any] = {"members": members, "draws": "independent"} if members else {}
     filter_ = make("enkf" if members else "ekf", experiment.model, **options)
-    means, _ = experiment.estimates(filter_, measurements)
-    places = positions(experiment, means)
+    places = positions(experiment, experiment.estimates(filter_, measurements)[0])
     plan = experiment.planned[:, None, _PLACE]
     references = zip(REFERENCES, (plan, truth[..., _PLACE]), strict=True)
     found = {name: rmse(places[1:], of[1:], axis=0) for name, of in references}
@@ -120,13 +120,9 @@ def dive(trial: Trial, own: bool, process: float = 1.0) -> Experiment:
 
 def positions(experiment: Experiment, estimates: np.ndarray) -> np.ndarray:
     """x, y, z [m] and yaw [rad] by eqs. 1-4 ``(T + 1, B, 4)`` from estimates ``(T + 1, B, 6)``."""
-    controls = experiment.controls[:, None]
     states = experiment.state(estimates[:-1])
-    places = np.zeros(estimates.shape[:-1] + (len(_PLACE),))
-    yaw = np.cumsum(experiment.advance(states, controls)[..., _YAW], 0)
-    states[1:, :, _YAW] = yaw[:-1]
-    np.cumsum((experiment.advance(states, controls) - states)[..., _PLACE], 0, out=places[1:])
-    return places
+    states[..., _YAW] = experiment.path(states, [_YAW])[:-1, :, 0]
+    return experiment.path(states, _PLACE)
 
 
 @cache
@@ -182,33 +178,31 @@ def _euler_step(trial: Trial) -> Advance:
 
 def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Tables and measures."""
-    members, printed, runs = settings["members"], settings["printed"], settings["own_runs"]
+    members, runs = settings["members"], settings["own_runs"]
     trial, few = read(settings["trial"]), settings["runs_of_a_seed"]
     euler = {n: estimate(trial, False, n, few, tuple(settings["seeds"])) for n in members}
     own = {n: estimate(trial, True, n, runs) for n in (*members, 0)}
     noise = settings["open"]["process_noise"]["believed"]
     believed = estimate(trial, True, 0, runs, process=noise)
-    units = [f"{name} [{unit}]" for name, unit in QUANTITIES.items()]
+    units = with_units(QUANTITIES)
     tables: dict[str, Any] = {
         "own": [("reference", "members", *units)], "believed": [("reference", *units)],
     }  # fmt: skip
     columns = {}
     for of in REFERENCES:
         errors = {n: found[of] for n, found in euler.items()}
-        times = zip(members, printed["time"], strict=False)
-        lines = {str(n): [*printed[str(n)], time] for n, time in times}
-        found = against_table("Table III", lines, QUANTITIES, errors, settings["averaged"])
-        ends = zip("xyz", printed["end"], euler[members[-1]]["final"].T, strict=True)
+        printed, averaged = settings["printed"], settings["averaged"]
+        found = against_table("Table III", printed, QUANTITIES, errors, averaged)
+        ends = zip("xyz", settings["end"], euler[members[-1]]["final"].T, strict=True)
         found += [
             Comparison("end of the dive", name, "m", text, "sec. III D", ours)
             for name, text, ours in ends
         ]
         columns[f"against the {of}"] = found
         tables["own"] += by_members(of, {n: own[n][of] for n in members})
-        tables["own"].append((of, "none: ekf", *(mean_and_half(each, 5) for each in own[0][of].T)))
-        cells = (mean_and_half(each, 5) for each in (own[300][of] - own[200][of]).T)
-        tables["own"].append((of, "300 less 200", *cells))
-        tables["believed"].append((of, *(mean_and_half(each, 3) for each in believed[of].T)))
+        tables["own"].append((of, "none: ekf", *means(own[0][of])))
+        tables["own"].append((of, "300 less 200", *means(own[300][of] - own[200][of])))
+        tables["believed"].append((of, *means(believed[of], 3)))
     tables["published"] = comparison_table(columns)
     return {
         "tables": tables,
@@ -222,8 +216,7 @@ def _dive_figure(trial: Trial, members: int) -> dict[str, Any]:
     experiment = dive(trial, own=False)
     truth, measurements = experiment.simulate(1, np.random.default_rng([0, 0]))
     filter_ = make("enkf", experiment.model, members=members, draws="independent")
-    means, _ = experiment.estimates(filter_, measurements)
-    places = positions(experiment, means)[:, 0]
+    places = positions(experiment, experiment.estimates(filter_, measurements)[0])[:, 0]
     every = round(OWN_STEP / trial.step)
     ways = {"path": experiment.planned[:, _PLACE], "real": truth[:, 0, _PLACE], "EnKF": places}
     lines = {name: [*way[::every, :3].T] for name, way in ways.items()}
