@@ -3,6 +3,7 @@
 # dependencies = [
 #     "numpy==2.4.6", "scipy==1.17.1", "llvmlite==0.50.0", "gymnasium==1.4.0", "rich==15.0.0",
 #     "casadi==3.8.2", "jax==0.10.2", "heyoka==7.13.2", "numba==0.68.1",
+#     "drjit==1.5.0",
 # ]
 # ///
 """One step of an extended Kalman filter in our engine and in its peers.
@@ -12,10 +13,11 @@ own, checks that all compute the same, and prints a table, which ``--page`` also
 
 The filter follows a ship: position north, east [m], heading [rad], surge, sway [m/s], yaw rate
 [rad/s] and current north, east [m/s]. Compass, rate gyro and two coordinates of a receiver are
-measured. Its equations take the functions of NumPy, or of a library that has the same names. Numba,
-which gives no Jacobian, gets the instructions that our engine traces from them.
+measured. Its equations take the functions of NumPy, or of a library that has the same names. Numba
+and Dr.Jit, which give no Jacobian, get the instructions that our engine traces from them.
 """
 
+import operator
 import os
 import time
 from collections.abc import Callable
@@ -119,15 +121,19 @@ def ours() -> Prepare:
     return lambda rows: partial(step, rows)
 
 
-def written_out() -> Callable[[Any, Any], None]:
-    """The instructions of our trace as a Python function of a row and of what it gets."""
+def written_out(m: Any) -> Callable[[Any, Any], None]:
+    """The instructions of our trace as a Python function of a row and of what it gets.
+
+    Args:
+        m: NumPy, or a module with its functions.
+    """
     traced = trace(plain_step, [Argument((INPUTS,))])
     lines = [f"v{value} = {float(x)!r}" for value, x in traced.program.constants.items()]
     for opcode, operands, result, place in traced.instructions:
         given = ", ".join(f"v{value}" for value in operands)
-        lines.append(f"v{result} = " + (f"row[{place[1]}]" if place else f"np.{opcode}({given})"))
+        lines.append(f"v{result} = " + (f"row[{place[1]}]" if place else f"m.{opcode}({given})"))
     lines += [f"out[{j}] = v{value}" for j, value in enumerate(traced.outputs[0])]
-    space: dict[str, Any] = {"np": np}
+    space: dict[str, Any] = {"m": m}
     exec("\n ".join(["def step(row, out):", *lines]), space)
     return space["step"]
 
@@ -136,7 +142,7 @@ def by_numba() -> Prepare:
     """Numba, which has no derivatives, on the instructions of our trace, in a loop over rows."""
     import numba
 
-    one = numba.njit(written_out(), error_model="numpy")
+    one = numba.njit(written_out(np), error_model="numpy")
 
     @numba.njit
     def step(rows: np.ndarray, out: np.ndarray) -> np.ndarray:
@@ -145,6 +151,35 @@ def by_numba() -> Prepare:
         return out
 
     return lambda rows: partial(step, rows.copy(), np.zeros((len(rows), OUTPUTS)))
+
+
+def by_drjit() -> Prepare:
+    """Dr.Jit, whose derivatives are by one input at a time, on the instructions of our trace.
+
+    It loads LLVM's shared library, which it does not install.
+    """
+    import drjit
+    from drjit.llvm import Float64
+
+    m = SimpleNamespace(
+        add=operator.add, subtract=operator.sub, multiply=operator.mul, divide=operator.truediv,
+        negative=operator.neg, sin=drjit.sin, cos=drjit.cos,
+    )  # fmt: skip
+    one = written_out(m)
+
+    @drjit.freeze
+    def step(columns: list[Any]) -> Any:
+        out = [Float64()] * OUTPUTS
+        one(columns, out)
+        return drjit.concat(out)
+
+    drjit.set_thread_count(0)
+
+    def prepare(rows: np.ndarray) -> Callable[[], np.ndarray]:
+        columns = [Float64(column) for column in rows.T.copy()]
+        return lambda: np.array(step(columns)).reshape(OUTPUTS, -1).T
+
+    return prepare
 
 
 def by_casadi() -> Prepare:
@@ -211,6 +246,7 @@ def by_heyoka() -> Prepare:
 
 LIBRARIES = {
     "ours": ours, "Numba": by_numba, "CasADi": by_casadi, "JAX": by_jax, "heyoka": by_heyoka,
+    "drjit": by_drjit,
 }  # fmt: skip
 
 
