@@ -16,8 +16,8 @@ from agents.controllers import PPO
 from agents.policies.checkpoint import packaged, policy_path
 from agents.refusal import Refusal
 from agents.rollouts import batch
-from agents.studies.plan import options, plan
-from agents.studies.records import ORACLE, Agent, Condition, Estimator, Study
+from agents.studies.plan import Plan, options, plan
+from agents.studies.records import ORACLE, TUNED, Agent, Condition, Estimator, Study
 from agents.studies.results import long_table
 from agents.studies.worlds import environment_id, environment_options, system_of
 
@@ -94,17 +94,7 @@ class Budget(Search):
     def flights(self, suites: Sequence[int], first: int, episodes: int) -> list[Any]:
         """Scores of suites, see `agents.budget.search.Fly`; a flight has no other metrics."""
         part = replace(self.study, episodes=episodes, first_seed=self.study.first_seed + first)
-        plans = [
-            plan(
-                replace(
-                    part,
-                    estimators=(part.estimators[suite == TRUTH],),
-                    conditions=(part.conditions[suite + 1],),
-                ),
-                metrics=False,
-            )
-            for suite in suites
-        ]
+        plans = [_plan(part, suite) for suite in suites]
         self.refusals |= {skipped.reason for each in plans for skipped in each.skipped}
         jobs = [job for each in plans for job in each.jobs]
         outcome = agents.jobs.run(jobs, self.folder, self.processes)
@@ -113,3 +103,11 @@ class Budget(Search):
         tables = [long_table(each, outcome) for each in plans]
         self.tables += tables
         return [table.score.to_numpy(float) if len(table) else None for table in tables]
+
+
+def _plan(study: Study, suite: int) -> Plan:
+    """The flights of a suite; of an arm that is tuned, those as tuned."""
+    estimator, condition = study.estimators[suite == TRUTH], study.conditions[suite + 1]
+    every = plan(replace(study, estimators=(estimator,), conditions=(condition,)), metrics=False)
+    policy = study.agents[0].name + (f", {TUNED}" if study.tune else "")
+    return replace(every, flights=tuple(every.where(policy=policy)))

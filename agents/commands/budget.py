@@ -19,6 +19,8 @@ OPTIONS = {
     "rates": "lower rates [Hz] to try, too, for each grade",
     "estimator": "the environment's default if not given",
     "disturbance": "calm, moderate or rough",
+    "tune": "candidates with which estimator and controller are tuned together for each suite, and for"
+    " the truth; 0: as delivered",
     "episodes": "most episodes of a suite in the search, and those of the confirmation",
     "out": "folder for results and report; results/budget-ENV if not given",
 }
@@ -33,6 +35,7 @@ def main(
     estimator: str | None = None,
     agent: str = "autopilot",
     disturbance: str = "moderate",
+    tune: int = 0,
     episodes: int = 1024,
     first_seed: int = 0,
     out: Path | None = None,
@@ -58,13 +61,16 @@ def main(
         _check_numbers(keep, episodes, first_seed)
         choices, costs, notes = _candidates(env_id, rates, prices)
         suites = suites_of(choices, costs)
+        tuning = _tuning(tune, agent, env_id)
         study = budget_study(env_id, estimator or DEFAULT, agent, disturbance, suites)
         require("matplotlib", "jinja2", "joblib", "pyarrow")
         out = out or Path("results") / f"budget-{env_id.rpartition(':')[2]}"
         check_folder(out)
     if not (out / "prices.toml").exists():  # the user's own may lie there
         write_tables(out / "prices.toml", "Prices for --prices, in any currency.", costs)
-    study = replace(study, episodes=episodes, first_seed=first_seed)
+    if tune:
+        notes.append(f"Every arm is tuned with {tune} candidates, the truth included.")
+    study = replace(study, episodes=episodes, first_seed=first_seed, tune=tuning)
     return _search(Budget(study, suites, keep, out, processes), notes)
 
 
@@ -83,6 +89,20 @@ def _candidates(env_id: str, rates: Sequence[float], prices: Path | None) -> tup
             " of the same price may suffice, too. Give prices with --prices."
         )
     return kept, costs, notes
+
+
+def _tuning(candidates: int, agent: str, env_id: str) -> Any:
+    """How each arm is tuned; None: it is as delivered."""
+    from agents.controllers import is_controller
+    from agents.studies.records import EACH, Tuning
+    from agents.studies.worlds import system_of
+    from estimators.checks import integer
+
+    if not integer("--tune", candidates, 0):
+        return None
+    if not is_controller(agent, system_of(env_id)):
+        raise ValueError("--tune is for controllers: leave it out for a trained policy")
+    return Tuning(candidates, tunings=1, conditions=(EACH,))
 
 
 def _check_numbers(keep: float, episodes: int, first_seed: int) -> None:

@@ -1,6 +1,7 @@
 """`vessel-gym budget`: from an environment and prices to the cheapest suite."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 import agents.jobs
 from agents.budget.report import conclusion
 from agents.budget.result import Budget, budget_study
+from agents.budget.search import TRUTH
 from agents.budget.suites import choices_of, price_list, suites_of
 from agents.commands import budget
 from agents.policies.checkpoint import packaged
@@ -19,7 +21,10 @@ from agents.rollouts import rollout
 from agents.seeds import evaluation_seeds
 from agents.statistics import Interval
 from agents.studies.plan import plan
-from agents.studies.worlds import graded_sensors, system_of
+from agents.studies.records import EACH, Condition, Tuning
+from agents.studies.worlds import environment_options, graded_sensors, system_of
+from agents.tuning.arm import Arm
+from agents.tuning.tune import tune
 
 ENVIRONMENT = "few_grades:FewGrades-v0"
 PRICES = """
@@ -101,6 +106,18 @@ def test_scores_are_those_of_rollout_on_suite(made: Budget):
     np.testing.assert_array_equal(made.fly([0], 7, 2), [flown.score])
 
 
+def test_scores_are_those_of_an_arm_that_is_tuned_for_the_suite(made: Budget):
+    made.study = replace(made.study, tune=Tuning(3, episodes=2, tunings=1, conditions=(EACH,)))
+    estimator = system_of(ENVIRONMENT).estimator
+    for suite, sensors in ((0, made.suites[0].grades), (TRUTH, "nominal")):
+        shared = {"estimator": "truth" if suite == TRUTH else estimator, "termination": "belief"}
+        world = Condition("", disturbance="rough", sensors=sensors).options
+        found = tune(Arm(ENVIRONMENT, options=shared, conditions=(world,)), 3, 2)
+        options = environment_options(ENVIRONMENT, shared | world | found.env_options)
+        flown = rollout(found.agent(), "FewGrades-v0", evaluation_seeds(2, 7), options)
+        np.testing.assert_array_equal(made.fly([suite], 7, 2), [flown.score])
+
+
 def test_a_suite_on_which_the_estimator_is_refused_has_no_scores(made: Budget, monkeypatch):
     monkeypatch.setattr("agents.studies.plan.refusal", lambda *_: ValueError("no such filter"))
     assert made.fly([0], 0, 2) == [None]
@@ -135,6 +152,11 @@ def test_lower_rates_are_choices_of_their_own():
         ({"rates": (0.3,)}, "reads at 0.3 Hz, which does not divide the 2 steps a second"),
         ({"rates": (0.5, 2.0)}, "--rates must be above 0 and below 2 Hz, the highest of any"),
         ({"agent": "nosuch"}, "nosuch"),
+        (
+            {"agent": "ppo", "tune": 9},
+            "--tune is for controllers: leave it out for a trained policy",
+        ),
+        ({"tune": -1}, "--tune must be a whole number of at least 0, got -1"),
     ],
 )
 def test_what_cannot_be_meant_is_one_sentence(tmp_path, arguments, sentence):
