@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -122,7 +123,7 @@ def _search(budget: Any, notes: list[str]) -> int:
     from agents.budget.report import assumption, conclusion, suites_table, write_report
 
     try:
-        with progress("suites decided", counted=True) as show:
+        with progress("suites decided", slow=inf) as show:
             budget.run(show)
     except KeyboardInterrupt:
         kept = "what was finished is kept, and the same command goes on from there"

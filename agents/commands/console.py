@@ -157,12 +157,12 @@ def complain(text: str) -> int:
 
 
 @contextmanager
-def progress(title: str, counted: bool = False, slow: int = 0) -> Iterator[Callable[..., None]]:
+def progress(title: str, slow: float = 0) -> Iterator[Callable[..., None]]:
     """Progress by calls with (done, total, text), in a line that changes.
 
     In a file or pipe a line is written at each tenth, and every ten seconds. From the first tenth
-    or minute on, the time that is left is shown, unless the pieces of work are ``counted``, being
-    of different lengths. It is that of the pieces after the first ``slow`` ones of this run.
+    or minute on, the time that is left is shown, by the pieces of work after the first ``slow``
+    ones of this run; none where that is infinite, for pieces of different lengths.
     """
     live = sys.stderr.isatty()
     said, tenth, began, first = 0.0, -1, None, (0, 0.0)
@@ -177,7 +177,7 @@ def progress(title: str, counted: bool = False, slow: int = 0) -> Iterator[Calla
         said, tenth = now, reached
         words = [f"{title}: {done}/{total}", text]
         soon = total - before <= 10 * (done - before) or now - start > 60.0
-        if not counted and soon and before < done < total:
+        if soon and before < done < total:
             left = (now - start) * (total - done) / (done - before)
             words.append(f"{timedelta(seconds=round(left))} left")
         line = ", ".join(filter(None, words))

@@ -1,7 +1,5 @@
 """Say what there is: ``vessel-gym list environments``."""
 
-from importlib import import_module
-
 from agents.commands.console import asked, print_table
 
 OPTIONS = {
@@ -32,12 +30,12 @@ def main(what: str = "environments", env_id: str = "", /) -> None:
 
 def _environments() -> list[list[str]]:
     """Names, default estimators and first sentences."""
+    from agents.named import loaded
     from agents.studies.worlds import OURS, environments, system_of
 
     rows = []
     for name, place in environments(OURS).items():
-        module, _, entry = place.partition(":")
-        summary = (getattr(import_module(module), entry).__doc__ or "").strip().splitlines()[0]
+        summary = loaded(place).__doc__.strip().splitlines()[0]
         rows.append([name, system_of(name).estimator, summary])
     return rows
 

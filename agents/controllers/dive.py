@@ -8,7 +8,7 @@ import numpy as np
 
 from agents.controllers import AUTOPILOT, register_controller
 from agents.controllers.loops import Control, Controller, bryson, jacobian, regulator_gains
-from estimators import Log, wrap
+from estimators import wrap
 from estimators.engine import compiled
 from vessel_gym.processes import interpolated
 from vessel_gym.system import System
@@ -133,9 +133,6 @@ class DiveAutopilot(Controller):
     """
 
     kind, vehicle = Dive, AUV
-    tunable = {
-        "direction": Log(6e-4, 6.0), "rate": Log(0.004, 40.0), "ahead": Log(0.01, 100.0)
-    }  # fmt: skip
 
     def __init__(
         self, system: System, direction: float = 0.06, rate: float = 0.4, ahead: float = 1.0
@@ -151,19 +148,19 @@ class DiveAutopilot(Controller):
         observation: np.ndarray, state: np.ndarray, numbers: np.ndarray, *, task: Any, vehicle: Any
     ) -> Control:
         """Actions ``(..., a)``, fins and thrust; there is no state."""
-        o, body = _observed(observation, numbers[..., 0], task, vehicle), vehicle.body
+        o, body = _observed(observation, numbers[0], task, vehicle), vehicle.body
         heave, stern, thrust = steady_motions(vehicle, False).at(o["wanted climb"])
         drift = o["heave"] - heave
         climb = o["climb"] - o["wanted climb"] + drift / body.cruise_speed
         deviation = np.stack([drift, o["pitch rate"], climb], -1)
-        fins = [stern - (numbers[..., 1:4] * deviation).sum(-1)]
+        fins = [stern - (numbers[1:4] * deviation).sum(-1)]
         if _turns(vehicle):
             sway, rudder, turning = steady_motions(vehicle, True).at(o["turning"])
             drift = o["sway"] - sway
             rates = o["roll rate"], o["yaw rate"] - o["turning"]
             course = -o["course error"] - drift / body.cruise_speed
             deviation = np.stack([drift, *rates, o["roll"], course], -1)
-            fins.insert(0, rudder - (numbers[..., 4:] * deviation).sum(-1))
+            fins.insert(0, rudder - (numbers[4:] * deviation).sum(-1))
             thrust = thrust + turning - body.cruise_thrust
         thrust = thrust - body.mass / SPEED * o["surge error"]
         shares = [fin / body.fin_limit for fin in fins]
@@ -177,7 +174,7 @@ def _turns(vehicle: AUV) -> bool:
 
 
 def _observed(
-    observation: np.ndarray, look_ahead: np.ndarray, task: Any, vehicle: AUV
+    observation: np.ndarray, look_ahead: float, task: Any, vehicle: AUV
 ) -> dict[str, Any]:
     """Observed quantities in SI, ``(...)`` each, and what the guidance makes of them.
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from agents.controllers import AUTOPILOT, register_controller
 from agents.controllers.loops import Control, Controller, bryson, jacobian, regulator_gains
-from estimators import Log, zero_order_hold
+from estimators import zero_order_hold
 from estimators.engine import compiled
 from vessel_gym.processes import interpolated
 from vessel_gym.system import System
@@ -97,10 +97,6 @@ class FlightAutopilot(Controller):
     """
 
     kind, vehicle = Flight, Puna
-    tunable = {
-        "cross_track": Log(0.02, 200.0), "course": Log(0.0015, 15.0), "altitude": Log(0.01, 100.0),
-        "climb": Log(0.007, 70.0), "airspeed": Log(0.01, 100.0), "thrust": Log(0.03, 300.0),
-    }  # fmt: skip
 
     def __init__(
         self, system: System, cross_track: float = 2.0, course: float = 0.15,
@@ -118,7 +114,7 @@ class FlightAutopilot(Controller):
     ) -> Control:
         """Actions ``(..., 3)``, thrust, angle of attack and bank; there is no state."""
         o, body = task.named(observation), vehicle.body
-        by_cross_track, by_course, by_bank = (numbers[..., i] for i in range(3))
+        by_cross_track, by_course, by_bank = numbers[:3]
         slope, needed = by_cross_track / by_course / APPROACH, o["bank of the path"]
         field = APPROACH * np.arctan(slope * o["cross-track"])  # to the left of the path
         astray = field - np.arctan2(o["course sine"], o["course cosine"])
@@ -137,6 +133,6 @@ class FlightAutopilot(Controller):
             o["climb"] / body.cruise_speed,
         ], -1)  # fmt: skip
         deviation = np.concatenate([motion, actuators[..., :2] - trims], -1)
-        K = numbers[..., 3:].reshape(*numbers.shape[:-1], 2, 5)
-        commands = np.concatenate([trims - np.matvec(K, deviation), bank[..., None]], -1)
+        change = np.matvec(numbers[3:].reshape(2, 5), deviation)
+        commands = np.concatenate([trims - change, bank[..., None]], -1)
         return np.clip(body.actions(commands), -1.0, 1.0), state

@@ -1,11 +1,12 @@
 """Controllers with a compiled law; gains of PID loops and linear-quadratic regulators."""
 
 from collections.abc import Callable, Mapping
+from inspect import signature
 from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators import Linear
+from estimators import Linear, Log
 from estimators.discretisation import riccati_composition
 from vessel_gym.system import System
 
@@ -23,8 +24,7 @@ class Controller:
         system: The environment's system.
 
     Attributes:
-        numbers: Gains and others that follow from parameters, ``(n,)``, which subclasses set; rows
-            of a batch with parameters of their own have numbers ``(B, n)``.
+        numbers: Gains and others that follow from parameters, ``(n,)``, which subclasses set.
 
     Raises:
         ValueError: if the system's task or vehicle is of another kind.
@@ -35,14 +35,18 @@ class Controller:
     state_size = 0
     """Length m of the state of `control`."""
     tunable: ClassVar[Mapping[str, Linear]] = {}
-    """Ranges of the parameters, by name."""
+    """Ranges of the parameters, by name; a class without its own has `two_decades`."""
     numbers: np.ndarray
     control: Callable[..., Control]
     """The law: actions ``(..., a)`` in [-1, 1], and the next state ``(..., m)``.
 
     Its arguments are the observation ``(..., k)``, the state, which is zero at an episode's start,
-    the numbers ``(..., n)``, and as keywords the system's task and vehicle.
+    the numbers ``(n,)``, and as keywords the system's task and vehicle.
     """
+
+    def __init_subclass__(cls) -> None:
+        if "tunable" not in vars(cls):
+            cls.tunable = two_decades(cls)
 
     def __init__(self, system: System) -> None:
         if not isinstance(system.task, self.kind) or not isinstance(system.vehicle, self.vehicle):
@@ -65,6 +69,16 @@ class Controller:
             task=self._task, vehicle=self._vehicle,
         )  # fmt: skip
         return actions.astype(np.float32)
+
+
+def two_decades(controller: type) -> dict[str, Log]:
+    """Ranges from a hundredth to a hundredfold of each parameter's default; none for infinity."""
+    _, *parameters = signature(controller).parameters.values()
+    return {
+        each.name: Log(each.default / 100.0, 100.0 * each.default)
+        for each in parameters
+        if np.isfinite(each.default)
+    }
 
 
 def pid_gains(

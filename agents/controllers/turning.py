@@ -108,7 +108,7 @@ class _Regulator(Controller):
         observation: np.ndarray, state: np.ndarray, numbers: np.ndarray, *, task: Any, vehicle: Any
     ) -> Control:
         """Share ``(..., 1)`` of the full rudder rate, or in a trial of the limit of the angle."""
-        turns, farthest, most = steady_turns(task.ship), numbers[..., 0], numbers[..., 1]
+        turns, farthest, most = steady_turns(task.ship), numbers[0], numbers[1]
         heading = integrated = -task.HEADING_SCALE * observation[..., 0]
         off = np.zeros_like(heading)
         if isinstance(task, Track):
@@ -125,7 +125,7 @@ class _Regulator(Controller):
         ], -1)  # fmt: skip
         turn = np.abs(task.command_scale * observation[..., 5:6]) / turns.yaw_rate[-1]
         powers = np.minimum(turn, 1.0) ** np.arange(6, -1, -1)
-        K = np.vecmat(powers, numbers[..., 2:].reshape(*numbers.shape[:-1], 7, 6))
+        K = np.vecmat(powers, numbers[2:].reshape(7, 6))
         wanted = -(K * deviation).sum(-1)
         # The integral waits while the steering gear is saturated, so that it cannot wind up.
         grown = state[..., 0] + vehicle.dt * integrated * (np.abs(wanted) < 1.0)
@@ -145,9 +145,6 @@ class TurningAutopilot(_Regulator):
     """
 
     kind = TurningTrial
-    tunable = {
-        "yaw_rate": Log(2e-4, 2.0), "heading": Log(5e-4, 5.0), "integral": Log(0.01, 100.0)
-    }  # fmt: skip
 
     def __init__(
         self, system: System, yaw_rate: float = 0.02, heading: float = 0.05, integral: float = 1.0
@@ -160,7 +157,6 @@ class TurningAutopilot(_Regulator):
 class TurningRegulator(TurningAutopilot):
     """The autopilot's regulator without its integral: no memory, and a bias under steady loads."""
 
-    tunable = {name: TurningAutopilot.tunable[name] for name in ("yaw_rate", "heading")}
     __init__ = partialmethod(TurningAutopilot.__init__, integral=np.inf)
 
 
@@ -180,10 +176,6 @@ class TrackAutopilot(_Regulator):
     """
 
     kind = Track
-    tunable = {
-        "yaw_rate": Log(2e-4, 2.0), "heading": Log(5e-4, 5.0), "distance": Log(0.005, 50.0),
-        "integral": Log(0.5, 5000.0),
-    }  # fmt: skip
 
     def __init__(
         self, system: System, yaw_rate: float = 0.02, heading: float = 0.05, distance: float = 0.5,
@@ -198,7 +190,6 @@ class TrackAutopilot(_Regulator):
 class TrackRegulator(TrackAutopilot):
     """The autopilot's regulator without its integral: no memory, and a bias under steady loads."""
 
-    tunable = {name: TrackAutopilot.tunable[name] for name in ("yaw_rate", "heading", "distance")}
     __init__ = partialmethod(TrackAutopilot.__init__, integral=np.inf)
 
 
@@ -247,14 +238,14 @@ class TurningPID(Controller):
         heading = task.HEADING_SCALE * observation[..., 0]
         if isinstance(task, Track):
             off = task.track_scale * observation[..., 7]
-            heading = heading - np.arctan2(off, numbers[..., 4])
+            heading = heading - np.arctan2(off, numbers[4])
         needed = _steady(observation, steady_turns(task.ship).rudder, task)
         errors = np.stack([heading, state[..., 0], rate], -1)
-        wanted = needed + (numbers[..., :3] * errors).sum(-1)
+        wanted = needed + (numbers[:3] * errors).sum(-1)
         # The integral waits while the rudder is at its limit, so that it cannot wind up.
         integral = state[..., 0] + vehicle.dt * heading * (np.abs(wanted) < limit)
         change = np.clip(wanted, -limit, limit) - limit * observation[..., 4]
-        return _action(observation, change / numbers[..., 3], task, vehicle), integral[..., None]
+        return _action(observation, change / numbers[3], task, vehicle), integral[..., None]
 
 
 @register_controller(Track, "pid")

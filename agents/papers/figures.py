@@ -48,7 +48,7 @@ def panels(
     lines: Mapping[str, np.ndarray],
     sds: Iterable[Any] = repeat(None),
 ) -> list[Panel]:
-    """A panel `over_time` for each of k components: lines ``(T, k)``, and an sd or None for each."""
+    """A panel `over_time` for each of k components: lines ``(T, k)``, an sd or None for each."""
     components = zip(names, sds, *(line.T for line in lines.values()), strict=False)
     return [
         over_time(times, name, dict(zip(lines, of, strict=True)), sd)

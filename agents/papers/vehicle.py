@@ -71,7 +71,7 @@ class Experiment:
         return np.stack([known.get(i, nothing) for i in range(self.start.shape[-1])], -1)
 
     def path(self, states: np.ndarray, components: list[int]) -> np.ndarray:
-        """Components ``(T + 1, B, c)`` from 0 on, by their increments in steps from ``(T, B, n)``."""
+        """Components ``(T + 1, B, c)`` from 0, by their increments in steps from ``(T, B, n)``."""
         moved = self.advance(states, self.controls[:, None]) - states
         return np.cumsum(np.pad(moved[..., components], ((1, 0), (0, 0), (0, 0))), 0)
 

@@ -97,7 +97,7 @@ class Arm:
     @cached_property
     def by_rows(self) -> bool:
         """Can candidates share a batch? The filter's parameters are then data of its rows."""
-        if not self.configurations or not is_controller(self.agent, self.system):
+        if not self.configurations:
             return False
         filter = self.configurations[0].estimation.filter
         ours = type(filter).__module__.startswith(("estimators.", "vessel_gym."))

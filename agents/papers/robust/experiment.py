@@ -234,11 +234,16 @@ def example(first: int, runs: int, noise_seed: int, steps: int) -> tuple[Any, ..
     model: Any = discretised([draw(first)])
     record = simulate(model, model, Condition(), steps, runs, noise_seed)
     of = track({"kind": "kf"}, model, record.y)
-    cov, squares = of.cov[:, 0, 0], np.square(of.mean - record.x).sum(-1)
-    gain = np.linalg.norm(cov @ model.C[0, 0].T @ np.linalg.inv(model.R), 2, (-2, -1))
+    squares = np.square(of.mean - record.x).sum(-1)
+    variances, gains = first_run(model, of)
     difference = np.abs(printed_estimates(model, record.y[:, 0, 0]) - of.mean[:, 0, 0]).max()
-    variances = np.diagonal(cov, axis1=-2, axis2=-1)
-    return np.sqrt(squares.mean((1, 2))), variances, gain, difference
+    return np.sqrt(squares.mean((1, 2))), variances, np.linalg.norm(gains, 2, (-2, -1)), difference
+
+
+def first_run(model: Any, of: Series) -> tuple[np.ndarray, np.ndarray]:
+    """Variances ``(T, n)`` and Kalman gains ``K = P+ C' R^-1 (T, n, p)`` of the first run."""
+    cov = of.cov[:, 0, 0]
+    return np.diagonal(cov, axis1=-2, axis2=-1), cov @ model.C[0, 0].T @ np.linalg.inv(model.R)
 
 
 def printed_estimates(model: Any, y: np.ndarray) -> np.ndarray:
@@ -287,20 +292,19 @@ def _drawn(settings: Mapping[str, Any]) -> list[Any]:
         for condition in (Condition(), Condition(**settings["outliers"]))
     )
     of, disturbed = (track({"kind": "kf"}, model, record.y) for record in (calm, hit))
-    times, cov = STEP * np.arange(len(calm.x)), of.cov[:, 0, 0]
+    times, (variances, gain) = STEP * np.arange(len(calm.x)), first_run(model, of)
     real, estimate = {"real": calm.x[:, 0, 0]}, {"estimate": of.mean[:, 0, 0]}
     both = {"without disturbance": of.mean[:, 0, 0], "with disturbance": disturbed.mean[:, 0, 0]}
-    names, sds = ("x1", "x2"), np.sqrt(np.diagonal(cov, axis1=-2, axis2=-1)).T
-    gain = cov @ model.C[0, 0].T @ np.linalg.inv(model.R)
+    names, sds = ("x1", "x2"), np.sqrt(variances).T
     gains = {f"K{i + 1}{j + 1}": gain[:, i, j] for i in range(STATES) for j in range(MEASUREMENTS)}
-    variances = {f"P{i + 1}{i + 1}": cov[:, i, i] for i in range(STATES)}
+    of_each = {f"P{i + 1}{i + 1}": of for i, of in enumerate(variances.T)}
     beside = panels(times, names, real | estimate, sds)
     robustness = panels(times, names, real | both)
     return [
         figure("1", "Estimates of x1 and x2.", *panels(times, names, estimate, sds)),
         figure("2", "Estimates of x1 and x2 with the true states.", *beside),
         figure("3", "Kalman gain over time.", over_time(times, "gain", gains)),
-        figure("4", "Covariance of the error over time.", over_time(times, "variance", variances)),
+        figure("4", "Covariance of the error over time.", over_time(times, "variance", of_each)),
         figure("5", "Estimates with and without disturbance.", *robustness),
     ]
 
