@@ -5,6 +5,7 @@ import io
 import re
 import tokenize
 from collections.abc import Iterator
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -31,6 +32,12 @@ PRIVATE = {
 """Words that once stood for a term of the field: docs/glossary.md has the terms."""
 
 
+@cache
+def tree(module: str) -> ast.Module:
+    return ast.parse(MODULES[module].read_text(encoding="utf-8"))
+
+
+@cache
 def imports(module: str, late: bool) -> set[str]:
     """Modules of the package that a module imports, for types too; ``late``: those within functions as well."""
     found: set[str] = set()
@@ -47,7 +54,7 @@ def imports(module: str, late: bool) -> set[str]:
             elif late or not isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef):
                 visit(child)
 
-    visit(ast.parse(MODULES[module].read_text(encoding="utf-8")))
+    visit(tree(module))
     return (found & MODULES.keys()) - {module}
 
 
@@ -75,9 +82,9 @@ def test_no_folder_imports_one_above_it() -> None:
 def test_engine_is_imported_by_its_public_names() -> None:
     inside = [
         (module, f"{node.module}.{name.name}")
-        for module, path in MODULES.items()
+        for module in MODULES
         if not module.startswith("estimators.engine")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for node in ast.walk(tree(module))
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("estimators.engine")
         for name in node.names
         if node.module != "estimators.engine" or name.name not in engine.__all__

@@ -9,6 +9,7 @@ from agents.seeds import evaluation_seeds
 
 ELSEWHERE = {
     "engine",
+    "primer",
     "recipes/capytaine",
     "studies",
     "training",

@@ -56,7 +56,10 @@ def _singular(name: str, seed: int) -> tuple[LinearModel | NonlinearModel, np.nd
     ), P
 
 
-@pytest.mark.parametrize("name", ["kf", "ekf", "ukf", "huber-kf", "kf-umv-ui", "ulise", "enkf"])
+@pytest.mark.parametrize("name", [
+    "ekf", "ukf", "kf-umv-ui", "enkf",
+    *(pytest.param(name, marks=pytest.mark.nightly) for name in ("kf", "huber-kf", "ulise")),
+])  # fmt: skip
 def test_singular_systems_leave_no_nan_and_other_rows_alone(name: str):
     """18,000 predictions and updates, some of absurd measurements and inputs; a few rows alone give the same bits."""
     rows, some, lost, keys = 36, slice(0, 36, 7), 0, RandomKeys.seeded(range(36))

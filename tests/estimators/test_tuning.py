@@ -80,7 +80,7 @@ def test_estimates_and_errors_are_those_of_the_joint_density():
 
 
 def test_two_numbers_of_which_only_the_sum_is_seen_are_named():
-    y = random_walk(0, 60, 0.0, 4.0)
+    y = random_walk(0, 20, 0.0, 4.0)
     start = {"a": 1.0, "b": 1.0, "p": 1.0}
     found = fit(lambda a, b, p: (noise(a + b)[0], Gaussian([p], [[0.0]])), start, y, signed="p")
     apart = "the measurements cannot tell a and b apart: with a up and b down they are as likely"
@@ -90,17 +90,17 @@ def test_two_numbers_of_which_only_the_sum_is_seen_are_named():
         assert found.standard_errors[name] == np.inf
         assert found.intervals[name] == (0.0, np.inf)
     assert found.estimates["a"] + found.estimates["b"] == pytest.approx(y.var(), rel=1e-5)
-    assert found.standard_errors["p"] == pytest.approx(np.sqrt(y.var() / 60), rel=1e-3)
+    assert found.standard_errors["p"] == pytest.approx(np.sqrt(y.var() / 20), rel=1e-3)
 
 
 def test_numbers_without_effect_or_only_bounded_are_named():
-    y = random_walk(0, 60, 0.0, 4.0)
+    y = random_walk(0, 20, 0.0, 4.0)
     found = fit(lambda r, idle: noise(r), {"r": 1.0, "idle": 3.0}, y)
     nothing = "the measurements tell nothing of idle: they are as likely with another"
     assert found.undetermined == (nothing,)
-    error = np.sqrt(2.0 / 60) * found.estimates["r"]
+    error = np.sqrt(2.0 / 20) * found.estimates["r"]
     assert found.standard_errors["r"] == pytest.approx(error, rel=1e-3)
-    alternating = 2.0 * (-1.0) ** np.arange(60)[:, None]  # nothing walks there
+    alternating = 2.0 * (-1.0) ** np.arange(20)[:, None]  # nothing walks there
     found = fit(lambda q, r: level(q, r, 0.0), {"q": 1.0, "r": 1.0}, alternating)
     small = "measurements say of q only that it is small: as likely if it is smaller still"
     assert found.undetermined == (small,)
@@ -163,9 +163,9 @@ def test_a_maximum_that_bends_in_the_small_alone_is_none():
     def build(r: float) -> tuple[Filter, Gaussian]:
         return noise(r * np.exp(0.01 * np.sin(1000.0 * np.log(r))))
 
-    y = random_walk(0, 60, 0.0, 4.0)
-    found, smooth = (fit(each, {"r": 4.0}, y).intervals["r"] for each in (build, noise))
-    assert found == pytest.approx(smooth, rel=0.05)
+    y = random_walk(0, 20, 0.0, 4.0)
+    smooth = np.mean(y**2) * np.exp(np.array([-1, 1]) * 1.959964 * np.sqrt(2.0 / 20))
+    assert fit(build, {"r": 4.0}, y).intervals["r"] == pytest.approx(tuple(smooth), rel=0.05)
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1e9])
@@ -179,7 +179,7 @@ def test_a_start_in_other_units_finds_the_same(unit: float, known: float):
     assert one.estimates == pytest.approx(other.estimates, rel=0.02)
 
 
-@pytest.mark.parametrize("unit", [1e-6, 1e9])
+@pytest.mark.parametrize("unit", [1e-6, pytest.param(1e9, marks=pytest.mark.nightly)])
 def test_a_start_without_likelihood_may_be_in_other_units(unit: float):
     """Two sensors of one state agree to the last digit, as seen from far away."""
     rng = np.random.default_rng(0)
@@ -223,7 +223,7 @@ def test_a_maximum_at_the_edge_of_what_can_be_built_is_none():
             raise ValueError("it is too precise")
         return noise(r)
 
-    found = fit(build, {"r": 4.0}, random_walk(0, 60, 0.0, 0.25))
+    found = fit(build, {"r": 4.0}, random_walk(0, 20, 0.0, 0.25))
     assert 1.0 <= found.estimates["r"] < 1.01
     assert not found.converged
     assert found.intervals["r"] == (0.0, np.inf)

@@ -284,7 +284,10 @@ def test_noise_of_a_step_is_white_with_its_covariance(env_id: str):
     assert (np.abs(np.einsum("tri,trj->ij", *neighbours)) / n < band).all()
 
 
-@pytest.mark.parametrize("env_id", OURS)
+@pytest.mark.parametrize("env_id", [
+    pytest.param(env_id, marks=pytest.mark.nightly if env_id == "PunaUAV-v0" else ())
+    for env_id in OURS  # a start of 20,000 flights plans as many paths
+])  # fmt: skip
 def test_disturbances_and_biases_start_with_their_covariance(env_id: str):
     core = make_core(env_id, 20_000, estimator="truth", disturbance="rough")
     core.start(12)

@@ -67,7 +67,7 @@ def test_a_ship_rolls_as_with_many_substeps(name: str):
         exogenous[:, 1 + vehicle.ambient_flows.index("roll moment")] = moment
         state = vehicle.step(state, amidships, amidships, exogenous, c)
         fine = runge_kutta(
-            vehicle.equations, fine, amidships, amidships, exogenous[:, 1:], c, dt, 48
+            vehicle.equations, fine, amidships, amidships, exogenous[:, 1:], c, dt, 16
         )
         rolls.append([state[0, 6], fine[0, 6]])
     rms, converged = np.std(rolls[len(rolls) // 2 :], axis=0)

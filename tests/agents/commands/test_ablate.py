@@ -24,7 +24,6 @@ SigmaCorvette-v0 = {}
 
 [estimators]
 kf-umv-ui = {}
-kf = {}
 
 [agents.PPO]
 kind = "ppo"

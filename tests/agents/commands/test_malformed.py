@@ -151,7 +151,7 @@ def command_line(draw: st.DrawFn) -> tuple[str, list[str]]:
 
 
 @pytest.mark.slow
-@settings(max_examples=300)
+@settings(max_examples=150)
 @given(command_line())
 def test_any_command_line_is_refused_in_one_sentence_or_begins(
     line: tuple[str, list[str]],
