@@ -30,10 +30,9 @@ from estimators.linalg import (
     solve_lower,
     solve_upper,
 )
-from estimators.models import LinearModel, NonlinearModel, at_columns
+from estimators.models import NonlinearModel, at_columns
 from estimators.randomness import RandomKeys
 from estimators.tunable import Log
-from estimators.varying import resolve
 
 START, PROCESS, MEASUREMENTS, MOVED, EXPECTED = 0, 1, 2, 4, 5
 """Uses of random numbers."""
@@ -101,8 +100,8 @@ class EnsembleFilter(Filter[EnsembleBelief]):
             )
         # A linear model's measurements are as unwrapped as its states.
         curved = isinstance(model, NonlinearModel)
-        self._angles = tuple(sorted(model.state_angles)) if curved else ()
-        self._seams = tuple(sorted(model.measurement_angles)) if curved else ()
+        self._angles = model.state_angles if curved else ()
+        self._seams = model.measurement_angles if curved else ()
 
     def _begin(self, mean: np.ndarray, cov: np.ndarray, rng: Any) -> Changes:
         normals = draw(rng, mean.shape[:-1], self.members, self.model.n, START)
@@ -113,25 +112,15 @@ class EnsembleFilter(Filter[EnsembleBelief]):
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
         """Members ``(..., n, N)`` one step on, and a root ``(..., n, r)`` of the process noise."""
-        model, root = self.model, process_root(self, belief, u)
-        if not isinstance(model, LinearModel):
-            return at_columns(model, "transition", belief.members, u), root
-        after = resolve(model.A, u) @ belief.members
-        if model.B is not None and u is not None:
-            after = after + np.matvec(resolve(model.B, u), u)[..., None]
-        return after, root
+        after = at_columns(self.model, "transition", belief.members, u)
+        return after, process_root(self, belief, u)
 
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
         """Mean ``(..., p)`` and anomalies ``(..., p, N)`` of members' measurements, and R."""
-        members = gathered(self._expected(belief.members, u), self._seams)
+        expected = at_columns(self.model, "measurement", belief.members, u)
+        members = gathered(expected, self._seams)
         mean = average(members)
         return mean, members - mean[..., None], self._noise(belief, u, R)
-
-    def _expected(self, members: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        """Measurements ``(..., p, N)`` expected by the members."""
-        if isinstance(self.model, LinearModel):
-            return resolve(self.model.C, u) @ members
-        return at_columns(self.model, "measurement", members, u)
 
     def _predict(self, belief: Any, u: Any, *moved: Any) -> Changes:
         after, root, rng = moved
@@ -187,7 +176,8 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         u, y, available, _, rng = data
         missing, members = ~(available & np.isfinite(y))[..., None], belief.members
         for use in range(EXPECTED, EXPECTED + _REDRAWS):
-            kept = (np.isfinite(self._expected(members, u)) | missing).all(-2)
+            expected = at_columns(self.model, "measurement", members, u)
+            kept = (np.isfinite(expected) | missing).all(-2)
             kept &= np.isfinite(members).all(-2)
             if kept.all():
                 break

@@ -54,9 +54,10 @@ def make(name: str, model: Model, **options: Any) -> Filter[Belief]:
     if not isinstance(name, str) or name not in _FILTERS:
         raise ValueError(unknown("filter", name, _FILTERS))
     ended = name == "kf-umv-ui" and getattr(model, "delayed_feedthrough", False)
-    cls = getattr(import_module("estimators"), "EndedUMVFilter" if ended else _FILTERS[name])
+    kind = "EndedUMVFilter" if ended else _FILTERS[name]
     if name in _AS_PRINTED and options.pop("as_printed", False):
-        cls = getattr(import_module("estimators.as_printed"), _AS_PRINTED[name])
+        kind = _AS_PRINTED[name]
+    cls = getattr(import_module("estimators"), kind)
     check_options(name, cls, options)
     made: Filter = cls(model, **options)
     made.name = name

@@ -123,11 +123,9 @@ class KalmanFilter(ExtendedKalmanFilter):
     ) -> Changes:
         if self.input_cov is None:
             return super()._update(belief, u, e, C, R, available)
-        n, q = self.model.n, self.model.q
-        mean = joined([belief.mean[..., None], np.zeros((q, 1))], -2)[..., 0]
-        joint = joint_covariance(belief)
-        mean, cov, S = joseph_update(mean, joint, e, joined([C, *more], -1), R)
-        return of_joint(mean, cov, n) | {"innovation_cov": S}
+        mean, cov = with_input(belief)
+        mean, cov, S = joseph_update(mean, cov, e, joined([C, *more], -1), R)
+        return of_joint(mean, cov, self.model.n) | {"innovation_cov": S}
 
 
 def joint_covariance(belief: Any) -> np.ndarray:

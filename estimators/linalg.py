@@ -168,7 +168,7 @@ def shared_root(cov: np.ndarray) -> np.ndarray:
     """
     n = cov.shape[-1]
     rows = cov.reshape(-1, n, n)
-    equal = len(rows) == 1 or (len(rows) > 0 and (rows == rows[0]).all())
+    equal = len(rows) > 0 and (rows == rows[0]).all()
     return _kept_root(rows[0].tobytes(), n) if equal else semidefinite_cholesky(cov)
 
 

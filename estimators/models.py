@@ -32,8 +32,6 @@ from estimators.varying import (
 class Gaussian(Frozen):
     """A mean ``(..., n)`` and a covariance ``(..., n, n)`` that broadcast against each other.
 
-    Two Gaussians are equal if their arrays are.
-
     Raises:
         ValueError: if the shapes do not fit or the covariance is not positive semidefinite.
     """
@@ -57,11 +55,6 @@ class Gaussian(Frozen):
         moved = object.__new__(type(self))
         vars(moved).update(mean=mean, cov=self.cov)
         return moved
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Gaussian):
-            return NotImplemented
-        return np.array_equal(self.mean, other.mean) and np.array_equal(self.cov, other.cov)
 
 
 class _Model(Frozen):
@@ -257,9 +250,14 @@ class NonlinearModel(_Model):
 
 
 def at_columns(
-    model: NonlinearModel, name: str, points: np.ndarray, u: np.ndarray | None
+    model: LinearModel | NonlinearModel, name: str, points: np.ndarray, u: np.ndarray | None
 ) -> np.ndarray:
-    """A model's function at columns ``(..., n, N)``: values ``(..., k, N)``, contiguous."""
+    """A model's transition or measurement at columns ``(..., n, N)``: values ``(..., k, N)``."""
+    if isinstance(model, LinearModel):
+        values = resolve(model.A if name == "transition" else model.C, u) @ points
+        if name == "measurement" or model.B is None or u is None:
+            return values
+        return values + np.matvec(resolve(model.B, u), u)[..., None]
     function = getattr(model, name)
     if is_traced(points):
         return columnwise(function, points, u)

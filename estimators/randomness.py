@@ -185,10 +185,9 @@ class RandomKeys:
     @property
     def words(self) -> list[np.ndarray]:
         """Keys ``(..., 2)`` and steps ``(..., 1)``, as compiled filters take them."""
-        batch = self.keys.shape[:-1]
-        if isinstance(self.step, np.ndarray) and self.step.shape == batch:
-            return [self.keys, self.step[..., None]]
-        return [self.keys, np.full((*batch, 1), self.step, np.int64)]
+        steps = np.empty((*self.keys.shape[:-1], 1), np.int64)
+        steps[..., 0] = self.step
+        return [self.keys, steps]
 
     def __getitem__(self, rows: Any) -> "RandomKeys":
         steps = np.broadcast_to(self.step, self.keys.shape[:-1])
@@ -197,8 +196,8 @@ class RandomKeys:
     def of(self, first: Any, second: Any = 0) -> "RandomKeys":
         """Keys derived from these by whole numbers ``(...)``, or by a name."""
         words = (word(part) if isinstance(part, str) else part for part in (first, second))
-        first, second = (np.asarray(each).astype(np.uint64, copy=False) for each in words)
-        return RandomKeys(derived(self.keys, first, second), self.step)
+        counter = (np.asarray(each, np.uint64) for each in words)
+        return RandomKeys(derived(self.keys, *counter), self.step)
 
     def at(self, step: np.ndarray | int) -> "RandomKeys":
         """These keys at another step."""

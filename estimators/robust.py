@@ -76,7 +76,7 @@ class HuberKalmanFilter(ExtendedKalmanFilter):
         M = joined([C @ root_P, root_R], -1)
         S = M @ M.mT
         seen = _inflation(solve_lower(regular(root_R), e[..., None])[..., 0], gamma)
-        inflation = joined([np.ones((n, 1)), seen[..., None]], -2)[..., 0]
+        inflation = np.concatenate([np.ones(belief.mean.shape), seen], -1)
         for _repeat in range(self.iterations - 1):
             S_weighted = S + (M * (inflation - 1.0)[..., None, :]) @ M.mT
             solved = solve(S_weighted, e[..., None])[..., 0]

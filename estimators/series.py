@@ -125,7 +125,7 @@ def run(
             a step.
     """
     y = as_array("y", y)
-    if y.size == 0 and y.shape[:1] == (0,):
+    if y.shape[:1] == (0,):
         raise ValueError(f"y has no measurements (shape {y.shape}): a series needs at least one")
     if y.ndim < 2:
         raise ValueError(f"y has shape {y.shape}, expected (T, ..., p): one channel has y[:, None]")

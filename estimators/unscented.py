@@ -1,6 +1,6 @@
 """Unscented filters: sigma points in place of Jacobians."""
 
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from estimators.engine import compiled
 from estimators.filter import Changes, Filter, Model
 from estimators.kalman import ExtendedKalmanFilter
 from estimators.linalg import congruence, identity, semidefinite_cholesky, solve_upper, symmetrise
-from estimators.models import LinearModel, NonlinearModel, at_columns
+from estimators.models import LinearModel, at_columns
 from estimators.unknown_input import NoFeedthroughFilter
 
 
@@ -108,7 +108,7 @@ class SigmaPoints(Filter[Any]):
             The mean ``(..., k)``, the slopes ``a (..., n, k)`` along the columns of the root, and
             the part of the covariance ``(..., k, k)`` beyond ``a' a``.
         """
-        model, n, c2 = cast(NonlinearModel, self.model), self.model.n, self._c2
+        model, n, c2 = self.model, self.model.n, self._c2
         values = at_columns(model, name, points.mT, u).mT
         angles = model.state_angles if name == "transition" else model.measurement_angles
         centre = values[..., 0, :]

@@ -16,7 +16,7 @@ from estimators.checks import (
     number,
     shaped_array,
 )
-from estimators.engine import Compiled, TracedMatrix, by_entries, is_traced, lookup, matrix
+from estimators.engine import Compiled, TracedMatrix, by_entries, lookup, matrix
 
 Matrix = ArrayLike | Callable[[Any], Any]
 Function = Callable[[Any, Any], Any]
@@ -80,12 +80,7 @@ class Schedule(Frozen):
             raise ValueError(f"this model needs a known input u: its {follows} it")
         if self.component >= u.shape[-1]:
             raise ValueError(f"{follows} the known input, but u has {u.shape[-1]}")
-        index = u[..., self.component] * self.scale + self.middle
-        if is_traced(u):
-            return lookup(self.table, index)
-        # The first entry where u is not a number.
-        within = np.fmin(np.fmax(index, 0.0), len(self.table) - 1.0)
-        return self.table.take(within.astype(np.intp), axis=0)
+        return lookup(self.table, u[..., self.component] * self.scale + self.middle)
 
     def scaled(self, factor: float | np.ndarray) -> "Schedule":
         """A copy with the table multiplied by a number, or by factors ``(n, m)``."""

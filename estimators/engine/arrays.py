@@ -170,7 +170,8 @@ def lookup(table: Any, index: Any) -> Any:
         found = TracedArray.of([lookup(table, each) for each in index.flat])
         return found.reshape(index.shape + table.shape[1:])
     if not isinstance(index, Tracer):
-        return table[np.clip(np.nan_to_num(index, nan=0.0), 0, len(table) - 1).astype(int)]
+        within = np.fmin(np.fmax(index, 0), len(table) - 1)
+        return table.take(within.astype(np.intp), axis=0)
     program, width = index.program, table[0].size
     place, row = program.table(table), index if index.kind == "f" else cast(index, "i")
 

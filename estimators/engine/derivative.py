@@ -17,12 +17,9 @@ import numpy as np
 from estimators.engine.arrays import TracedArray, entries
 from estimators.engine.matrices import by_entries, stored
 from estimators.engine.program import Instruction, NotTraceable, Program
-from estimators.engine.tracer import Tracer, operation, program_of, where
+from estimators.engine.tracer import GIVE_MASKS, OF_WORDS, Tracer, operation, program_of, where
 
-_FLAT = frozenset((
-    "floor", "ceil", "trunc", "rint", "greater", "greater_equal", "equal", "not_equal", "cast",
-    "lookup", "bitwise_and", "bitwise_or", "bitwise_xor", "left_shift", "right_shift",
-))  # fmt: skip
+_FLAT = {"floor", "ceil", "trunc", "rint", "cast", "lookup"} | GIVE_MASKS | OF_WORDS
 """Opcodes whose results are piecewise constant in their operands."""
 
 

@@ -241,12 +241,11 @@ def _tanh(x: Any) -> Any:
     return operation("copysign", rise / (rise + 2.0), x)
 
 
-EXPANSIONS: dict[str, tuple[int, Callable[..., Any]]] = {
-    "sincos": (1, _sincos), "exp": (1, _exp), "log": (1, _log), "log1p": (1, _log1p),
-    "arctan": (1, _arctan), "arctan2": (2, _arctan2), "arcsin": (1, _arcsin),
-    "hypot": (2, _hypot), "tanh": (1, _tanh),
+EXPANSIONS: dict[str, Callable[..., Any]] = {
+    "sincos": _sincos, "exp": _exp, "log": _log, "log1p": _log1p, "arctan": _arctan,
+    "arctan2": _arctan2, "arcsin": _arcsin, "hypot": _hypot, "tanh": _tanh,
 }  # fmt: skip
-"""Number of operands of each function, and its formula."""
+"""Formulas of functions, by their opcodes."""
 
 
 def sincos(angle: Any) -> tuple[Any, Any]:

@@ -7,6 +7,7 @@ fast-math flags: a row has the same bits alone, in any batch and on any processo
 import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -71,15 +72,15 @@ class Module:
         name, T = f"@{opcode}.{width}", type_of("f", width)
         if name in self.functions:
             return name
-        (count, expansion), emitter = EXPANSIONS[opcode], Emitter(Program(), self, width)
-        lanes = emitter.own
-        results = expansion(*(lanes.value(f"%p{i}") for i in range(count)))
+        expansion, emitter = EXPANSIONS[opcode], Emitter(Program(), self, width)
+        lanes, operands = emitter.own, [*signature(expansion).parameters]
+        results = expansion(*(lanes.value(f"%{operand}") for operand in operands))
         given, last = T, ""
         if isinstance(results, tuple):
             given, last = f"{{{T}, {T}}}", "poison"
             for i, each in enumerate(results):
                 last = emitter.line(f"insertvalue {given} {last}, {T} {lanes.name(each)}, {i}")
-        parameters = ", ".join(f"{T} %p{i}" for i in range(count))
+        parameters = ", ".join(f"{T} %{operand}" for operand in operands)
         self.functions[name] = "\n".join([
             f"define internal {given} {name}({parameters}) #1 {{\nentry:", *emitter.lines,
             f"  ret {given} {last or lanes.name(results)}\n}}",
@@ -243,17 +244,13 @@ class Emitter:
 
     def loop(
         self, first: Any, count: Any, body: Callable[..., Any], initial: Sequence[Tracer] = (),
-        step: int = 1, going: Callable[..., Tracer] | None = None,
+        step: int = 1,
     ) -> list[Tracer]:  # fmt: skip
-        """Carried values after ``for i in range(first, count, step)``, while ``going``.
+        """Carried values after ``for i in range(first, count, step)``.
 
         A small number of passes is unrolled.
         """
-        if (
-            type(first) is type(count) is int
-            and count - first <= _UNROLLED * step
-            and going is None
-        ):
+        if type(first) is type(count) is int and count - first <= _UNROLLED * step:
             for i in range(first, count, step):
                 initial = body(i, *initial) or ()
             return list(initial)
@@ -268,8 +265,6 @@ class Emitter:
             p.value(f"%{self.fresh('c')}", x.kind) for p, x in zip(programs, initial, strict=True)
         ]
         test = self.line(f"icmp slt i64 {counter}, {count}")
-        if going is not None:
-            test = self.line(f"and i1 {test}, {self.one.name(going(*carried))}")
         self.lines.append(f"  br i1 {test}, label %{inside}, label %{done}")
         self.begin(inside)
         after = body(self.one.value(counter, "i"), *carried) or ()

@@ -187,10 +187,10 @@ class LinearEmitter(MatrixEmitter):
                 p + 1, n, lambda q, turned: [turned | self._turned((z, v), p, q)], [turning]
             )
 
-        self.loop(
-            0, _SWEEPS, lambda _, _turning: self.loop(0, n, row, [still]),
-            [constant(self.one, np.True_)], going=lambda turning: turning,
-        )  # fmt: skip
+        def sweep(_: Index, turning: Tracer) -> list[Tracer]:
+            return self.loop(0, cast(turning, "i") * n, row, [still])  # none once all stand still
+
+        self.loop(0, _SWEEPS, sweep, [constant(self.one, np.True_)])
 
     def _turned(self, matrices: Sequence[Matrix], p: Index, q: Index) -> Tracer:
         """Turn columns p and q where they are not orthogonal; a mask: were any row's not?"""

@@ -29,9 +29,7 @@ def in_memory(value: Any, kind: str = "") -> np.ndarray:
     kind = kind or array.dtype.kind
     if kind not in KINDS:
         raise NotTraceable(f"a compiled function takes numbers, got {array.dtype}")
-    array = np.asarray(array, KINDS[kind], order="C")
-    if not array.flags.aligned:
-        array = array.copy()
+    array = np.require(array, KINDS[kind], ["C", "ALIGNED"])
     return array if array.dtype is KINDS[kind] else array.view(KINDS[kind])
 
 

@@ -80,11 +80,9 @@ def by_entries(value: Any) -> Any:
     return value.view(TracedArray) if isinstance(value, TracedMatrix) else value
 
 
-def stored(
-    program: Program, value: int, shape: tuple[int, ...], kind: str = "f", first: int = 0
-) -> TracedMatrix:
-    """A matrix of the entries of a value, from one of them on, row by row."""
-    places = np.arange(first, first + math.prod(shape)).reshape(shape)
+def stored(program: Program, value: int, shape: tuple[int, ...], kind: str = "f") -> TracedMatrix:
+    """A matrix of the entries of a value, row by row."""
+    places = np.arange(math.prod(shape)).reshape(shape)
     return np.frompyfunc(partial(Entry, program, value, kind), 1, 1)(places).view(TracedMatrix)
 
 

@@ -146,11 +146,11 @@ ELEMENTARY = frozenset((
 ))  # fmt: skip
 """Opcodes that `estimators.engine.elementary` computes; the others are exactly NumPy's."""
 _BITWISE = frozenset(("bitwise_and", "bitwise_or", "bitwise_xor"))
-_GIVE_MASKS = frozenset(("greater", "greater_equal", "equal", "not_equal"))
+GIVE_MASKS = frozenset(("greater", "greater_equal", "equal", "not_equal"))
 _SHIFTS = frozenset(("left_shift", "right_shift"))
-_OF_WORDS = _BITWISE | _SHIFTS
+OF_WORDS = _BITWISE | _SHIFTS
 """Opcodes of whole numbers and masks."""
-_PROMOTING = frozenset(("add", "subtract", "multiply", *_GIVE_MASKS, *_BITWISE))
+_PROMOTING = frozenset(("add", "subtract", "multiply", *GIVE_MASKS, *_BITWISE))
 """Opcodes whose operands are converted to one kind."""
 
 
@@ -187,9 +187,9 @@ def operation(opcode: str, *operands: Any) -> Any:
     kinds = {x.kind for x in traced}
     if opcode == "multiply" and kinds == {"b"}:
         opcode = "bitwise_and"
-    if opcode in _OF_WORDS or kinds != {"f"}:
+    if opcode in OF_WORDS or kinds != {"f"}:
         traced = _converted(opcode, traced, kinds)
-    kind = "b" if opcode in _GIVE_MASKS else traced[0].kind
+    kind = "b" if opcode in GIVE_MASKS else traced[0].kind
     values = (*[x.value for x in traced],)
     if opcode not in ELEMENTARY and program.constants.keys() >= {*values}:
         return constant(program, operation(opcode, *map(known, traced)))
