@@ -53,7 +53,7 @@ class HeadingShip(Ship):
     def drift(self, x: np.ndarray, u: np.ndarray, flow: np.ndarray) -> np.ndarray:
         (state, _), rudder = self.start(x), u[..., :1]
         exogenous = np.concatenate([np.zeros_like(flow[..., :1]), flow], -1)
-        moved = self.step(state, rudder, rudder, exogenous, self._nominal)
+        moved = self.step(state, rudder, rudder, exogenous, self.nominal_parameters)
         return moved[..., [STATE.index(name) for name in self.estimated("nonlinear")]]
 
     def known_input(

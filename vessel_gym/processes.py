@@ -9,8 +9,7 @@ import numpy as np
 
 from estimators.checks import as_covariance, finite_array, frozen, short_repr
 from estimators.discretisation import van_loan
-from estimators.engine import as_word, lookup
-from estimators.randomness import normals
+from estimators.engine import lookup
 from vessel_gym.checks import check_numbers
 
 
@@ -193,37 +192,3 @@ def interpolated(table: np.ndarray, *at: np.ndarray) -> np.ndarray:
         return near + share * (far - near)
 
     return value(0.0, 0)
-
-
-def advance(
-    keys: np.ndarray, step: np.ndarray, z: np.ndarray, noise: np.ndarray, counts: np.ndarray,
-    root: np.ndarray, transition: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """States of the processes a step later, and the noise of the coming step.
-
-    The processes are the disturbance and each sensor's bias, together called parts; s is the number
-    of white increments.
-
-    Args:
-        keys: ``(..., parts, 2)`` keys of the random numbers of each part.
-        step: ``(...)`` number of the coming step.
-        z: ``(..., k)`` states of the processes.
-        noise: ``(..., s + k)`` of the ended step: white increments, then noise of the processes.
-        counts: Number of normal random numbers that each part draws in a step.
-        root: ``(s + k, m)`` root of the noise's covariance.
-        transition: ``(k, k)`` of the processes.
-
-    Returns:
-        New ``z (..., k)`` and ``noise (..., s + k)``.
-    """
-    white, word = len(root) - len(transition), as_word(step)
-    drawn = [
-        each
-        for part, count in enumerate(counts)
-        for each in normals(keys[..., part, :], word, count)
-    ]
-    z = product(transition, z, noise[..., white:])
-    noise = np.zeros_like(noise)
-    if drawn:
-        noise = product(root, np.stack(drawn, -1), noise)
-    return z, noise

@@ -32,14 +32,24 @@ def check_task(task: Task) -> None:
     """Refuse a task with missing or invalid attributes.
 
     Raises:
-        TypeError: for an object that is no task.
+        TypeError: for an object that is no task, or end reasons that are no strings.
         ValueError: for an invalid value, naming the attribute.
     """
     instance("task of a system", task, Task)
     title = type(task).__name__
     integer(f"horizon of {title}", task.horizon, 1)
     integer(f"uniforms of {title}", task.uniforms, 0)
-    _check_end_reasons(title, task.end_reasons, task.success)
+    reasons, success = task.end_reasons, task.success
+    check_names(f"end_reasons of {title}", reasons)
+    if len(set(reasons)) < len(reasons):
+        raise ValueError(
+            f"end_reasons of {title} must differ from each other, got {short_repr(reasons)}"
+        )
+    if not reasons or success not in ("", *reasons[1:]):
+        raise ValueError(
+            f"success of {title} must be one of its end_reasons, or empty, got"
+            f" {short_repr(success)}"
+        )
     check_numbers(title, {"perfect": task.perfect}, positive="perfect")
     for name in ("prior_sd", "state_scale", "std_scale"):
         sizes = getattr(task, name, ())
@@ -52,25 +62,6 @@ def check_task(task: Task) -> None:
     if unset:
         raise TypeError(
             f"{title} needs {unset[0]}, from which `Task.prior` follows: see docs/own-task.md"
-        )
-
-
-def _check_end_reasons(title: str, reasons: tuple[str, ...], success: str) -> None:
-    """Refuse end reasons that are equal, and a success that is no end reason after the first.
-
-    Raises:
-        TypeError: for end reasons that are no strings.
-        ValueError: naming the attribute.
-    """
-    check_names(f"end_reasons of {title}", reasons)
-    if len(set(reasons)) < len(reasons):
-        raise ValueError(
-            f"end_reasons of {title} must differ from each other, got {short_repr(reasons)}"
-        )
-    if not reasons or success not in ("", *reasons[1:]):
-        raise ValueError(
-            f"success of {title} must be one of its end_reasons, or empty, got"
-            f" {short_repr(success)}"
         )
 
 

@@ -312,8 +312,12 @@ class BandedSeaway(Seaway):
 
     def effect(self, z: np.ndarray, state: np.ndarray) -> np.ndarray:
         """Components ``(..., 8)`` of the effect, see `Seaway`, in the waves of the bands."""
-        psi, u = state[..., 2], state[..., 3]
-        total, response = [np.zeros_like(u)] * 3, self._interpolated(psi, u)
+        turn, speed = state[..., 2] / (2.0 * np.pi), state[..., 3]
+        slowest, fastest = _TABLED[[0, -1]] * self.ship.speed
+        share = np.clip((speed - slowest) / (fastest - slowest), 0.0, 1.0)
+        heading = (turn - np.floor(turn)) * _HEADINGS
+        response = interpolated(self._table, share * (len(_TABLED) - 1.0), heading)
+        total = [np.zeros_like(speed)] * 3
         for wave in range(len(WaveBands.names) // 2):
             real, imaginary = z[..., 2 * wave], z[..., 2 * wave + 1]
             own = [response[..., 6 * wave + k] for k in range(6)]
@@ -325,14 +329,6 @@ class BandedSeaway(Seaway):
         north, east = ((after - before)[..., i] - self.dt * z[..., i - 2] for i in range(2))
         parts = self.bands.at(z, north, east)
         return np.stack([*(each for part in parts for each in part), z[..., -2], z[..., -1]], -1)
-
-    def _interpolated(self, heading: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """Real and imaginary parts of `loadings` ``(..., waves * 6)``."""
-        turn = heading / (2.0 * np.pi)
-        slowest, fastest = _TABLED[[0, -1]] * self.ship.speed
-        share = np.clip((speed - slowest) / (fastest - slowest), 0.0, 1.0)
-        at = (turn - np.floor(turn)) * _HEADINGS
-        return interpolated(self._table, share * (len(_TABLED) - 1.0), at)
 
     @cached_property
     def _table(self) -> np.ndarray:

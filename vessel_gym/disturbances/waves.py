@@ -71,8 +71,7 @@ class WaveField:
         Args:
             uniforms: Random numbers in [0, 1] ``(..., 4 n)``.
         """
-        n = self.components
-        first, phases, within, order = (uniforms[..., i * n : (i + 1) * n] for i in range(4))
+        n, (first, phases, within, order) = self.components, self.constants(uniforms)
         others = [order[..., i] for i in range(n)]
 
         def component(first: Any, phase: Any, within: Any, own: Any) -> list[Any]:
@@ -127,7 +126,7 @@ class WaveField:
         return [self.amplitude * every.sum(-1) for every in each]
 
     def constants(self, drawn: np.ndarray) -> list[np.ndarray]:
-        """Frequencies, phases, and wave numbers to the north and east, each ``(..., n)``."""
+        """The four constants of `draw`, each of all components ``(..., n)``."""
         return [drawn[..., i * self.components : (i + 1) * self.components] for i in range(4)]
 
 

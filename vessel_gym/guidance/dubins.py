@@ -80,10 +80,10 @@ def _turn_straight_turn(goal: _Goal, side: float) -> np.ndarray:
 
 
 def _lrl(goal: _Goal) -> np.ndarray:
-    """The three arcs of LRL to a goal, with half a turn or more in the middle; infinite if no circle fits.
+    """The three arcs of LRL to a goal, with half a turn or more in the middle.
 
-    A middle arc of less than half a turn is never part of a shortest path (Dubins 1957), and a full
-    circle in the middle is left out.
+    They are infinite if no circle fits. A middle arc of less than half a turn is never part of a
+    shortest path (Dubins 1957), and a full circle in the middle is left out.
     """
     x, y, a, sin, cos, hair = goal
     dx, dy = x - sin, y + cos - 1.0

@@ -137,7 +137,10 @@ def build(
         built = _cached
         name, chosen = variant(str(estimator))
         if name not in estimator_names():
-            raise ValueError(_unknown(estimator))
+            advice = f"; a filter's name may end in {', '.join(f'-{last}' for last in VARIANTS)}"
+            if ":" in str(estimator):
+                advice = ". A filter of your own is passed as its class, in a study as module:class"
+            raise ValueError(factory.unknown("estimator", estimator, estimator_names()) + advice)
         assume = checks.options("assume", options.get("assume"))
         options = chosen | options | {"assume": chosen.get("assume", {}) | assume}
         estimator = name
@@ -175,16 +178,6 @@ def _built(
 
 
 _cached = cached(_built)
-
-
-def _unknown(estimator: object) -> str:
-    """Error message for an unknown estimator, with the known ones."""
-    advice = (
-        ". A filter of your own is passed as its class, in a study as module:class"
-        if ":" in str(estimator)
-        else f"; a filter's name may end in {', '.join(f'-{last}' for last in VARIANTS)}"
-    )
-    return factory.unknown("estimator", estimator, estimator_names()) + advice
 
 
 def is_own(estimator: object) -> bool:

@@ -163,7 +163,7 @@ def nominal_flight(vehicle: Vehicle, estimated: tuple[str, ...]) -> tuple[np.nda
     )
     rows = len(action)
     state, after = vehicle.start(np.tile(cruising, (rows, 1)))
-    parameters = vehicle.parameters(0.0, np.zeros((rows, vehicle.normals)))
+    parameters = np.tile(vehicle.nominal_parameters, (rows, 1))
     calm = np.zeros((rows, len(vehicle.increments + vehicle.ambient_flows)))
     for _ in range(_STEPS):
         before, after = after, vehicle.actuate(after, action)

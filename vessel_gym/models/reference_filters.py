@@ -89,14 +89,10 @@ class ZeroOrderHold(Filter[HeldBelief]):
             for rate, of in vehicle.rates.items()
             if rate not in given and of in given
         ]
-        self._variance = self._claimed(np.diagonal(resolve(model.R, vehicle.cruise[1])))
-
-    def _claimed(self, noise: np.ndarray) -> np.ndarray:
-        """Variances ``(n + q,)`` of the derived state and d, from variances ``(p,)`` of sensors."""
-        eye, zero = np.eye(len(noise)), np.zeros(2 * noise.shape)
-        now, before = self._derived(eye, eye / self._dt), self._derived(zero, eye / self._dt)
-        variances: np.ndarray = noise @ (now**2 + before**2)
-        return variances
+        # variances of the derived state and d, of a measurement and the one before
+        noise, eye = np.diagonal(resolve(model.R, vehicle.cruise[1])), np.eye(model.p)
+        now, before = (self._derived(each, eye / self._dt) for each in (eye, 0.0 * eye))
+        self._variance = noise @ (now**2 + before**2)
 
     def _derived(self, measurements: np.ndarray, slopes: np.ndarray) -> np.ndarray:
         """State and unknown input ``(..., n + q)`` from measurements and slopes ``(..., p)``."""

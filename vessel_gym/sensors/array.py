@@ -71,15 +71,15 @@ class Sensors:
         self.scale = np.array(self._entries("scale", 1.0))
         self.gives = tuple(self._entries("gives", None))
         self.channels = tuple(self._entries("channels", ""))
-        biased = [sensor.bias for sensor in self.each if sensor.bias is not None]
-        self.bias = Process.joined(*(bias.process(dt) for bias in biased))
-        self.bias_names = tuple(name for bias in biased for name in bias.states)
+        biases = [sensor.bias for sensor in self.each if sensor.bias is not None]
+        self.bias = Process.joined(*(bias.process(dt) for bias in biases))
+        self.bias_names = tuple(name for bias in biases for name in bias.states)
         for name in self.bias_names:
             if name in states or self.bias_names.count(name) > 1:
                 raise ValueError(
                     f"a bias is called {name!r}, as another component is: give it a name of its own"
                 )
-        self.bias_scale = np.array([bias.scale for bias in biased for _ in bias.states])
+        self.bias_scale = np.array([bias.scale for bias in biases for _ in bias.states])
         self._check()
 
     def _entries(self, name: str, default: Any) -> list[Any]:

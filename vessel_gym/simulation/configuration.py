@@ -227,12 +227,6 @@ class Configuration:
         return Stage(self._info, compiled=True, own=len(INFO))
 
     @cached_property
-    def nominal(self) -> np.ndarray:
-        """Parameters ``(1, k)`` of the filter's model."""
-        vehicle = self.system.vehicle
-        return np.array(self.world.vehicle.parameters(0.0, np.zeros((1, vehicle.normals))))
-
-    @cached_property
     def draws(self) -> StartNumbers:
         """Random numbers of an episode's start."""
         size, mismatch = len(self.prior_index), self.options.mismatch

@@ -173,7 +173,7 @@ class Core:
         keys, *drawn = start_numbers(seeds, episode, words=draws.words, counts=draws.counts)
         numbers = dict(zip((*DRAWN, "slow"), drawn, strict=True))
         scenario = task.scenario(numbers["task"], options)
-        prior, parameters = task.prior(scenario), config.nominal.repeat(count, 0)
+        prior, parameters = task.prior(scenario), np.tile(vehicle.nominal_parameters, (count, 1))
         if mismatch := config.options.mismatch:
             parameters = vehicle.parameters(mismatch, numbers["parameters"])
         now = State(

@@ -35,8 +35,13 @@ class Delivery:
     def begin(self, now: State) -> None:
         """Draw the times of faults; no measurement is in transit."""
         shape = len(now.steps), self.ages, self.sensors.size
-        if self.sensors.faults:
-            now.faults = self._times(now), np.full(shape[::2], np.nan)
+        if faults := self.sensors.faults:
+            times = np.zeros((len(now.steps), len(faults), 2))
+            for i, fault in enumerate(faults):
+                earliest, latest = fault.begins
+                begin = earliest + self._keys(now, i).uniforms(1)[:, 0] * (latest - earliest)
+                times[:, i] = np.stack([begin, begin + fault.duration], -1)
+            now.faults = times, np.full(shape[::2], np.nan)
         if self.ages > 1:
             now.transit = np.zeros(shape), np.zeros(shape, bool)
 
@@ -44,21 +49,17 @@ class Delivery:
         """Keys of the random numbers of the fault with the index i."""
         return RandomKeys(now.sensing[:, self._sensor_index[i]]).of("fault", i)
 
-    def _times(self, now: State) -> np.ndarray:
-        """Begin and end of each fault ``(B, faults, 2)`` [s]."""
-        times = np.zeros((len(now.steps), len(self.sensors.faults), 2))
-        for i, fault in enumerate(self.sensors.faults):
-            earliest, latest = fault.begins
-            begin = earliest + self._keys(now, i).uniforms(1)[:, 0] * (latest - earliest)
-            times[:, i] = np.stack([begin, begin + fault.duration], -1)
-        return times
-
     def __call__(self, now: State) -> None:
-        """Deliver the sampled measurements."""
+        """Deliver the sampled measurements: put new ones in transit, and find those that arrive."""
         if self.sensors.faults:
             self._corrupt(now)
         if self.ages > 1:
-            self._carry(now)
+            now.transit = y, available = tuple(
+                np.concatenate([new[:, None], old[:, :-1]], 1)
+                for new, old in zip((now.y, now.available), now.transit, strict=True)
+            )
+            arrived = available & self._due
+            now.arrived = np.where(arrived, y, 0.0), arrived
             now.y, now.available = youngest(now.arrived)
 
     def active(self, now: State) -> np.ndarray:
@@ -96,15 +97,6 @@ class Delivery:
         if fault.kind == "drift":
             size = size * (now.steps * self.sensors.dt - now.faults[0][:, i, 0])[:, None]
         return read * size if fault.kind == "scale" else read + size
-
-    def _carry(self, now: State) -> None:
-        """Put new samples in transit, and find the measurements that arrive."""
-        now.transit = y, available = tuple(
-            np.concatenate([new[:, None], old[:, :-1]], 1)
-            for new, old in zip((now.y, now.available), now.transit, strict=True)
-        )
-        arrived = available & self._due
-        now.arrived = np.where(arrived, y, 0.0), arrived
 
 
 def youngest(measurements: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -4,9 +4,11 @@ from typing import Any
 
 import numpy as np
 
+from estimators.engine import as_word
+from estimators.randomness import normals
 from vessel_gym.checks import is_compiled
 from vessel_gym.models.state_space import StateSpace
-from vessel_gym.processes import advance, block_diagonal, product
+from vessel_gym.processes import block_diagonal, product
 from vessel_gym.simulation.state import Changes, Stage, State, in_turn
 
 
@@ -31,8 +33,8 @@ class World:
         processes = [disturbance.process]
         processes += [s.bias.process(sensors.dt) for s in sensors.each if s.bias is not None]
         self.size, self.white = disturbance.process.size, len(disturbance.white)
-        readable = [float(name not in disturbance.averaged) for name in vehicle.ambient_flows]
-        self.readable = np.array(readable)
+        flows = vehicle.ambient_flows
+        self.readable = np.array([float(name not in disturbance.averaged) for name in flows])
         self.parts = np.array([process.normals for process in processes])
         self.parts[0] += disturbance.white.shape[-1]
         self.start_roots = [process.start_root for process in processes]
@@ -44,9 +46,12 @@ class World:
 
     def _move(self, now: State) -> Changes:
         """The truth a step later."""
-        after = self.vehicle.actuate(now.actuators, now.action)
-        u = self.vehicle.known_input(now.actuators, after, now.commanded)
-        state = self._moved(now, after)
+        before, outside = now.actuators, self.space.increments_and_flows
+        after = self.vehicle.actuate(before, now.action)
+        u = self.vehicle.known_input(before, after, now.commanded)
+        acting, faults = now.exogenous[..., :outside], now.exogenous[..., outside:]
+        ends = (before + faults, after + faults) if self.space.faulty else (before, after)
+        state = self.vehicle.step(now.state, *ends, acting, now.parameters)
         slow, noise = self._advanced(now, self.space.slow.transition)
         z = self.disturbance.met(slow[..., : self.size], now.state, state)
         slow = np.concatenate([z, slow[..., self.size :]], -1)
@@ -70,18 +75,16 @@ class World:
             episode_constants=constants,
         )  # fmt: skip
 
-    def _moved(self, now: State, after: np.ndarray) -> np.ndarray:
-        """State of the vehicle a step later."""
-        before, outside = now.actuators, self.space.increments_and_flows
-        if self.space.faulty:
-            faults = now.exogenous[..., outside:]
-            before, after = before + faults, after + faults
-        acting = now.exogenous[..., :outside]
-        return self.vehicle.step(now.state, before, after, acting, now.parameters)
+    def _advanced(self, now: State, transition: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """States of disturbance and biases a step later, and the noise of the coming step.
 
-    def _advanced(self, now: State, transition: np.ndarray) -> tuple[np.ndarray, ...]:
-        """States of disturbance and biases, and noise, without an effect of the vehicle."""
-        return advance(now.keys, now.steps, now.slow, now.noise, self.parts, self.root, transition)
+        The states ``(..., k)`` move by a transition ``(k, k)``, without an effect of the vehicle.
+        """
+        slow = product(transition, now.slow, now.noise[..., self.white :])
+        step, noise, drawn = as_word(now.steps), np.zeros_like(now.noise), list[np.ndarray]()
+        for part, count in enumerate(self.parts):
+            drawn += normals(now.keys[..., part, :], step, count)
+        return slow, product(self.root, np.stack(drawn, -1), noise) if drawn else noise
 
     def _acting_on(self, now: State, **changes: Any) -> Changes:
         """Changes, with the exogenous input over the coming step that then acts.

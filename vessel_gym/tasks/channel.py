@@ -184,9 +184,8 @@ class Channel(Track):
     COURSE_TOLERANCE = 0.05  # rad between course over ground and axis that halve its share
     DISTANCE_TOLERANCE = 0.25  # share of the margin off the axis that halves the reward
 
-    def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
-        """Farthest distance along the channel so far, rudder and its rate ``(..., 3)``."""
-        return np.zeros_like(scenario[..., :3])
+    score_states = 3
+    """Farthest distance along the channel so far, rudder and its rate."""
 
     @compiled(axes=SCORE_AXES)
     def score(

@@ -1,6 +1,5 @@
 """Dive along a smooth path to a goal, and recognise the arrival from the estimate."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -24,16 +23,6 @@ from vessel_gym.tasks.task import (
     wrapped,
 )
 from vessel_gym.vehicles.auv import AUVParameters
-
-
-def to_body_axes(
-    vector: Sequence[np.ndarray], roll: np.ndarray, pitch: np.ndarray, yaw: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A vector (north, east, down) in body axes: ahead, to starboard and below."""
-    north, east, down = vector
-    ahead, aside = ahead_and_aside(north, east, yaw)
-    ahead, above = ahead_and_aside(ahead, -down, pitch)
-    return ahead, *ahead_and_aside(aside, -above, roll)
 
 
 @compiled
@@ -153,13 +142,13 @@ class Dive(Task):
         self, estimate: Estimate, scenario: np.ndarray, reference: np.ndarray
     ) -> dict[str, np.ndarray]:
         """Estimated errors and motion in SI by name, ``(...)`` each; vectors are in body axes."""
-        progress, cross, depth, heading, slope, *ahead = (reference[..., i] for i in range(8))
+        progress, cross, depth, heading, slope, *look = (reference[..., i] for i in range(8))
         u, v, w, p, q, r, _, _, _, roll, pitch, yaw = self.motion(estimate.state)
         zero, flow = np.zeros_like(u), estimate.flow
         angle, length = scenario[..., 0], scenario[..., 1]
         vectors = {
             "path": (cross * np.sin(heading), -cross * np.cos(heading), -depth),
-            "look": ahead,
+            "look": look,
             "current": (flow[..., 0], flow[..., 1] if flow.shape[-1] > 1 else zero, zero),
         }
         seen = {
@@ -168,10 +157,11 @@ class Dive(Task):
             "surge error": u - self.auv.cruise_speed, "sway": v, "heave": w,
             "roll rate": p, "pitch rate": q, "yaw rate": r, "roll": roll, "pitch": pitch,
         }  # fmt: skip
-        for name, vector in vectors.items():
-            parts = to_body_axes(vector, roll, pitch, yaw)
-            ways = "ahead", "to starboard", "below"
-            seen |= {f"{name} {way}": part for way, part in zip(ways, parts, strict=True)}
+        for name, (north, east, down) in vectors.items():
+            ahead, aside = ahead_and_aside(north, east, yaw)
+            ahead, above = ahead_and_aside(ahead, -down, pitch)
+            aside, below = ahead_and_aside(aside, -above, roll)
+            seen |= {f"{name} ahead": ahead, f"{name} to starboard": aside, f"{name} below": below}
         return seen
 
     def observe(

@@ -265,9 +265,12 @@ class Task:
         """
         return np.zeros(reference.shape[:-1], bool)
 
+    score_states: ClassVar[int] = 0
+    """Number k of components of the score state, if they are 0 at the start."""
+
     def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
-        """Score state ``(..., k)`` at the start; default: empty."""
-        return np.zeros((*state.shape[:-1], 0))
+        """Score state ``(..., k)`` at the start; default: ``score_states`` zeros."""
+        return np.zeros((*state.shape[:-1], self.score_states))
 
     def score(
         self, state: np.ndarray, exogenous: np.ndarray, scenario: np.ndarray,

@@ -79,6 +79,15 @@ class Steering(Task):
         """Scale [rad/s] of the commanded yaw rate."""
         return 0.04 / self.pace
 
+    commands: ClassVar[tuple[int, ...]]
+    """Columns of a reference with the commands that filters know."""
+
+    def commanded(
+        self, scenario: np.ndarray, step: np.ndarray, reference: np.ndarray
+    ) -> np.ndarray:
+        """Commands ``(..., k)`` that filters know besides the rudder, from a reference."""
+        return reference[..., list(self.commands)]
+
     std_scales: ClassVar[Any]
     """Scales of observed standard deviations, by index in the estimated state."""
 
@@ -126,11 +135,7 @@ class Track(Steering):
         surge, sway = (turns.interpolated(each, rate) for each in (turns.speed, turns.sway))
         return direction - np.arctan2(np.where(rate >= 0.0, sway, -sway), surge), surge
 
-    def commanded(
-        self, scenario: np.ndarray, step: np.ndarray, reference: np.ndarray
-    ) -> np.ndarray:
-        """Yaw rate now and estimated heading ``(..., 2)``."""
-        return reference[..., [RATE_NOW, BELIEVED]]
+    commands = RATE_NOW, BELIEVED
 
     def course_error(
         self, state: np.ndarray, exogenous: np.ndarray, direction: np.ndarray

@@ -76,7 +76,7 @@ class TurningTrial(Steering):
     def record(self) -> np.ndarray:
         """States ``(k, 8)`` of the ship in the trial, up to the end of the preview."""
         vessel = self.vehicle
-        parameters, still = vessel.parameters(0.0, np.zeros((1, vessel.normals))), np.zeros((1, 1))
+        parameters, still = vessel.nominal_parameters[None], np.zeros((1, 1))
         state, rudder = vessel.start(np.zeros((1, 3)))
         states = [state[0]]
         for _ in range(self.horizon + self._ahead):
@@ -102,11 +102,8 @@ class TurningTrial(Steering):
         """Reference ``(..., 5)`` at a step ``(...)``, independent of the ship's state."""
         return self.command(scenario, step)
 
-    def commanded(
-        self, scenario: np.ndarray, step: np.ndarray, reference: np.ndarray
-    ) -> np.ndarray:
-        """Yaw rate of the turn, and the number of the simulation ``(..., 2)``."""
-        return reference[..., 3:]
+    commands = 3, 4
+    """Yaw rate of the turn, and the number of the simulation."""
 
     def workspace(self, scenario: np.ndarray) -> Workspace:
         """The ship and its positions in the trial."""
@@ -176,9 +173,8 @@ class TurningTrial(Steering):
 
     end_reasons = ("", "turn lost")
 
-    def initial_score_state(self, state: np.ndarray, scenario: np.ndarray) -> np.ndarray:
-        """Rudder and its rate ``(..., 2)``."""
-        return np.zeros_like(state[..., :2])
+    score_states = 2
+    """Rudder and its rate."""
 
     @compiled(axes=SCORE_AXES)
     def score(

@@ -5,7 +5,7 @@ For particulars and equations of motion, with frames and sources, see
 """
 
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -88,15 +88,12 @@ def secant_models(ship: CorvetteParameters, dt: float) -> tuple[np.ndarray, np.n
     """
     turns = steady_turns(ship)
     nodes, weights = np.polynomial.legendre.leggauss(8)
-    A = np.zeros((len(turns.yaw_rate), 3, 3))
-    B = np.zeros((len(turns.yaw_rate), 3, 1))
+    mean: Any = 0.0
     for node, weight in zip(0.5 * (nodes + 1.0), 0.5 * weights, strict=True):
         drift = node * np.array([turns.sway, turns.yaw_rate, turns.rudder])
-        moving = np.column_stack([turns.speed, *drift])
-        slopes = ship.jacobian(moving)[:, 1:]
-        A[:, :2, :2] += weight * slopes[..., 1:3]
-        B[:, :2] += weight * slopes[..., 3:]
-    A[:, 2, 1] = 1.0
+        mean = mean + weight * ship.jacobian(np.column_stack([turns.speed, *drift]))[:, 1:]
+    A, B = np.zeros((len(mean), 3, 3)), np.zeros((len(mean), 3, 1))
+    A[:, :2, :2], B[:, :2], A[:, 2, 1] = mean[..., 1:3], mean[..., 3:], 1.0
     return zero_order_hold(A, B, dt)
 
 
@@ -119,13 +116,11 @@ def linear_matrices(
         inputs: Number of components of ``u = (rudder, commanded yaw rate, ...)``; the rudder alone
             moves the ship.
     """
-    A_table, B_table = secant_models(ship, dt)
-    A_table = np.concatenate([A_table[:0:-1], A_table])  # turns to port mirror those to starboard
-    B_table = np.concatenate([B_table[:0:-1], B_table])
-    B_table = np.pad(B_table, ((0, 0), (0, 0), (0, inputs - 1)))
-    middle, scale = len(A_table) // 2 + 0.5, 1.0 / steady_turns(ship).yaw_rate[1]
-
-    return Schedule(A_table, 1, scale, middle), Schedule(B_table, 1, scale, middle)
+    # turns to port mirror those to starboard
+    A, B = (np.concatenate([each[:0:-1], each]) for each in secant_models(ship, dt))
+    middle, scale = len(A) // 2 + 0.5, 1.0 / steady_turns(ship).yaw_rate[1]
+    B = np.pad(B, ((0, 0), (0, 0), (0, inputs - 1)))
+    return Schedule(A, 1, scale, middle), Schedule(B, 1, scale, middle)
 
 
 # --- propulsion -----------------------------------------------------------------------------------

@@ -88,11 +88,6 @@ class Fins:
         """Effective aspect ratio, doubled by the mirror effect of the hull; Hoerner (1965)."""
         return 2.0 * self.span**2 / self.area
 
-    @property
-    def ends(self) -> tuple[float, float]:
-        """Positions x [m] of trailing and leading edge."""
-        return self.position - 0.5 * self.chord, self.position + 0.5 * self.chord
-
     def plate_drag_coefficient(self) -> float:
         """Drag coefficient across the flow; Whicker & Fehlner (1958), in Prestero (2001)."""
         return 0.1 + 0.7 * self.taper
@@ -195,7 +190,8 @@ class Torpedo:
 
         Prestero (2001).
         """
-        aft, fore = self.fins.ends
+        middle, half = self.fins.position, 0.5 * self.fins.chord
+        aft, fore = middle - half, middle + half  # edges of the fins
         x, dx = self.hull.strips(aft, fore)
         finned = np.where((x > aft) & (x < fore), self.tip, 0.0)
         mass = dx * section_added_mass(self.hull.radius(x), finned, self.water_density)

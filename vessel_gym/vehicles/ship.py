@@ -141,7 +141,7 @@ class Ship(SimulatedVehicle):
         Without roll, the substeps need to resolve only sway and yaw.
         """
         (state, _), rudder, still = self.start(x), u[..., :1], np.zeros(1)
-        given = state, rudder, still, flow, self._nominal, self.dt
+        given = state, rudder, still, flow, self.nominal_parameters, self.dt
         substeps = resolving_substeps(self.dt, self._plane_mode)
         moved = runge_kutta(corvette_rates, *given, substeps)
         return moved[..., : len(_ESTIMATED)]
@@ -156,14 +156,12 @@ class Ship(SimulatedVehicle):
         """
         rudder, north = 0.5 * (before + after), np.zeros_like(before)
         if commanded is None:
-            commanded = np.concatenate([self._turning(rudder), north], -1)
+            turns = steady_turns(self.ship)
+            # the rudder is below 0 in wide turns of an unstable ship
+            rising = np.maximum.accumulate(turns.rudder)
+            rate = np.copysign(np.interp(np.abs(rudder), rising, turns.yaw_rate), rudder)
+            commanded = np.concatenate([rate, north], -1)
         return np.concatenate([rudder, commanded, north + 1.0], -1)
-
-    def _turning(self, rudder: np.ndarray) -> np.ndarray:
-        """Yaw rate of the steady turn at a rudder angle."""
-        turns = steady_turns(self.ship)
-        rising = np.maximum.accumulate(turns.rudder)  # below 0 in wide turns of an unstable ship
-        return np.copysign(np.interp(np.abs(rudder), rising, turns.yaw_rate), rudder)
 
     def linear(self, kind: str) -> tuple[Any, ...]:
         """A, B and the effect of flows: sway, yaw and surge about the commanded turn.

@@ -120,18 +120,6 @@ class Actuator(NamedTuple):
     limit: float = np.inf
 
 
-def actuated(before: np.ndarray, action: np.ndarray, parameters: np.ndarray) -> np.ndarray:
-    """Actuators ``(..., a)`` after a step from ``before``, with parameters ``(a, 8)``.
-
-    A row of the parameters is an `Actuator`.
-    """
-    above, below, offset, base, kept, lag, turn, limit = parameters.T
-    asked = kept * before + base + np.where(action < 0.0, below, above) * (offset + action)
-    asked = np.where(lag > 0.0, asked + (before - asked) * lag, asked)
-    turned = np.clip(asked, before - turn, before + turn)
-    return np.clip(turned, -limit, limit)
-
-
 class SimulatedVehicle(Vehicle):
     """Base class of vehicles that integrate equations of motion by the Runge-Kutta method.
 
@@ -170,7 +158,12 @@ class SimulatedVehicle(Vehicle):
 
     def actuate(self, actuators: np.ndarray, action: np.ndarray) -> np.ndarray:
         """Actuators ``(..., a)`` after a step of ``action`` in [-1, 1], within limits and rates."""
-        return actuated(actuators, action, self._actuators)
+        above, below, offset, base, kept, lag, turn, limit = self._actuators.T
+        gain = np.where(action < 0.0, below, above)
+        asked = kept * actuators + base + gain * (offset + action)
+        asked = np.where(lag > 0.0, asked + (actuators - asked) * lag, asked)
+        turned = np.clip(asked, actuators - turn, actuators + turn)
+        return np.clip(turned, -limit, limit)
 
     def moved(
         self, state: np.ndarray, before: np.ndarray, after: np.ndarray, flow: np.ndarray,

@@ -105,7 +105,7 @@ class Vehicle:
         raise NotImplementedError
 
     @cached_property
-    def _nominal(self) -> np.ndarray:
+    def nominal_parameters(self) -> np.ndarray:
         """Parameters ``(k,)`` of filters' models."""
         return self.parameters(0.0, np.zeros((1, self.normals)))[0]
 
@@ -180,7 +180,7 @@ class Vehicle:
             flow: Flows ``(..., ambient_flows)`` over the step.
         """
         a = len(self.action_names)
-        return self.moved(x, u[..., :a], u[..., a : 2 * a], flow, self._nominal)
+        return self.moved(x, u[..., :a], u[..., a : 2 * a], flow, self.nominal_parameters)
 
     def known_input(
         self, before: np.ndarray, after: np.ndarray, commanded: np.ndarray | None

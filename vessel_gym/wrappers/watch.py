@@ -59,7 +59,7 @@ class Watch:
     """
 
     def __init__(
-        self, space: Space, action_space: Space, rows: int, dt: float, model: Model,
+        self, space: Any, action_space: Space, rows: int, dt: float, model: Model,
         prior: Gaussian, observation: Callable[[np.ndarray], Any] | None = None,
         passes: Sequence[Any] = (), known_input: Callable[[Any], Any] | None = None,
         estimator: EstimatorChoice = "ekf", estimator_options: dict[str, Any] | None = None,
@@ -155,7 +155,7 @@ class Watch:
 
     def observe(self, seen: Any) -> Any:
         """Observations ``(B, ...)``, given the environment's own observations ``seen``."""
-        own, raw, beside = cast(Any, self._own), self._mode == "measurement", self._beside()
+        own, raw, beside = self._own, self._mode == "measurement", self._beside()
         if isinstance(own, Dict):
             passing = {key: seen[key] for key in self._passes}
             return (passing if raw else self._filled(passing)) | beside
@@ -183,20 +183,20 @@ class Watch:
         mean = np.array(self.now.state if self._tells_truth else self.now.belief.mean)
         if self._observation is not None:
             return self._observation(mean)
-        angles = list(self.model.state_angles)
-        if angles and not self._tells_truth:
-            mean[:, angles] = wrap(mean[:, angles])  # filters do not wrap angles
+        if not self._tells_truth:  # filters do not wrap angles
+            angles = list(self.model.state_angles)
+            mean[:, angles] = wrap(mean[:, angles])
         return mean
 
     def _filled(self, passing: dict[str, Any]) -> dict[str, Any]:
         """Dictionary of observations, from the function's values and what passes."""
-        own, value = cast(Dict, self._own), self._value()
+        own, value = self._own, self._value()
         if not isinstance(value, dict) or {*value} != {*self._estimated}:
             wanted = ", ".join(self._estimated)
             raise ValueError(f"observation must give a dictionary of what does not pass: {wanted}")
         filled = dict(passing)
         for key, each in value.items():
-            filled[key] = self._fitted(each, own[key]).reshape(self.rows, *(own[key].shape or ()))
+            filled[key] = self._fitted(each, own[key]).reshape(self.rows, *own[key].shape)
         return {key: filled[key] for key in own}
 
     def _fitted(self, value: Any, own: Any, chosen: Any = slice(None)) -> np.ndarray:
@@ -211,11 +211,11 @@ class Watch:
             array = np.clip(array, low, high)
         return (np.rint(array) if own.dtype.kind in "iu" else array).astype(own.dtype)
 
-    def _space(self) -> Space:
+    def _space(self) -> Any:
         """Observation space."""
-        own, raw = cast(Any, self._own), self._mode == "measurement"
+        own, raw = self._own, self._mode == "measurement"
         if self._mode == "mean":
-            return self._own
+            return own
         name, least, size = "std", 0.0, self.model.n
         if raw:
             name, least, size = "measurement", -np.inf, 2 * self.sensors.size
@@ -321,9 +321,8 @@ def _sensors(
                 "sensors read with independent noise: give the model a diagonal R, or sensors of"
                 " your own"
             )
-        sd = np.sqrt(np.diagonal(R)).tolist()
-        reads = [partial(_channel, model, i) for i in range(len(sd))]
-        own = [Sensor(f"y{i}", (f"y{i}",), reads[i], (sd[i],)) for i in range(len(sd))]
+        sd = enumerate(np.sqrt(np.diagonal(R)).tolist())
+        own = [Sensor(f"y{i}", (f"y{i}",), partial(_channel, model, i), (each,)) for i, each in sd]
         sensors = in_quality(own, **quality)
     made = Sensors(sensors, states, tuple(f"u{i}" for i in range(inputs)), dt, faults)
     if made.bias.size:
