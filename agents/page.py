@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,6 +35,8 @@ def text(value: Interval | float | None, decimals: int = 3, signed: bool = False
 
     There are more decimals where these would show none of the interval's width.
     """
+    if isinstance(value, Interval) and np.isnan(value.half):
+        value = value.mean
     if not isinstance(value, Interval):
         return "–" if value is None else number(value, decimals, signed)
     while decimals < 6 and 1e-6 < value.high - value.low < 10.0**-decimals:
@@ -69,47 +71,31 @@ def markdown_table(heading: Sequence[str], rows: Iterable[Sequence[str]], words:
 
 @dataclass(frozen=True)
 class Block:
-    """A part of a page: a heading, its content as HTML, and what a reader must know to read it.
+    """A part of a page: a heading, one kind of content, and what a reader must know to read it.
 
-    A table is also kept as it is, for files beside the page.
+    Attributes:
+        title: The heading.
+        table: A table of texts, which is also written into files beside the page.
+        note: What a reader must know.
+        figures: Figures by their captions.
+        items: Sentences of a list.
+        code: Lines of code.
+        html: Anything else, as HTML.
     """
 
     title: str
-    html: str
-    note: str = ""
     table: "pd.DataFrame | None" = None
-
-
-def table(title: str, frame: "pd.DataFrame", note: str = "") -> Block:
-    """A table of texts as a block."""
-    frame = frame.reset_index()
-    return Block(title, frame.to_html(border=0, index=False), note, frame)
-
-
-def picture(title: str, figure: "Figure", note: str = "") -> Block:
-    """A figure as a block."""
-    return Block(title, f'<img src="{data_uri(figure)}" alt="{escape(title)}">', note)
-
-
-def frame(title: str, document: str, note: str = "") -> Block:
-    """A whole HTML document, which plays on its own, as a block."""
-    return Block(title, iframe(title, document), note)
+    note: str = ""
+    figures: "Mapping[str, Figure]" = field(default_factory=dict)
+    items: Sequence[str] = ()
+    code: str = ""
+    html: str = ""
 
 
 def iframe(title: str, document: str, style: str = "") -> str:
     """An element that shows a whole HTML document, which may run its own scripts alone."""
     attributes = f'title="{escape(title)}" sandbox="allow-scripts" loading="lazy" style="{style}"'
     return f'<iframe srcdoc="{escape(document)}" {attributes}></iframe>'
-
-
-def bullets(title: str, items: Sequence[str]) -> Block:
-    """Sentences as a block."""
-    return Block(title, "<ul>" + "".join(f"<li>{escape(item)}</li>" for item in items) + "</ul>")
-
-
-def preformatted(title: str, lines: Sequence[str]) -> Block:
-    """Lines of code as a block."""
-    return Block(title, f"<pre>{escape(chr(10).join(lines))}</pre>")
 
 
 def write_page(
@@ -135,7 +121,7 @@ def write_page(
         undefined=StrictUndefined,
     )
     html = templates.get_template("page.html").render(
-        title=title, subtitle=subtitle, answer=answer, blocks=blocks
+        title=title, subtitle=subtitle, answer=answer, blocks=blocks, data_uri=data_uri
     )
     write_text(path, html)
     for block in blocks:
@@ -148,6 +134,7 @@ def write_page(
 
 def _write_table(path: Path, frame: "pd.DataFrame") -> None:
     """Write a table as ``.csv`` and ``.tex``."""
+    frame = frame.reset_index()
     latex = frame.to_latex(index=False, escape=True).translate(str.maketrans(LATEX))
     for suffix, text in ((".csv", frame.to_csv(index=False)), (".tex", latex)):
         write_text(path.with_name(path.name + suffix), text)

@@ -42,9 +42,9 @@ def styled() -> AbstractContextManager[None]:
         ModuleNotFoundError: without Matplotlib.
     """
     require("matplotlib")
-    from matplotlib import rc_context, rc_params_from_file
+    from matplotlib import style
 
-    return rc_context(rc_params_from_file(_STYLE, use_default_template=False))
+    return style.context(_STYLE)
 
 
 def svg(figure: "Figure") -> bytes:

@@ -1,15 +1,12 @@
 """Digest of the source code that a result depends on."""
 
-import ast
 import hashlib
 import sysconfig
-from collections.abc import Iterator
-from contextlib import suppress
 from functools import cache
-from importlib.machinery import ModuleSpec, PathFinder
-from importlib.util import find_spec, resolve_name
-from itertools import accumulate
+from importlib.util import find_spec
+from modulefinder import ModuleFinder
 from pathlib import Path
+from typing import Any
 
 _WHOLE = ("estimators", "vessel_gym")
 """Packages that count as a whole, because environments and filters are found there by name."""
@@ -30,11 +27,9 @@ def source_digest(module: str) -> str:
     Raises:
         ValueError: if there is no such module.
     """
-    if _spec(module) is None:
-        raise ValueError(f"there is no module {module}")
-    files = set(_closure(module, module.partition(".")[0], {}).values())
+    files = set(_sources(module).values())
     for package in _WHOLE:
-        spec = _spec(package)
+        spec = find_spec(package)
         assert spec is not None
         for root in map(Path, spec.submodule_search_locations or ()):
             files |= {*root.rglob("*.py"), *root.rglob("*.toml")}
@@ -42,45 +37,36 @@ def source_digest(module: str) -> str:
     return hashlib.sha256(b"".join(contents)).hexdigest()
 
 
-def _closure(module: str, package: str, found: dict[str, Path]) -> dict[str, Path]:
-    """Add the source files of a module and of what it imports to those found, by module name."""
-    spec, top = _spec(module), module.partition(".")[0]
-    if module in found or top in _WHOLE or spec is None or not spec.has_location:
-        return found
-    path = Path(spec.origin or "")
-    if top != package and _is_installed(path):
-        return found
-    found[module] = path
-    with suppress(SyntaxError, ValueError):  # of compiled code
-        tree = ast.parse(path.read_bytes())
-        parent = module if spec.submodule_search_locations else module.rpartition(".")[0]
-        for name in _imported(tree, parent):
-            _closure(name, package, found)
-    return found
+def _sources(module: str) -> dict[str, Path]:
+    """Source files of a module and of what it imports, by the name of each module.
+
+    Raises:
+        ValueError: if there is no such module.
+    """
+    finder = _Finder(module.partition(".")[0])
+    try:
+        finder.import_hook(module)
+    except ImportError:
+        raise ValueError(f"there is no module {module}") from None
+    found: dict[str, Any] = finder.modules
+    return {name: Path(each.__file__) for name, each in found.items() if each.__file__}
 
 
-def _imported(tree: ast.Module, parent: str) -> Iterator[str]:
-    """Dotted names that a module imports, anywhere in it; names from a module may be modules."""
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield from accumulate(alias.name.split("."), "{}.{}".format)
-        elif isinstance(node, ast.ImportFrom):
-            module = resolve_name("." * node.level + (node.module or ""), parent)
-            yield from (module, *(f"{module}.{alias.name}" for alias in node.names))
+class _Finder(ModuleFinder):
+    """Finds modules of one package, and others that are neither installed nor in `_WHOLE`."""
+
+    def __init__(self, package: str) -> None:
+        super().__init__(excludes={*_WHOLE} - {package})
+        self.package = package
+
+    def load_module(self, fqname: str, fp: Any, pathname: str, file_info: Any) -> Any:
+        if fqname.partition(".")[0] != self.package and _is_installed(pathname):
+            raise ImportError(fqname)
+        return super().load_module(fqname, fp, pathname, file_info)
 
 
-def _is_installed(path: Path) -> bool:
-    return bool({"site-packages", "dist-packages"} & set(path.parts)) or path.is_relative_to(
-        sysconfig.get_path("stdlib")
-    )
-
-
-def _spec(module: str) -> ModuleSpec | None:
-    """Specification of a module, for which nothing is imported; None if there is no such module."""
-    package = module.rpartition(".")[0]
-    if not package:
-        return find_spec(module)
-    above = _spec(package)
-    places = above and above.submodule_search_locations
-    return PathFinder.find_spec(module, places) if places else None
+def _is_installed(path: str | None) -> bool:
+    """Is a module, at a path if it has one, Python's own or in a folder of packages?"""
+    if path is None or {"site-packages", "dist-packages"} & {*Path(path).parts}:
+        return True
+    return Path(path).is_relative_to(sysconfig.get_path("stdlib"))

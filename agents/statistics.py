@@ -25,7 +25,10 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True)
 class Interval:
-    """A mean, a difference or a share of trials, and the ends of its 95 % interval."""
+    """A mean, a difference or a share of trials, and the ends of its 95 % interval.
+
+    The ends are NaN where there is no interval, and so is the mean of no values.
+    """
 
     mean: float
     low: float
@@ -82,15 +85,13 @@ def verdict(differences: np.ndarray, margin: float, span: float, comparisons: in
     """
     values = np.atleast_2d(differences)
     found = crossed_interval(values, comparisons)
-    if found is None:
-        return UNDECIDED
     if values.shape[1] * margin >= 3.0 * span:
         more = (np.full((len(values), 1), end) for end in (-span, span))
         intervals = (
             found,
             *(crossed_interval(np.hstack([values, each]), comparisons) for each in more),
         )
-        if all(each and -margin < each.low and each.high < margin for each in intervals):
+        if all(-margin < each.low and each.high < margin for each in intervals):
             return EQUIVALENT
     if found.low > 0.0:
         return CLEARLY_BETTER if found.low > margin else SLIGHTLY_BETTER
@@ -99,7 +100,7 @@ def verdict(differences: np.ndarray, margin: float, span: float, comparisons: in
     return UNDECIDED
 
 
-def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None:
+def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval:
     """The mean of ``(runs, seeds)`` with its 95 % interval for other runs on other seeds.
 
     The variance of the mean is that of a two-way layout without replication, with runs and seeds as
@@ -113,7 +114,7 @@ def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | Non
         comparisons: Number of intervals that hold at once with 95 % probability (Bonferroni).
 
     Returns:
-        The interval; None without runs, or for fewer than two seeds: one value has no spread.
+        The interval; its ends are NaN for fewer than two seeds, because one value has no spread.
 
     Raises:
         ValueError: if values are not a matrix of finite numbers.
@@ -127,7 +128,7 @@ def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | Non
         )
     runs, seeds = values.shape
     if seeds < 2 or not runs:
-        return None
+        return Interval(float(values.mean()) if values.size else np.nan, np.nan, np.nan)
     mean, of_runs, of_seeds = values.mean(), values.mean(axis=1), values.mean(axis=0)
     between_seeds = runs * of_seeds.var(ddof=1)
     between_runs = 0.0
@@ -147,17 +148,17 @@ def crossed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | Non
     return Interval(float(mean), float(mean) - half, float(mean) + half)
 
 
-def mean_interval(values: ArrayLike, comparisons: int = 1) -> Interval | None:
+def mean_interval(values: ArrayLike, comparisons: int = 1) -> Interval:
     """The mean of independent values ``(N,)`` with Student's 95 % interval.
 
     Values that are not finite count as missing; ``comparisons`` are those of `crossed_interval`.
-    None for fewer than two values.
+    The ends are NaN for fewer than two values.
     """
     values = np.asarray(values, float)
     return crossed_interval(values[np.isfinite(values)][None], comparisons)
 
 
-def paired_difference(a: ArrayLike, b: ArrayLike, *, comparisons: int = 1) -> Interval | None:
+def paired_difference(a: ArrayLike, b: ArrayLike, *, comparisons: int = 1) -> Interval:
     """The mean of ``a - b`` over pairs ``(N,)`` with Student's 95 % interval, as `mean_interval`.
 
     Raises:
@@ -186,7 +187,7 @@ def episodes_for(values: np.ndarray, half: float, comparisons: int = 1) -> float
     return (quantile * float(values.std(ddof=1)) / half) ** 2 if half else np.inf
 
 
-def skewed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None:
+def skewed_interval(values: np.ndarray, comparisons: int = 1) -> Interval:
     """The mean of finite, independent values ``(N,)`` with an interval that follows their skewness.
 
     Student's t is transformed by Hall's (1992) cubic, which removes its skewness; the interval
@@ -195,7 +196,7 @@ def skewed_interval(values: np.ndarray, comparisons: int = 1) -> Interval | None
     ``comparisons``.
     """
     plain = crossed_interval(values[None], comparisons)
-    if plain is None or np.ptp(values) == 0.0:
+    if np.ptp(values) == 0.0:
         return plain
     deviations, n = values - plain.mean, len(values)
     bend = (deviations**3).mean() / (deviations**2).mean() ** 1.5 / np.sqrt(n) / 3.0

@@ -21,7 +21,6 @@ from agents.tuning.tuned import SHIPPED, load_tuned
 from estimators import nees
 from studies.markdown import NONE, ROOT, table
 from vessel_gym.disturbances import Fault
-from vessel_gym.envs import SigmaCorvetteEnv
 from vessel_gym.sensors import in_quality
 
 CORVETTE, EPISODES = "SigmaCorvette-v0", 100
@@ -175,7 +174,7 @@ def comparison(name: str, environment: str = "", **more: Any) -> str:
 
 def turns(sea: str, other: str) -> str:
     """Scores and errors of filters that assume the corvette's sea rightly, wrongly or not."""
-    believed: Any = SigmaCorvetteEnv.system.disturbances[sea].believed
+    believed = system_of(CORVETTE).disturbances[sea].believed
     rows = [of.format(other=other) for of in SETTINGS["turns"]["rows"]]
     still = {"assuming no current": assuming(replace(believed, current=0.0))}
     return comparison("turns", rows=rows, variants=VARIANTS | still, disturbance=sea)

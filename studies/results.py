@@ -20,9 +20,9 @@ from agents.statistics import Interval, crossed_interval, paired_difference
 from agents.studies.records import FLOOR, ORACLE
 from agents.studies.worlds import system_of
 from estimators import compiled
-from studies.comparisons import SETTINGS, arm_metrics
+from studies.comparisons import CORVETTE, SETTINGS, arm_metrics
 from studies.markdown import NONE, ROOT, table
-from vessel_gym.envs import SigmaCorvetteEnv, VesselVectorEnv
+from vessel_gym.envs import register_environment
 from vessel_gym.tasks.circle_track import CircleTrack
 
 HELD, PLAIN, INFORMED = "measurement", "ekf", "ekf-waves"
@@ -70,9 +70,6 @@ class Column(NamedTuple):
     condition: str
     scores: dict[str, np.ndarray]
     comparisons: int = 1
-
-    def __str__(self) -> str:
-        return f"{self.environment}, {self.condition}"
 
     def gap(self, one: str, other: str) -> Interval | None:
         """Paired difference of scores; 95 % hold for all pairs of the environment."""
@@ -134,7 +131,7 @@ def differences(study: str) -> str:
         gaps = [at.gap(*pair) for pair in pairs]
         bold = ["**" if gap and gap.low > MARGIN else "" for gap in gaps]
         cells = (f"{star}{text(gap)}{star}" for gap, star in zip(gaps, bold, strict=True))
-        rows.append((str(at), f"`{best}`", *cells))
+        rows.append((f"{at.environment}, {at.condition}", f"`{best}`", *cells))
     heads = "", "best filter", "best − `measurement`", "best − default", "`truth` − best"
     return table(heads, rows)
 
@@ -191,11 +188,9 @@ def variation(
     """
     constants = {name: of * getattr(CircleTrack, name) for name, of in (scaled or {}).items()}
     task: Any = compiled(type("Scored", (CircleTrack,), constants))
-    corvette: Any = SigmaCorvetteEnv.system
-    system = replace(corvette, task=task(corvette.vehicle.ship))
-    env: Any = type("Env", (VesselVectorEnv,), {"system": system})
-    env_id = f"Scored{len(gym.registry)}-v0"
-    gym.register(env_id, vector_entry_point=env, max_episode_steps=corvette.task.horizon)
+    corvette, name = system_of(CORVETTE), f"Scored{len(gym.registry)}-v0"
+    system = replace(corvette, name=name, task=task(corvette.vehicle.ship))
+    env_id = register_environment(system)
     if controller:
         changes["agent"] = make_controller("autopilot", system, **controller)
     own = {

@@ -15,7 +15,7 @@ from agents.page import markdown_table
 from agents.refusal import Refusal
 from estimators import names
 from studies.baselines import MEASUREMENTS, NONLINEAR, STATES, Step, filterpys, numpy_kalman, ours
-from studies.markdown import around, measured_on, publish
+from studies.markdown import measured_on, publish
 
 ENVIRONMENTS = "SigmaCorvette-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"
 STEPS, BATCH, MARK = 64, 256, "measured"
@@ -129,8 +129,6 @@ def main(
         raise Refusal("the baselines need filterpy: pip install filterpy")
     with asked():
         env_ids = tuple(map(environment_id, env_ids))
-        if page is not None:
-            around(page, MARK)
     publish(partial(report, env_ids, rows, rounds), page, MARK)
 
 

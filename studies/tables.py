@@ -1,6 +1,5 @@
 """Tables of docs/, computed and written into their pages: ``python -m studies.tables``."""
 
-import csv
 import json
 from collections.abc import Callable, Mapping
 from functools import partial
@@ -9,8 +8,8 @@ from pathlib import Path
 from shutil import copyfile, copytree
 from typing import Any
 
-import numpy as np
 import pandas as pd
+from scipy.stats import gmean
 
 from agents.commands.console import command, progress
 from agents.page import markdown_table
@@ -34,8 +33,8 @@ def papers_page(summary: Mapping[str, Any]) -> str:
     lines, rows = [], [row for each in summary.values() for row in each["rows"]]
     for paper, of in pd.DataFrame(rows, columns=Row._fields).groupby("paper", sort=False):
         total: Any = of.sum()
-        scored, logs = of.numbers - of.incomparable, np.log(of.factor.replace(0.0, 1.0))
-        factor = f"{np.exp(scored @ logs / scored.sum()):.1f}" if scored.sum() else "–"
+        scored, factors = of.numbers - of.incomparable, of.factor.replace(0.0, 1.0)
+        factor = f"{gmean(factors, weights=scored):.1f}" if scored.any() else "–"
         numbers = total.agree, total.better, total.worse, total.near, factor
         lines.append([str(paper), *map(str, numbers)])
     head = "Errors", "agree", "better", "worse", "within 25 %", "typical factor"
@@ -57,15 +56,16 @@ def _made(module: str, function: str, *arguments: str) -> str:
     return getattr(import_module(f"studies.{module}"), function)(*arguments)
 
 
-with (ROOT / "docs" / "tables.csv").open(encoding="utf-8") as _file:
-    BLOCKS: dict[str, tuple[Path, str, Callable[[], str]]] = {
-        row["mark"].partition(": ")[2]: (
-            ROOT / row["page"],
-            row["mark"],
-            partial(_made, *row["function"].split("."), *filter(None, row["arguments"].split(";"))),
-        )
-        for row in csv.DictReader(_file)
-    }
+BLOCKS: dict[str, tuple[Path, str, Callable[[], str]]] = {
+    mark.partition(": ")[2]: (
+        ROOT / page,
+        mark,
+        partial(_made, *function.split("."), *filter(None, arguments.split(";"))),
+    )
+    for page, mark, function, arguments in pd.read_csv(
+        ROOT / "docs/tables.csv", keep_default_na=False
+    ).itertuples(index=False)
+}
 """Page and mark of each table and sentence, and the function that writes it."""
 
 

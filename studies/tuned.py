@@ -5,7 +5,6 @@ They are read from ``results``, where ``vessel-gym ablate tuned`` leaves them, a
 come with the package are made by ``python -m studies.tuned``.
 """
 
-from dataclasses import replace
 from itertools import groupby
 from typing import Any
 
@@ -16,10 +15,11 @@ from agents.commands.ablate import STUDIES
 from agents.jobs import load
 from agents.page import text
 from agents.seeds import tuning_seeds
-from agents.statistics import crossed_interval, paired_difference
+from agents.statistics import crossed_interval, mean_interval
 from agents.studies.plan import plan
 from agents.studies.records import ORACLE
 from agents.studies.study import read_study
+from agents.studies.tables import tuning_findings
 from agents.studies.worlds import system_of
 from agents.tuning.arm import Arm
 from agents.tuning.trials import Trials
@@ -112,15 +112,12 @@ def shipped() -> str:
     rows, seeds = [], tuning_seeds(200, first=FRESH + 2000)
     for environment in MIX:
         tuned = load_tuned(environment)
-        cells = []
-        for condition in tuned.arm.conditions:
-            trials = Trials(replace(tuned.arm, conditions=(condition,)), seeds)
-            before, after = trials.scores([{}, tuned.values])
-            gain = paired_difference(after, before, comparisons=len(tuned.arm.conditions))
-            cells.append(text(gain))
-        cells += [NONE] * (len(SHIPS) - len(cells))
+        count = len(tuned.arm.conditions)
+        before, after = Trials(tuned.arm, seeds).scores([{}, tuned.values])
+        gains = np.split(after - before, count)
+        cells = [*(text(mean_interval(gain, count)) for gain in gains), *[NONE] * len(SHIPS)]
         nees = f"{tuned.found['position_nees']:.2f}"
-        rows.append([f"`{environment}`", f"`{tuned.arm.estimator}`", *cells, nees])
+        rows.append([f"`{environment}`", f"`{tuned.arm.estimator}`", *cells[: len(SHIPS)], nees])
     return table(["gain of score", "estimator", *SHIPS, "NEES of the position"], rows)
 
 
@@ -171,14 +168,16 @@ def tunings() -> str:
     """
     folder, study = ROOT / "results" / STUDY / "jobs", read_study(STUDIES[STUDY])
     first, rows = study.conditions[0].name, list[dict[str, str]]()
-    flights = [f for f in plan(study).flights if (f.policy, f.condition) == (TUNED, first)]
-    arms = groupby(flights, lambda f: (f.environment, f.estimator))
+    arms = groupby(
+        plan(study).where(policy=TUNED, condition=first), lambda f: (f.environment, f.estimator)
+    )
     jobs = {arm: [flight.job.needs[0] for flight in each] for arm, each in arms}
     fits = {
         arm: [load_tuned(folder / f"{job.key}.toml") for job in each] for arm, each in jobs.items()
     }
     for (environment, estimator), each in jobs.items():
         found = [record["values"] for job in each if (record := load(job, folder))]
+        over, nees, bounds = tuning_findings(found)
         tuned = episodes(STUDY, environment, TUNED)
         own, best = tuned[first, estimator], tuned[first, ORACLE]
         mine, truths = fits[environment, estimator], fits[environment, ORACLE]
@@ -186,18 +185,14 @@ def tunings() -> str:
             [fit.values | truth.values for fit, truth in zip(mine, truths, strict=True)]
         )
         means = own.mean(1)
-        scores = {
-            "loss under the truth's controller": best - under, "won back": own - under,
-            "overfitting": np.array([[f["after"] - f["before"] - f["gain"][0] for f in found]]),
-            "scatter": own[[means.argmax()]] - own[[means.argmin()]],
-        }  # fmt: skip
-        nees = np.mean([f["position_nees"] for f in found])
-        rows.append(
-            {"environment": environment, "estimator": estimator}
-            | {head: text(crossed_interval(of)) for head, of in scores.items()}
-            | {"NEES of the position": NONE if np.isnan(nees) else f"{nees:.2f}"}
-            | {"at a bound": ", ".join(sorted({n for f in found for n in f["at_bound"]})) or NONE}
-        )
+        rows.append({
+            "environment": environment, "estimator": estimator,
+            "loss under the truth's controller": text(crossed_interval(best - under)),
+            "won back": text(crossed_interval(own - under)),
+            "overfitting": text(over),
+            "scatter": text(crossed_interval(own[[means.argmax()]] - own[[means.argmin()]])),
+            "NEES of the position": nees, "at a bound": bounds,
+        })  # fmt: skip
     return _file("tunings.csv", pd.DataFrame(rows))
 
 

@@ -79,8 +79,8 @@ def voyage() -> Episode:
     ]
     assert_type(runs[0], Rollout)
     assert_type(runs[0].history["truth"], np.ndarray)
-    assert_type(mean_interval([0.1, 0.2, 0.3]), Interval | None)
-    assert_type(paired_difference(runs[0].score, runs[1].score), Interval | None)
+    assert_type(mean_interval([0.1, 0.2, 0.3]), Interval)
+    assert_type(paired_difference(runs[0].score, runs[1].score), Interval)
     shown = episode("SigmaCorvette-v0", ["ekf", FixedGain], seed=seeds[0])
     shown.save("voyage.pdf")
     shown.save(Path("voyage.html"))

@@ -10,7 +10,7 @@ import vessel_gym
 from agents.budget.result import Budget
 from agents.budget.search import OPEN
 from agents.files import replacing
-from agents.page import bullets, listed, picture, table, text, write_page
+from agents.page import Block, listed, text, write_page
 from agents.plotting import INK, PALETTE, save_figure, styled
 
 if TYPE_CHECKING:
@@ -85,16 +85,17 @@ def suites_table(budget: Budget, most: int | None = None) -> pd.DataFrame:
     They are all, or so many whose places are nearest to that of the answer.
     """
     nearest = sorted(budget.verdicts, key=lambda i: abs(i - budget.nearest))[:most]
-    rows = {
-        str(budget.suites[i]): {
+    rows = [
+        {
+            "suite": str(budget.suites[i]),
             "price": f"{budget.suites[i].cost[0]:g}",
             "search": text(budget.shares.get(i)),
             "fresh seeds": text(budget.confirmed.get(i)),
             "verdict": _verdict(budget, i),
         }
         for i in sorted(nearest)
-    }
-    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("suite")
+    ]
+    return pd.DataFrame(rows).set_index("suite")
 
 
 def _verdict(budget: Budget, suite: int) -> str:
@@ -107,10 +108,9 @@ def _verdict(budget: Budget, suite: int) -> str:
 
 def frontier(budget: Budget) -> list[int]:
     """Suites that score more than every cheaper one in the search, the cheapest first."""
-    best, found = float("-inf"), []
+    found: list[int] = []
     for i in sorted(budget.shares):
-        if budget.shares[i].mean > best:
-            best = budget.shares[i].mean
+        if not found or budget.shares[i].mean > budget.shares[found[-1]].mean:
             found.append(i)
     return found
 
@@ -163,15 +163,18 @@ def write_report(budget: Budget, notes: list[str]) -> Path:
     arms = (*study.environments, study.estimators[0].name, study.agents[0].name)
     subtitle = f"vessel-gym {vessel_gym.__version__}: {', '.join(arms)}"
     return write_page(folder / "budget.html", study.title, subtitle, conclusion(budget), [
-        picture("Price and score", figure,
-                "Suites simulated in the search, with simultaneous 95 % intervals; the answer has"
-                " its score on fresh seeds."),
-        table(
+        Block(
+            "Price and score",
+            figures={"Price and score": figure},
+            note="Suites simulated in the search, with simultaneous 95 % intervals; the answer has"
+            " its score on fresh seeds.",
+        ),
+        Block(
             "Suites simulated, the cheapest first",
             suites_table(budget),
             f"{legend(budget)} Intervals of the search hold for all suites and looks at once, those"
             " on fresh seeds for one suite.",
         ),
-        bullets("The guarantee, and its limits", [*LIMITS, assumption(budget), *notes]),
-        bullets("Refused suites", sorted(budget.refusals) or ["None."]),
+        Block("The guarantee, and its limits", items=[*LIMITS, assumption(budget), *notes]),
+        Block("Refused suites", items=sorted(budget.refusals) or ["None."]),
     ])  # fmt: skip

@@ -1,6 +1,6 @@
 """A search as a study whose conditions are the suites; no result is computed twice."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -62,7 +62,6 @@ class Budget(Search):
     Attributes:
         tables: Results of all simulations, see `agents.studies.results.long_table`.
         refusals: Reasons of the environment against suites.
-        answer: After `run`: the cheapest suite that is confirmed; None if there is none.
     """
 
     def __init__(
@@ -74,17 +73,6 @@ class Budget(Search):
         self.tables: list[pd.DataFrame] = []
         self.refusals: set[str] = set()
 
-    def run(self, progress: Callable[[int, int], None]) -> None:
-        """Search the cheapest suite that suffices, and confirm it on fresh seeds.
-
-        Raises:
-            ValueError: if the truth scores nothing, so that there is no share of it.
-            Refusal: if a flight failed.
-            OSError: if the results cannot be written.
-        """
-        super().run(progress)
-        self.answer = self.confirm(FRESH)
-
     @property
     def nearest(self) -> int:
         """The answer; else the suite that is nearest to one in the search."""
@@ -92,7 +80,12 @@ class Budget(Search):
         return best if self.answer is None else self.answer
 
     def flights(self, suites: Sequence[int], first: int, episodes: int) -> list[Any]:
-        """Scores of suites, see `agents.budget.search.Fly`; a flight has no other metrics."""
+        """Scores of suites, see `agents.budget.search.Fly`; a flight has no other metrics.
+
+        Raises:
+            Refusal: if a flight failed.
+            OSError: if the results cannot be written.
+        """
         part = replace(self.study, episodes=episodes, first_seed=self.study.first_seed + first)
         plans = [_plan(part, suite) for suite in suites]
         self.refusals |= {skipped.reason for each in plans for skipped in each.skipped}

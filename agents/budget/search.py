@@ -71,9 +71,7 @@ def relative_score(scores: np.ndarray, truth: np.ndarray, comparisons: int = 1) 
     Raises:
         ValueError: if the truth scores nothing, so that there is no share of it.
     """
-    interval = skewed_interval(relative_scores(scores, truth), comparisons)
-    assert interval is not None
-    return interval
+    return skewed_interval(relative_scores(scores, truth), comparisons)
 
 
 def looks(episodes: int) -> list[int]:
@@ -97,6 +95,7 @@ class Search:
             and looks at once.
         verdicts: Of each suite simulated.
         confirmed: Relative scores on fresh seeds, in the order of the confirmation.
+        answer: The last suite confirmed, which is the cheapest of them; None if there is none.
     """
 
     costs: Sequence[Any]
@@ -108,6 +107,7 @@ class Search:
     shares: dict[int, Interval] = field(default_factory=dict)
     verdicts: dict[int, str] = field(default_factory=dict)
     confirmed: dict[int, Interval] = field(default_factory=dict)
+    answer: int | None = None
 
     def run(self, progress: Callable[[int, int], None]) -> None:
         """Simulate until no further look may change the answer.
@@ -117,6 +117,9 @@ class Search:
 
         Args:
             progress: Called with the number of suites that need no further look, and of all.
+
+        Raises:
+            ValueError: if the truth scores nothing, so that there is no share of it.
         """
         first = 0
         for end in looks(self.episodes):
@@ -169,7 +172,7 @@ class Search:
             n = min(len(self.scores[i]), len(self.scores[j]))
             comparisons = len(pairs) * len(looks(self.episodes))
             gap = paired_difference(self.scores[i][:n], self.scores[j][:n], comparisons=comparisons)
-            if gap and gap.low > 0.0:
+            if gap.low > 0.0:
                 found[i, j] = gap
         return found
 
@@ -201,7 +204,7 @@ class Search:
         certain = sum(self.verdicts[i] == DOES for i in found)
         return found[max(certain - 2, 0) :]
 
-    def confirm(self, first: int) -> int | None:
+    def confirm(self, first: int) -> None:
         """Confirm suites on fresh seeds in the order of `sequence`, up to the first that is not.
 
         Those whose 95 % interval is not below ``keep`` are confirmed. The probability that the last
@@ -210,16 +213,11 @@ class Search:
 
         Args:
             first: Number of the first fresh seed.
-
-        Returns:
-            The last suite that was confirmed, which is the cheapest of them; None if there is none.
         """
-        answer = None
         for suite in self.sequence:
             fresh = self.fly((suite, TRUTH), first, self.episodes)
             share = self.confirmed[suite] = relative_score(*fresh)
             if share.low < self.keep:
                 self.verdicts[suite] = NOT_CONFIRMED
                 break
-            self.verdicts[suite], answer = CONFIRMED, suite
-        return answer
+            self.verdicts[suite], self.answer = CONFIRMED, suite

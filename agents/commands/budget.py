@@ -121,10 +121,12 @@ def _check_numbers(keep: float, episodes: int, first_seed: int) -> None:
 def _search(budget: Any, notes: list[str]) -> int:
     """Search and confirm, write the report, and print the answer; the exit status."""
     from agents.budget.report import assumption, conclusion, suites_table, write_report
+    from agents.budget.result import FRESH
 
     try:
         with progress("suites decided", slow=inf) as show:
             budget.run(show)
+            budget.confirm(FRESH)
     except KeyboardInterrupt:
         kept = "what was finished is kept, and the same command goes on from there"
         raise KeyboardInterrupt(kept) from None

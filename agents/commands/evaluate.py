@@ -3,7 +3,6 @@
 import csv
 from contextlib import closing
 from dataclasses import astuple
-from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -112,7 +111,7 @@ def _compare(agent: str, scores: dict[str, Any], reference: str) -> None:
     for name in others:
         more = paired_difference(scores[name], scores[reference], comparisons=len(others))
         said.append(f"{name} {text(more, 3, True)}")
-        if reference == ORACLE and more and more.low > 0.0:
+        if reference == ORACLE and more.low > 0.0:
             beyond.append(name)
     print(f"Score minus that with {reference}, paired by seed: {', '.join(said)}")
     if beyond:
@@ -127,9 +126,6 @@ def _write(
     from agents.metrics import mean, metrics
     from agents.statistics import mean_interval
 
-    def ends(found: Any, values: Any) -> tuple[float, float, float]:
-        return astuple(found) if found else (values.mean(), nan, nan)
-
     with replacing(out) as path, path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(COLUMNS)
@@ -137,8 +133,8 @@ def _write(
             for name, column in columns.items():
                 values = column[metric.key]
                 more = values - columns[reference][metric.key]
-                difference = ends(mean_interval(more, max(len(columns) - 1, 1)), more)
-                average = ends(mean(metric, values[None]), values)
+                difference = astuple(mean_interval(more, max(len(columns) - 1, 1)))
+                average = astuple(mean(metric, values[None]))
                 cells = name, metric.key, metric.unit, *average, reference, *difference
                 writer.writerow((*about, *cells))
 
@@ -149,5 +145,5 @@ def _row(metric: Any, columns: list[Any]) -> list[str]:
     from agents.page import text
 
     of = f"{metric.label} error, RMS" if metric.key.endswith("_rmse") else metric.label
-    means = [mean(metric, values[None]) or values.mean() for values in columns]
-    return [metric.title.replace(metric.label, of), *(text(m, metric.decimals) for m in means)]
+    means = (text(mean(metric, values[None]), metric.decimals) for values in columns)
+    return [metric.title.replace(metric.label, of), *means]

@@ -133,7 +133,7 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
     return found
 
 
-def mean(metric: Metric, values: np.ndarray) -> Interval | None:
+def mean(metric: Metric, values: np.ndarray) -> Interval:
     """Mean of a metric ``(runs, seeds)`` with its 95 % interval.
 
     A seed at which any run lacks the metric is left out. With a single run, a metric of yes or

@@ -24,9 +24,7 @@ Table = list[Sequence[str]]
 
 def mean(values: Any) -> Interval:
     """The mean over runs with its 95 % interval."""
-    interval = mean_interval(np.asarray(values))
-    assert interval is not None
-    return interval
+    return mean_interval(np.asarray(values))
 
 
 def geometric(logs: np.ndarray) -> Interval:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from agents.page import Block, markdown_table, picture, write_page
+from agents.page import Block, markdown_table, write_page
 from agents.papers import read
 from agents.papers.figures import draw
 from agents.plotting import save_figure
@@ -28,15 +28,15 @@ def write_paper(name: str, values: Mapping[str, Any], out: Path) -> Path:
         path = out / "tables" / f"{name}-{table}.csv"
         with path.open("w", encoding="utf-8", newline="") as file:
             csv.writer(file, lineterminator="\n").writerows(rows)
-    pictures = []
+    figures = {}
     for described in values["figures"]:
         drawn, title = draw(described), f"Figure {described['number']}"
         save_figure(drawn, out / "figures" / file_name(name, title))
-        pictures.append(picture(described["caption"], drawn).html)
+        figures[described["caption"]] = drawn
     (title, source, opening), sections = page_parts(name, values["tables"])
-    figures = Block("Figures of the paper", f'<div class="figures">{"".join(pictures)}</div>')
+    pictures = Block("Figures of the paper", figures=figures)
     return write_page(
-        out / f"{name}.html", title, source, [opening], [sections[0], figures, *sections[1:]]
+        out / f"{name}.html", title, source, [opening], [sections[0], pictures, *sections[1:]]
     )
 
 
@@ -59,7 +59,8 @@ def page_parts(name: str, tables: Mapping[str, Any]) -> tuple[tuple[str, str, st
         return f'<div class="text">{parser.render(body)}</div>'
 
     sections = [
-        Block(heading, render(body)) for heading, body in zip(rest[::2], rest[1::2], strict=True)
+        Block(heading, html=render(body))
+        for heading, body in zip(rest[::2], rest[1::2], strict=True)
     ]
-    summary = Block("In short", render("\n\n".join(more)))
+    summary = Block("In short", html=render("\n\n".join(more)))
     return (title.removeprefix("# "), source, opening), [summary, *sections]

@@ -2,7 +2,7 @@
 
 from agents.page import listed, text
 from agents.statistics import CLEARLY_WORSE, EQUIVALENT, SLIGHTLY_WORSE, UNDECIDED
-from agents.studies.effects import AGENT, effects, interactions, mean, significant
+from agents.studies.effects import AGENT, effects, interactions
 from agents.studies.ranking import ALL, Ranking, rankings
 from agents.studies.records import ENDS, beyond_the_truth
 from agents.studies.results import Results
@@ -30,7 +30,7 @@ def answer(results: Results) -> list[str]:
         f"{name} in {environment} ({text(score)})"
         for environment, ranking in found.items()
         for name in ranking.scores
-        if (score := ranking.score(name)) and score.low > 1.0
+        if (score := ranking.score(name)).low > 1.0
     ]
     sentences += [beyond_the_truth(suspicious, results.who)] if suspicious else []
     return [*filter(None, sentences), *_missing(results)]
@@ -42,7 +42,7 @@ def answer(results: Results) -> list[str]:
 def _effects(results: Results) -> list[str]:
     """Sentences on levels that score more or less than their reference, and on the others."""
     found, who = effects(results), results.who
-    gains = [e for e in found if significant(e.gain)]
+    gains = [e for e in found if e.gain.excludes_zero]
     sentences = []
     for effect in gains:
         best, scores = effect.best, f"scores {text(effect.gain)} more than"
@@ -52,18 +52,20 @@ def _effects(results: Results) -> list[str]:
     if found and not gains:
         sentences.append("No level of any factor scores significantly more than its reference.")
     losses = [
-        f"{e.worst} ({e.factor}: {text(e.loss, signed=True)})" for e in found if significant(e.loss)
+        f"{e.worst} ({e.factor}: {text(e.loss, signed=True)})"
+        for e in found
+        if e.loss.excludes_zero
     ]
     if losses:
         sentences.append(f"Score is lost with {listed(losses)}.")
     for effect in (e for e in found if e.trend):
-        moves = "rises" if mean(effect.trend[0]) > 0.0 else "falls"
+        moves = "rises" if effect.trend[0].mean > 0.0 else "falls"
         steps = listed([text(step, signed=True) for step in effect.trend])
         sentences.append(f"The score {moves} with each step of the {effect.factor}: {steps}.")
     still = [
-        f"{e.factor} ({text(max(e.gain, e.loss, key=lambda v: abs(mean(v))), signed=True)})"
+        f"{e.factor} ({text(max(e.gain, e.loss, key=lambda v: abs(v.mean)), signed=True)})"
         for e in found
-        if not significant(e.gain) and not significant(e.loss)
+        if not e.gain.excludes_zero and not e.loss.excludes_zero
     ]
     if still:
         sentences.append(f"No significant effect: {listed(still)}.")
@@ -89,7 +91,7 @@ def _advice(ranking: Ranking) -> str:
         )
     score = ranking.score(best)
     return (
-        f"Use {best} in {where}: with it {who} reaches {100.0 * mean(score):.0f} % of the way from"
+        f"Use {best} in {where}: with it {who} reaches {100.0 * score.mean:.0f} % of the way from"
         f" dead reckoning to perfect state knowledge (normalised score {text(score)})."
         f" {_standing(ranking)}"
     )

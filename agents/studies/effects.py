@@ -28,6 +28,7 @@ from vessel_gym.sensors.grades import NOMINAL
 ESTIMATOR, AGENT, RUN = "estimator", "agent", "run"
 _TUNING = "tuning", "delivered parameters", "tuned parameters"
 """The factor, its reference and its other level."""
+_NO_CHANGE = Interval(0.0, 0.0, 0.0)
 _NUMBER = re.compile(r"(\d+(?:\.\d+)?(?:e[+-]\d+)?) (?:%|s\b|Hz\b)")
 """Pattern of a number with its unit in the name of a level."""
 
@@ -43,10 +44,10 @@ class Effect(NamedTuple):
     factor: str
     reference: str
     best: str
-    gain: Interval | float | None
+    gain: Interval
     worst: str
-    loss: Interval | float | None
-    trend: list[Interval | float | None]
+    loss: Interval
+    trend: list[Interval]
 
 
 class Interaction(NamedTuple):
@@ -61,16 +62,6 @@ class Interaction(NamedTuple):
     other: str
     at: str
     change: Interval
-
-
-def mean(value: Interval | float | None) -> float:
-    """The mean of an interval; 0 for no value."""
-    return value.mean if isinstance(value, Interval) else value or 0.0
-
-
-def significant(value: Interval | float | None) -> bool:
-    """True for an interval without zero."""
-    return isinstance(value, Interval) and value.excludes_zero
 
 
 def levels(condition: Condition) -> dict[str, str]:
@@ -178,13 +169,13 @@ def effects(results: Results) -> list[Effect]:
         for sign, word in ((1.0, "best"), (-1.0, "worst")):
             names = [_extreme(place, sign) for place in places]
             values = _mean(places, names).to_numpy()
-            change = interval(results, names[0], values, among) if values.any() else None
+            change = interval(results, names[0], values, among) if values.any() else _NO_CHANGE
             ends += [_one(names, word), change]
         ends.append(_trend(results, places))
         found.append(Effect(factor, *ends))
     return sorted(
         found,
-        key=lambda e: (-mean(e.gain) * significant(e.gain), -max(mean(e.gain), -mean(e.loss))),
+        key=lambda e: (-e.gain.mean * e.gain.excludes_zero, -max(e.gain.mean, -e.loss.mean)),
     )
 
 
@@ -208,7 +199,7 @@ def _extreme(place: Place, sign: float) -> str:
     return max(place, key=lambda name: sign * place[name].to_numpy().mean())
 
 
-def _trend(results: Results, places: Sequence[Place]) -> list[Interval | float | None]:
+def _trend(results: Results, places: Sequence[Place]) -> list[Interval]:
     """Differences of the score between successive levels of a factor; empty without a trend.
 
     The levels of such a factor have numbers, such as rates, and are in the study's order. All
@@ -221,8 +212,8 @@ def _trend(results: Results, places: Sequence[Place]) -> list[Interval | float |
     gaps = [_mean(places, [name] * len(places)) for name in places[0]]
     changes = (after - before for before, after in pairwise(gaps))
     steps = [interval(results, results.compared, c.dropna().to_numpy()) for c in changes]
-    one_way = len({mean(step) > 0.0 for step in steps}) == 1
-    return steps if one_way and all(map(significant, steps)) else []
+    one_way = len({step.mean > 0.0 for step in steps}) == 1
+    return steps if one_way and all(step.excludes_zero for step in steps) else []
 
 
 def _numbered(levels: Sequence[str]) -> bool:
@@ -258,6 +249,6 @@ def interactions(results: Results) -> list[Interaction]:
     for names, change, rows in tried:
         values, main = change.dropna().to_numpy(), abs(rows.to_numpy().mean())
         value = interval(results, results.compared, values, len(tried))
-        if isinstance(value, Interval) and value.excludes_zero and abs(value.mean) > main:
+        if value.excludes_zero and abs(value.mean) > main:
             found.append((-round(abs(value.mean), 9), main, Interaction(*names, value)))
     return [each for *_, each in sorted(found, key=lambda item: item[:2])]

@@ -57,7 +57,7 @@ def _points(panel: "Axes", results: Results, environment: str, names: list[str])
             results.normalised, environment=environment, policy=results.compared, estimator=name
         )
         scores = [crossed_interval(at(own, condition=each).to_numpy()) for each in conditions]
-        ends = np.array([(s.mean, s.half) if s else (np.nan, np.nan) for s in scores])
+        ends = np.array([(score.mean, score.half) for score in scores])
         places = np.arange(len(conditions)) + 0.6 * ((k + 0.5) / len(names) - 0.5)
         handles[name] = panel.errorbar(
             places, *ends.T, linestyle="none", color=colour, marker=mark, markersize=3.5,

@@ -149,23 +149,23 @@ class _EnvironmentPlan:
 
     def _tuned_flights(self, agent: Agent, tuning: Tuning) -> Iterator[Flight]:
         """Flights of a classical agent that is tuned with each estimator."""
-        once = [c for c in self.conditions if c.name in tuning.conditions] or self.conditions[:1]
+        chosen = [c for c in self.conditions if c.name in tuning.conditions]
+        once = [condition.options for condition in chosen or self.conditions[:1]]
         name, home = f"{agent.name}, {TUNED}", self.system.estimator
         for estimator in (each for each in self.estimators.values() if each.name != FLOOR):
             shared = _shared_options(self.study, estimator, self.environment)
             arm: dict[str, Any] = {"agent": agent.kind, "options": shared, "by": tuning.by}
             try:
-                each = tuple(condition.options for condition in once)
-                Arm(self.environment, conditions=each, **arm).parameters  # noqa: B018
+                Arm(self.environment, conditions=tuple(once), **arm).parameters  # noqa: B018
             except ValueError as error:
                 self._skip(f"{name} on {estimator.name}", str(error))
                 continue
             for condition, run in product(self.conditions, range(tuning.tunings)):
-                chosen = [condition] if EACH in tuning.conditions else once
+                each = [condition.options] if EACH in tuning.conditions else once
                 arguments = arm | {
                     "environment": self.environment, "seed": run,
-                    "conditions": [condition.options for condition in chosen],
-                    "own": self._own(agent.kind, estimator, *chosen),
+                    "conditions": each,
+                    "own": digests(self.environment, agent.kind, shared, *each),
                     "evaluations": tuning.evaluations, "episodes": tuning.episodes,
                 }  # fmt: skip
                 label = f"tune {agent.name} on {estimator.name} in {self.environment}"
@@ -182,12 +182,6 @@ class _EnvironmentPlan:
             if home := known.get(self._real(school)):
                 yield agent.policy(school), home.name, run, self._train(agent, home, run)
 
-    def _own(self, controller: str, estimator: Estimator, *conditions: Condition) -> dict[str, str]:
-        """Source of the user's own; see `digests`."""
-        worlds = [name for c in conditions for name in (c.sensors, c.disturbance)]
-        texts = [name for name in (estimator.estimator, *worlds) if isinstance(name, str)]
-        return digests(self.environment, controller, *texts)
-
     def _world(
         self, agent: Agent, condition: Condition, estimator: Estimator, controller: str
     ) -> dict[str, Any]:
@@ -198,7 +192,7 @@ class _EnvironmentPlan:
         chosen = options(self.study, condition, estimator, self.environment)
         if agent.learned:
             chosen |= {"observe": agent.observe}
-        own = self._own(controller, estimator, condition)
+        own = digests(self.environment, controller, chosen)
         return {"environment": self.environment, "options": chosen, "own": own}
 
     def _train(self, agent: Agent, school: Estimator, seed: int) -> Job:

@@ -38,18 +38,14 @@ def normalised(results: Results, scales: pd.DataFrame, policy: str, estimator: s
     return each.groupby("run", sort=False).mean()[whole]
 
 
-def interval(
-    results: Results, policy: str, values: np.ndarray, comparisons: int = 1
-) -> Interval | float | None:
-    """The mean of ``(runs, seeds)`` with its interval; one training run has none: a number."""
+def interval(results: Results, policy: str, values: np.ndarray, comparisons: int = 1) -> Interval:
+    """The mean of ``(runs, seeds)`` with its interval, which one training run does not have."""
     if policy in results.learned and len(values) == 1:
-        return float(values.mean())
+        return Interval(float(values.mean()), np.nan, np.nan)
     return crossed_interval(values, comparisons)
 
 
-def policy_score(
-    results: Results, environment: str, policy: str, estimator: str
-) -> Interval | float | None:
+def policy_score(results: Results, environment: str, policy: str, estimator: str) -> Interval:
     """Normalised score of a policy on an estimator."""
     values = normalised(results, results.scales.loc[[environment]], policy, estimator)
     return interval(results, policy, values.to_numpy())
@@ -92,7 +88,7 @@ class Ranking:
         names = [name for name in self.results.estimators() if name in self.scores]
         return self.results.reference(self.environments[0], names)
 
-    def score(self, name: str) -> Interval | None:
+    def score(self, name: str) -> Interval:
         """Normalised score of one of its estimators."""
         return crossed_interval(self.scores[name].to_numpy(), len(self.scores))
 
@@ -108,7 +104,7 @@ class Ranking:
         """
         return comb(len(self.scores), 2)
 
-    def gap(self, one: str, other: str) -> Interval | None:
+    def gap(self, one: str, other: str) -> Interval:
         """Difference of the normalised scores of two estimators."""
         return crossed_interval(self.differences(one, other), self.pairs)
 
@@ -148,8 +144,7 @@ class Ranking:
         than the scale (Fieller 1954: a ratio whose denominator may be zero has no bounded
         interval).
         """
-        scale, score = mean_interval(self.scales.mean()), self.score(self.best)
-        return bool(scale and scale.low > 0.0 and score and score.half < 0.5)
+        return mean_interval(self.scales.mean()).low > 0.0 and self.score(self.best).half < 0.5
 
 
 @lru_cache(1)

@@ -10,17 +10,7 @@ from agents.episodes import Episode
 from agents.files import replacing, write_text
 from agents.jobs import versions
 from agents.metrics import NEES, SCORE, UNHEALTHY, Metric, mean, metrics
-from agents.page import (
-    Block,
-    bullets,
-    frame,
-    listed,
-    picture,
-    preformatted,
-    table,
-    text,
-    write_page,
-)
+from agents.page import Block, iframe, listed, text, write_page
 from agents.plotting import learning_figure
 from agents.statistics import crossed_interval
 from agents.studies.answer import answer
@@ -79,7 +69,7 @@ def write_report(
 
 def _effects(results: Results) -> Block:
     """The table of the factors."""
-    return table(
+    return Block(
         "How much each factor moves the score",
         effects_table(results),
         f"Score of {results.who} at the best and at the worst level minus that at the reference,"
@@ -95,33 +85,39 @@ def _ranked(results: Results) -> list[Block]:
         return []
     head, ranking = next(iter(columns.items()))
     return [
-        table(
+        Block(
             "What to use under each condition",
             choices_table(results),
             "The estimator with the highest normalised score; in brackets others that are not"
             " significantly worse.",
         ),
-        preformatted("Code for the best estimator of each environment, run here", code(results)),
-        table(
+        Block(
+            "Code for the best estimator of each environment, run here",
+            code="\n".join(code(results)),
+        ),
+        Block(
             f"The best estimators for {results.who}, {head}",
             summary(ranking),
             "Normalised score, share of completed episodes with its 95 % interval for other seeds,"
             f" and mean score of the worst tenth of the episodes. {legend(results)}",
         ),
-        picture("Normalised score in each condition", conditions_figure(results),
-                "The scale is that of each condition; the 95 % intervals are individual."),
-        table(
+        Block(
+            "Normalised score in each condition",
+            figures={"Normalised score in each condition": conditions_figure(results)},
+            note="The scale is that of each condition; the 95 % intervals are individual.",
+        ),
+        Block(
             "Normalised score, and the verdict against the best of each column",
             ranking_table(results),
             "A dash: not used there, or not in every condition.",
         ),
-        table(
+        Block(
             "Difference from the reference",
             differences_table(results),
             "Normalised score minus that on the reference estimator, paired by evaluation seed; the"
             " 95 % hold for all pairs of a column at once.",
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _environment(results: Results, environment: str) -> list[Block]:
@@ -134,7 +130,7 @@ def _environment(results: Results, environment: str) -> list[Block]:
     chosen = [SCORE, *(m for m in metrics(system_of(environment)) if m.cost)]
     meanings = " ".join(f"{m.label}: {m.meaning}" for m in chosen)
     return [
-        table(
+        Block(
             f"{environment}: tuned for {first}",
             tuned_table(results, environment),
             f"Score with everything as delivered, and with {how}, each estimator with equal"
@@ -142,18 +138,18 @@ def _environment(results: Results, environment: str) -> list[Block]:
             " evaluation seeds. Overfitting: the gain on tuning seeds minus that on other seeds. At"
             " a bound: parameters at an end of their range in some tuning.",
         ),
-        table(
+        Block(
             heading(results, environment),
             conditions_table(results, environment),
             f"Of {who}.",
         ),
-        table(
+        Block(
             f"{environment}: secondary metrics, {first}",
             costs(results, environment, chosen),
             f"Of {who} on {ORACLE}, and on the others the differences from that, paired by"
             f" evaluation seed. {meanings}",
         ),
-        table(
+        Block(
             f"{environment}: consistency, {first}",
             consistency(results, environment),
             f"{NEES.label}: {NEES.meaning} In band: share of times at which the mean NEES over the"
@@ -201,25 +197,25 @@ def _learned(results: Results) -> list[Block]:
         for policy in results.learned
         for estimator in episodes[episodes.policy == policy].estimator.unique()
     }
-    found = pd.DataFrame.from_dict(rows, orient="index").dropna(axis=1, how="all")
+    found = pd.DataFrame.from_dict(rows, orient="index").map(text)
+    found = found.loc[:, (found != "–").any()]
     if found.empty:
         return []
     runs = results.plan.study.training_seeds
-    found = found.map(text).rename_axis(["policy", "estimator"])
     return [
-        table(
+        Block(
             "Normalised scores of learned agents",
-            found,
+            found.rename_axis(["policy", "estimator"]),
             f"Means over training runs ({runs}), conditions and evaluation seeds, with 95 %"
             " intervals for other runs, if there are several, on other seeds. Fewer than five say"
             " little of what another training would give. Policies learn in the first condition.",
         ),
         *(
-            picture(
-                f"Learning curves in {environment}",
-                learning_figure(curves, "return of training episodes"),
-                "Mean and range over training runs of the return of the last training episodes,"
-                " whose actions are drawn at random about the policy's own.",
+            Block(
+                title := f"Learning curves in {environment}",
+                figures={title: learning_figure(curves, "return of training episodes")},
+                note="Mean and range over training runs of the return of the last training"
+                " episodes, whose actions are drawn at random about the policy's own.",
             )
             for environment in results.environments
             if (curves := results.curves(environment))
@@ -229,11 +225,12 @@ def _learned(results: Results) -> list[Block]:
 
 def _episode(environment: str, page: dict[str, object]) -> Block:
     """The example episode of an environment, which plays."""
+    title = f"An episode in {environment}"
     note = (
         "The recommended estimator, the reference and the truth in the first condition, at the seed"
         " whose scores lie nearest to their means over all evaluation seeds."
     )
-    return frame(f"An episode in {environment}", Episode(page).html(), note)
+    return Block(title, note=note, html=iframe(title, Episode(page).html()))
 
 
 def _left_out(results: Results) -> list[Block]:
@@ -242,12 +239,12 @@ def _left_out(results: Results) -> list[Block]:
     for why in results.outcome.failures.values():
         label, _, reason = why.strip().partition(": ")
         found.append(f"{label} failed: {reason.splitlines()[-1]}")
-    return [bullets("Left out and failed", found)] if found else []
+    return [Block("Left out and failed", items=found)] if found else []
 
 
 def _limits() -> Block:
     """Assumptions behind the numbers."""
-    return bullets("Assumptions and limits", [
+    return Block("Assumptions and limits", items=[
         "Intervals are for other evaluation seeds and other training runs; seeds are the same for"
         " everybody, so that differences are paired. Environments and conditions count alike.",
         "The truth is a reference: it knows the present state, but not what the disturbance will do"
@@ -262,7 +259,7 @@ def _run(results: Results, command: str) -> Block:
     """All that is needed to run the study again."""
     study = results.plan.study
     minutes = sum(results.outcome.seconds.values()) / 60.0
-    return bullets("To run it again", [
+    return Block("To run it again", items=[
         *filter(None, [command]),
         f"Evaluation seeds {study.seeds[0]} to {study.seeds[-1]}, termination {study.termination},"
         f" margin of equivalence {study.margin:g}. The folder jobs has the settings, source and"

@@ -33,6 +33,7 @@ from agents.tuning.arm import LIKELIHOOD, SCORE
 from agents.tuning.tune import seeds_of_tuning
 from estimators.checks import short_repr
 from estimators.factory import unknown
+from vessel_gym.checks import all_are
 from vessel_gym.models.estimation import estimator_names
 from vessel_gym.sensor_faults import SensorFault
 from vessel_gym.simulation.configuration import TERMINATIONS
@@ -73,13 +74,12 @@ _LEARNED = {"observe", "memory", "trained_on", "flown_on", "steps", "settings"}
 _MOST = 2**31 - 1
 
 
-def _texts(value: Any) -> bool:
-    """Are the items of a list or the values of a table texts?"""
-    return all(isinstance(v, str) for v in (value.values() if isinstance(value, dict) else value))
-
-
 def _names(value: list[Any]) -> bool:
-    return _texts(value) and 0 < len(value) == len(set(value))
+    return all_are(str, value) and 0 < len(value) == len(set(value))
+
+
+def _suite(value: str | dict[str, Any]) -> bool:
+    return isinstance(value, str) or all_are(str, [*value.values()])
 
 
 _LIST: Any = list, "a list of names, one or more, each once", _names
@@ -91,7 +91,7 @@ _KEYS: dict[str, tuple[Any, ...]] = {
     "termination": (str, " or ".join(TERMINATIONS), TERMINATIONS.__contains__),
     "environments": _LIST,
     "options": (dict, "a table"),
-    "sensors": (str | dict, "a name, or a table of grades by sensor", _texts),
+    "sensors": (str | dict, "a name, or a table of grades by sensor", _suite),
     "mismatch": (int | float, "a number"),
     "latency": (dict, "a table of seconds by sensor"),
     "faults": (list, "a list of tables"),
@@ -129,10 +129,9 @@ class _Reader:
 
     def study(self) -> Study:
         """The study; meaningless if there are mistakes."""
-        keys = [each.name for each in fields(Study)]
-        self.known("key", self.data, keys)
         self.ids, names = list[str](), dict[str, str]()
-        for name, _ in self.tables("environments", ()):
+        for name, table in self.tables("environments"):
+            self.known(f"key in environments.{name}", table, ())
             self.ids.append(name)
             if not self.accepts("", estimated_world, name):
                 continue
@@ -147,7 +146,8 @@ class _Reader:
         agents = self.agents(estimators)
         tune = self.tuning(conditions)
         self.place = ()
-        values = self.values(self.data, [key for key in keys if key not in _SECTIONS])
+        plain = {key: value for key, value in self.data.items() if key not in _SECTIONS}
+        values = self.values("key", plain, Study)
         # Measurements contain no belief: where an agent sees them, the truth ends a mission.
         values.setdefault("termination", "task" if any(a.raw for a in agents) else "belief")
         title = values.pop("title", "What does the estimator cost?")
@@ -289,9 +289,7 @@ class _Reader:
         if not isinstance(table, dict):
             self.wrong("tune must be a table: [tune] with evaluations, tunings and others")
             return None
-        keys = [each.name for each in fields(Tuning)]
-        self.known("key in tune", table, keys)
-        tuning = Tuning(**self.values(table, keys))
+        tuning = Tuning(**self.values("key in tune", table, Tuning))
         self.accepts("tunings", seeds_of_tuning, tuning.episodes, tuning.tunings - 1)
         if EACH in tuning.conditions and len(tuning.conditions) > 1:
             self.wrong('conditions must be names of conditions, or ["each"] alone', "conditions")
@@ -299,7 +297,7 @@ class _Reader:
         self.known("condition", tuning.conditions, names, "conditions")
         return tuning
 
-    def tables(self, section: str, keys: Sequence[str]) -> Iterator[tuple[str, dict[str, Any]]]:
+    def tables(self, section: str) -> Iterator[tuple[str, dict[str, Any]]]:
         """Names and tables of a section, each while it is the entry."""
         self.place, tables = (section,), self.data.get(section, {})
         if not isinstance(tables, dict):
@@ -312,7 +310,6 @@ class _Reader:
                 continue
             if not name.isprintable() or not name.strip():
                 self.wrong(f"names of {section} must be text in a line, got {name!r}")
-            self.known(f"key in {section}.{name}", table, keys)
             yield name, table
 
     def records(self, section: str, record: type, second: str = "name") -> Iterator[Any]:
@@ -320,18 +317,20 @@ class _Reader:
 
         The attribute ``second`` is the name where the file lacks it.
         """
-        keys = [each.name for each in fields(record) if each.name != "name"]
-        for name, table in self.tables(section, keys):
-            each = record(**{"name": name, second: name} | self.values(table, keys))
+        for name, table in self.tables(section):
+            values = self.values(f"key in {section}.{name}", table, record)
+            each = record(**{"name": name, second: name} | values)
             self.known("environment", each.environments, self.ids, "environments")
             yield each
 
-    def values(self, table: Mapping[str, Any], keys: Sequence[str]) -> dict[str, Any]:
-        """Values of a table for keys; wrong ones are noted and left out."""
+    def values(self, what: str, table: Mapping[str, Any], record: type) -> dict[str, Any]:
+        """Values of a table for fields of a record; wrong ones are noted and left out."""
+        keys = [each.name for each in fields(record) if each.name != "name"]
+        self.known(what, table, keys)
         found = {}
         for key in [key for key in table if key in keys]:
             (kind, words, *tests), value = _KEYS.get(key, (str, "a name")), table[key]
-            right = isinstance(value, kind) and isinstance(value, bool) == (kind is bool)
+            right = isinstance(value, kind) and not isinstance(value, bool)
             if right and all(test(value) for test in tests):
                 found[key] = tuple(value) if isinstance(value, list) else value
             else:
@@ -339,11 +338,11 @@ class _Reader:
         return found
 
 
-def _sensor_names(environment: str, condition: Condition) -> dict[str, None]:
+def _sensor_names(environment: str, condition: Condition) -> list[str]:
     """Names of the sensors of an environment in a condition."""
     chosen = environment_options(environment, {"sensors": condition.sensors})
     sensors = system_of(environment).sensors_of(chosen.get("sensors", "nominal"))
-    return dict.fromkeys(sensor.name for sensor in sensors.each)
+    return [sensor.name for sensor in sensors.each]
 
 
 def _fault(fault: Any) -> SensorFault:

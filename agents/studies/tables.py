@@ -42,7 +42,7 @@ def effects_table(results: Results) -> pd.DataFrame:
     """Factors with their reference, best and worst levels, and what these change in the score."""
     table = pd.DataFrame(effects(results), columns=Effect._fields).set_index("factor")
     table = table.drop(columns="trend")
-    changes = table[["gain", "loss"]].map(lambda change: text(change, 3, True))
+    changes = table[["gain", "loss"]].map(lambda c: text(c, 3, True) if c.mean else "–")
     return table.assign(gain=changes.gain, loss=changes.loss)
 
 
@@ -69,14 +69,14 @@ def tuned_table(results: Results, environment: str) -> pd.DataFrame:
                 "delivered": mean_and_half(old),
                 "tuned": mean_and_half(new),
                 "gain": text(crossed_interval(new - old[:1]), 3, True),
-                "overfitting": text(over, 3, True),
+                "overfitting": text(over, 3, True) if len(each) > 1 else "–",
                 "Position NEES/n": nees,
                 "at a bound": bounds,
             }
     return _table(rows)
 
 
-def tuning_findings(tunings: Sequence[dict[str, Any]]) -> tuple[Interval | None, str, str]:
+def tuning_findings(tunings: Sequence[dict[str, Any]]) -> tuple[Interval, str, str]:
     """Overfitting of an arm's tunings, its NEES/n of the position, and parameters at a bound."""
     over = [found["after"] - found["before"] - found["gain"][0] for found in tunings]
     nees = text(float(np.mean([found["position_nees"] for found in tunings])), 2)

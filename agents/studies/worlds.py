@@ -70,9 +70,12 @@ def registered_id(name: str) -> str:
 
 def environments(*places: str) -> dict[str, str]:
     """Entry points by id of the environments whose entry point begins with one of some texts."""
-    entries = {name: spec.entry_point for name, spec in gym.registry.items()}
-    found = {name: getattr(entry, "__module__", str(entry)) for name, entry in entries.items()}
-    return {name: entry for name, entry in found.items() if entry.startswith(places)}
+    found = {}
+    for name, spec in gym.registry.items():
+        place = getattr(spec.entry_point, "__module__", str(spec.entry_point))
+        if place.startswith(places):
+            found[name] = place
+    return found
 
 
 @cache
@@ -181,10 +184,10 @@ def _refusal(name: str, options: str) -> Exception | None:
     return None
 
 
-def digests(environment: str, controller: str, *names: str) -> dict[str, str]:
+def digests(environment: str, controller: str, *options: Mapping[str, Any]) -> dict[str, str]:
     """The source of whatever is the user's own, so that results follow its changes.
 
-    That is in the modules of the environment, of the controller, of other names that are
+    That is in the modules of the environment, of the controller, of values of options that are
     ``"module:object"``, and of whoever registered the controller or the metrics of the
     environment's task: nothing that a job names needs to import these. The file of a policy is
     given by its path. Modules of ours are part of what computes a job.
@@ -192,7 +195,8 @@ def digests(environment: str, controller: str, *names: str) -> dict[str, str]:
     task = system_of(environment).task
     registered = (TASK_METRICS.modules(task).get(""), CONTROLLERS.modules(task).get(controller))
     own = {m for m in registered if m and not m.startswith(("agents.", "vessel_gym."))}
-    own |= {name.rpartition(":")[0] for name in (environment, controller, *names) if ":" in name}
+    names = [environment, controller, *(value for each in options for value in each.values())]
+    own |= {name.rpartition(":")[0] for name in names if isinstance(name, str) and ":" in name}
     found = {module: source_digest(module) for module in sorted(own)}
     if os.path.isfile(controller):
         found[controller] = sha256(Path(controller).read_bytes()).hexdigest()

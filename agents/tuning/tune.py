@@ -66,13 +66,12 @@ def tune(
     """
     evaluations, began = integer("evaluations", evaluations, 1), time.process_time()
     trials = Trials(arm, seeds_of_tuning(episodes, seed), processes)
-    given = [value for each in (arm.options, *arm.conditions) for value in each.values()]
     others = tuning_seeds(integer("fresh", fresh, 2), first=FRESH)
     made_by = {
         "version": vessel_gym.__version__, "source": source_digest("agents.tuning.tune"),
         "first_seed": trials.seeds[0], "episodes": episodes, "evaluations": evaluations,
         "seed": seed,
-        "own": digests(arm.env_id, arm.agent, *(each for each in given if isinstance(each, str))),
+        "own": digests(arm.env_id, arm.agent, arm.options, *arm.conditions),
     }  # fmt: skip
     described = [made_by, arm.env_id, arm.agent, str(arm.options), str(arm.conditions), arm.by]
     kept = Journal(journal, [*described, sorted(arm.parameters)])
@@ -157,7 +156,7 @@ def _compared(arm: Arm, searched: Values, values: Values, seeds: Sequence[int]) 
     by_score = Trials(replace(arm, by=SCORE), seeds)
     delivered, tuned, best, *others = by_score.scores(candidates)
     gains = [mean_interval(each) for each in (tuned - delivered, *(best - np.array(others)))]
-    gain, *each = [[*astuple(g)] if g else [np.nan] * 3 for g in gains]
+    gain, *each = [[*astuple(g)] for g in gains]
     return {
         "fresh_delivered": float(delivered.mean()), "fresh_tuned": float(tuned.mean()),
         "gain": gain, "gain_of": dict(zip(arm.parameters, each, strict=True)),

@@ -55,7 +55,8 @@ def procedure(fly: Fly) -> tuple[Any, Search]:
     """Answer and search with some flights."""
     search = Search(COSTS, NO_BETTER, KEEP, fly, 1024)
     search.run(lambda done, total: None)
-    return search.confirm(FRESH), search
+    search.confirm(FRESH)
+    return search.answer, search
 
 
 def confirmed(shares: np.ndarray, fly: Fly, episodes: int) -> tuple[list[int], int | None]:
@@ -64,8 +65,8 @@ def confirmed(shares: np.ndarray, fly: Fly, episodes: int) -> tuple[list[int], i
     found = {i: Interval(1.0, 1.0 - 0.01 * i, 1.0) for i in range(count)}
     search = Search(range(count, 0, -1), NO_BETTER, KEEP, fly, episodes, shares=found)
     search.verdicts = dict.fromkeys(found, OPEN)
-    answer = search.confirm(FRESH)
-    return list(search.confirmed), answer
+    search.confirm(FRESH)
+    return list(search.confirmed), search.answer
 
 
 def rare(hits: int, trials: int, probability: float) -> bool:
@@ -121,7 +122,8 @@ def test_without_noise_the_answer_is_that_of_flying_everything():
         no_better = NO_BETTER[np.ix_(order, order)]
         search = Search(-prices[order], no_better, KEEP, flights(1 - losses[order], 0, 0.0), 64)
         search.run(lambda done, total: None)
-        assert search.confirm(FRESH) == np.flatnonzero(1 - losses[order] >= KEEP)[0]
+        search.confirm(FRESH)
+        assert search.answer == np.flatnonzero(1 - losses[order] >= KEEP)[0]
 
 
 def test_nothing_is_flown_that_cannot_change_the_answer():

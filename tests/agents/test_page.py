@@ -2,35 +2,24 @@
 
 import re
 from html import unescape
-from typing import Any
 
 import pandas as pd
 import pytest
+from matplotlib.figure import Figure
 
-from agents import page
-from agents.page import Block, bullets, listed, number, text, write_page
-from agents.plotting import styled
+from agents.page import Block, iframe, listed, number, text, write_page
 from agents.statistics import Interval
 
 TABLE = pd.DataFrame({"x <m>": ["1.0 ± 0.1"]}, index=["a & b"]).rename_axis("name")
 
 
-def image() -> Any:
-    from matplotlib.figure import Figure
-
-    with styled():
-        canvas = Figure(figsize=(2, 1))
-        canvas.subplots().plot([0, 1], [0, 1])
-        return canvas
-
-
 def test_page_is_complete_escaped_and_self_contained(tmp_path):
     document = '<p title="a & b">1 < 2</p><script>let x = "</iframe>";</script>'
     blocks = [
-        page.table("Errors", TABLE, "RMS < 1."),
-        page.picture("Tracks", image()),
-        page.frame("A dive", document),
-        bullets("Words", ["one & two"]),
+        Block("Errors", TABLE, "RMS < 1."),
+        Block("Tracks", figures={"Tracks": Figure()}),
+        Block("A dive", html=iframe("A dive", document)),
+        Block("Words", items=["one & two"]),
     ]
     path = write_page(
         tmp_path / "pages" / "a.html", "A <title>", "sub", ["First & 2.", "x"], blocks
@@ -46,7 +35,7 @@ def test_page_is_complete_escaped_and_self_contained(tmp_path):
 
 def test_tables_of_a_page_lie_beside_it_as_csv_and_latex(tmp_path):
     table = pd.DataFrame({"a_b [°]": ["−1.0 ± 0.1", "–"]}, index=["5 %", "σ"]).rename_axis("name")
-    write_page(tmp_path / "a.html", "t", "s", [], [page.table("Costs: x/y", table, "n")])
+    write_page(tmp_path / "a.html", "t", "s", [], [Block("Costs: x/y", table, "n")])
     assert {each.name for each in (tmp_path / "tables").iterdir()} == {
         "costs-x-y.csv", "costs-x-y.tex"
     }  # fmt: skip
@@ -59,7 +48,7 @@ def test_tables_of_a_page_lie_beside_it_as_csv_and_latex(tmp_path):
 
 
 def test_a_page_is_written_whole_or_not_at_all(tmp_path):
-    path = write_page(tmp_path / "a.html", "t", "s", [], [Block("b", "c")])
+    path = write_page(tmp_path / "a.html", "t", "s", [], [Block("b", html="c")])
     before = path.read_text(encoding="utf-8")
     with pytest.raises(Exception, match="object"):
         write_page(path, "t", "s", [], [object()])  # type: ignore[list-item]

@@ -22,7 +22,7 @@ from agents import Metric, load_agent, register_controller, register_metrics, ro
 from agents.commands import evaluate
 from agents.controllers import CONTROLLERS, controller_names
 from agents.metrics import TASK_METRICS, metrics, scores
-from agents.source import _closure, source_digest
+from agents.source import _sources, source_digest
 from agents.studies import worlds
 from agents.studies.plan import plan
 from agents.studies.records import Study
@@ -272,7 +272,7 @@ def test_user_defined_controller_replaces_missing_autopilot(tmp_path: Path):
 
 
 def test_job_depends_on_metrics_and_controllers_of_all_tasks():
-    imported = _closure("agents.studies.flying", "agents", {})
+    imported = _sources("agents.studies.flying")
     ours = {
         f"agents.{room}.{task}"
         for room in ("controllers", "metrics")

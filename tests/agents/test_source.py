@@ -58,7 +58,7 @@ def test_digest_ignores_modules_that_are_not_imported(own):
 def test_digest_ignores_installed_modules():
     code = (
         "import sys; from agents import source; found ="
-        " source._closure('agents.training.algorithms', 'agents', {}); assert"
+        " source._sources('agents.training.algorithms'); assert"
         " 'agents.policies.network' in found and all(name.split('.')[0] == 'agents' for name in"
         " found), found; assert 'torch' not in sys.modules"
     )
@@ -74,8 +74,10 @@ def test_a_module_that_is_not_there_is_an_error():
 def test_all_of_the_lower_layers_counts(tmp_path, monkeypatch, file):
     package, _, below = file.partition("/")
     places = SimpleNamespace(submodule_search_locations=[str(tmp_path)])
-    spec_of = source._spec
-    monkeypatch.setattr(source, "_spec", lambda name: places if name == package else spec_of(name))
+    usual = source.find_spec
+    monkeypatch.setattr(
+        source, "find_spec", lambda name: places if name == package else usual(name)
+    )
     path = tmp_path / below
     path.parent.mkdir(parents=True, exist_ok=True)
     digests = set()

@@ -28,7 +28,6 @@ from agents.studies.effects import (
     effects,
     interactions,
     levels,
-    significant,
 )
 from agents.studies.plan import plan
 from agents.studies.records import Condition, Estimator, Tuning
@@ -96,7 +95,7 @@ def test_where_nothing_matters_nothing_is_named():
     for _ in range(40):
         table = found.table.assign(score=rng.normal(0.5, 0.02, len(found.table)))
         effect = of(replace(found, table=table), "sensors")
-        named += significant(effect.gain) or significant(effect.loss)
+        named += effect.gain.excludes_zero or effect.loss.excludes_zero
     assert named <= binom.isf(1e-3, 40, 0.05)
     assert re.search(
         r"^No level of any factor scores significantly more than its reference\. No significant"
@@ -113,7 +112,7 @@ def test_a_trend_over_rates_is_a_loss_of_the_sensor_rate():
     change = {"0.5 Hz": -0.05, "0.2 Hz": -0.2}
     found = results(crossed(conditions), FLAT, noise=2e-3, **moved(change, conditions))
     effect = of(found, "sensor rate")
-    assert (effect.reference, effect.best, effect.gain) == ("its own", "its own", None)
+    assert (effect.reference, effect.best, effect.gain.mean) == ("its own", "its own", 0.0)
     assert effect.worst == "receiver: 0.2 Hz"
     assert "Score is lost with receiver: 0.2 Hz (sensor rate: −0.16" in said(found)
     assert sum(step.mean for step in effect.trend) == pytest.approx(effect.loss.mean)
@@ -201,7 +200,7 @@ def test_agents_are_compared_at_home_over_their_runs(runs):
     agent = of(found, "agent")
     assert (agent.reference, agent.best) == ("autopilot", policy)
     if runs == 1:
-        assert agent.gain == pytest.approx(gaps[0].mean())
+        assert agent.gain.mean == pytest.approx(gaps[0].mean())
         assert "from the agent" not in said(found)
     else:
         expected = crossed_interval(np.array(gaps), 2)

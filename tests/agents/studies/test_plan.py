@@ -137,6 +137,8 @@ def test_the_source_of_what_is_the_users_own_is_part_of_a_job(tmp_path, monkeypa
     text = "from estimators.kalman import KalmanFilter as Mine\n"
     (tmp_path / "own_filters_1.py").write_text(text)
     (tmp_path / "own_filters_2.py").write_text(f"{text}x = 1\n")
-    one, two = (digests(CORVETTE, "autopilot", f"own_filters_{i}:Mine", "kf") for i in (1, 2))
+    one, two = (
+        digests(CORVETTE, "autopilot", {"estimator": f"own_filters_{i}:Mine"}) for i in (1, 2)
+    )
     assert list(one) == ["own_filters_1"]
     assert list(one.values()) != list(two.values())

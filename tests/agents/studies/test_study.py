@@ -246,7 +246,6 @@ ONE = "[environments]\nSigmaCorvette-v0 = {}\n"
     [
         ('[estimators]\ntruth = { estimator = "measurement" }', "the name 'truth' is taken: give this 'measurement'"),
         ("[estimators]\ntruth = { options = { late = 'as new' } }", "truth is an end of the scale: leave it as it is"),
-        ('[estimators]\nkf = { estimator = "ekf" }', "the name 'kf' is taken"),
         ('[conditions]\na = { environments = ["SigmaCorvette-v0"] }', "the first condition is that of trainings"),
         ('[agents]\na = { kind = "ppo", flown_on = ["default"] }', "unknown estimator 'default'"),
         ('\n"vessel_gym:SigmaCorvette-v0" = {}', "are one environment: leave one of them out"),
