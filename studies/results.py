@@ -178,8 +178,8 @@ def normalised(study: str) -> str:
 
 
 def variation(
-    condition: str, sea: str = "moderate", scaled: Mapping[str, float] | None = None, Q: float = 1.0,
-    controller: Mapping[str, float] | None = None, **changes: Any,
+    condition: str, sea: str = "moderate", scaled: Mapping[str, float] | None = None,
+    Q: float = 1.0, controller: Mapping[str, float] | None = None, **changes: Any,
 ) -> Column:  # fmt: skip
     """Scores of the corvette with constants of the score ``scaled`` by factors, or another world.
 

@@ -20,8 +20,8 @@ OPTIONS = {
     "rates": "lower rates [Hz] to try, too, for each grade",
     "estimator": "the environment's default if not given",
     "disturbance": "calm, moderate or rough",
-    "tune": "candidates with which estimator and controller are tuned together for each suite, and for"
-    " the truth; 0: as delivered",
+    "tune": "candidates with which estimator and controller are tuned for each suite, and for the"
+    " truth; 0: as delivered",
     "episodes": "most episodes of a suite in the search, and those of the confirmation",
     "out": "folder for results and report; results/budget-ENV if not given",
 }
@@ -93,7 +93,7 @@ def _candidates(env_id: str, rates: Sequence[float], prices: Path | None) -> tup
 
 
 def _tuning(candidates: int, agent: str, env_id: str) -> Any:
-    """How each arm is tuned; None: it is as delivered."""
+    """The tuning of each arm for its suite; None if it stays as delivered."""
     from agents.controllers import is_controller
     from agents.studies.records import EACH, Tuning
     from agents.studies.worlds import system_of
