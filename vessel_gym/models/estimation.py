@@ -75,8 +75,8 @@ class Estimation:
     filter: Filter
     space: StateSpace
     inputs: tuple[str, ...]
-    late: str = LATE[0]
-    horizon: int = 0
+    late: str
+    horizon: int
 
     @cached_property
     def input_delay(self) -> int:

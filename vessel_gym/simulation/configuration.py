@@ -171,7 +171,7 @@ class Configuration:
         estimation: Estimator and its model.
         raw: Estimation from raw measurements, if they are observed with guidance; otherwise None.
         prior_index: Indices of the true state's components in the filter's widest model.
-        scale: Scale of the scores.
+        scores: Function of sums of rewards and steps that returns scores.
 
     Raises:
         ValueError: as `Options`.
@@ -205,7 +205,7 @@ class Configuration:
         self.mission = _mission(*given, guidance, self.raw)
         self._info = info = _info(world, self.estimation, system.task)
         self.true_state, self.unknown_input = info.true_state, info.unknown_input
-        self.scale = info.scale
+        self.scores = info.scores
         self.delivery = Delivery(self.sensors)
         both = (self.estimation, "belief"), (self.raw, "raw")
         self.estimators = [Estimator(each, field, info.oracle) for each, field in both if each]

@@ -210,7 +210,7 @@ class Core:
     @property
     def score(self) -> np.ndarray:
         """Scores ``(B,)`` in [0, 1]: sums of rewards over that of a perfect episode."""
-        return self.config.scale.scores(self.last.total, self.last.steps)
+        return self.config.scores(self.last.total, self.last.steps)
 
     @property
     def truth(self) -> np.ndarray:

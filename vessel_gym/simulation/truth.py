@@ -52,31 +52,6 @@ def _with_unknown(values: np.ndarray) -> np.ndarray:
     return np.concatenate([values, np.full((*values.shape[:-1], 1), np.nan)], -1)
 
 
-class Scale(NamedTuple):
-    """Scale of a task's scores, and its success."""
-
-    perfect: float  # sum of rewards of a perfect episode
-    each: float  # reward of a further step of a perfect episode
-    success: int  # number of the end reason; 0: to last for the horizon
-    least: int  # steps of the shortest episode that can be a success
-
-    @classmethod
-    def of(cls, task: Any) -> "Scale":
-        """The scale of a task."""
-        perfect, success = float(task.perfect), task.end_reasons.index(task.success)
-        least = 0 if success else task.horizon
-        return cls(perfect, float(task.perfect == task.horizon), success, least)
-
-    def scores(self, total: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """Scores ``(B,)`` in [0, 1]: sums of rewards over that of a perfect episode."""
-        shares = total / np.maximum(self.perfect, self.each * steps)
-        return np.minimum(np.maximum(shares, 0.0), 1.0)
-
-    def successes(self, end: np.ndarray, steps: np.ndarray) -> np.ndarray:
-        """Mask ``(B,)`` of the episodes that have ended as the task asks."""
-        return (end == self.success) & (steps >= self.least)
-
-
 class Info:
     """The arrays of ``info`` as a function of the record.
 
@@ -87,12 +62,17 @@ class Info:
 
     Attributes:
         true_state: Places of the true state.
-        scale: Scale of the scores.
+        perfect: Sum of rewards of a perfect episode.
+        each: Reward of a further step of a perfect episode.
+        success: Number of the end reason that means success; 0: to last for the horizon.
+        least: Steps of the shortest episode that can be a success.
     """
 
     def __init__(self, world: World, estimation: Estimation, task: Any) -> None:
         self.true_state = TrueState.of(world, estimation.space)
-        self.scale = Scale.of(task)
+        self.perfect, self.each = float(task.perfect), float(task.perfect == task.horizon)
+        self.success = task.end_reasons.index(task.success)
+        self.least = 0 if self.success else task.horizon
         channels, increments = world.space.channels, world.vehicle.increments
         before = [name if name in increments else "" for name in channels]
         known = *before, *channels, *world.space.noise_names  # as `unknown_input` joins them
@@ -104,8 +84,8 @@ class Info:
         arrays = (
             self.true_state.values(now), unknown, now.reference, now.actuators, now.y,
             now.available, belief.mean, belief.cov, np.zeros(unknown.shape) if d is None else d,
-            now.parameters, belief.healthy, self.scale.scores(now.total, now.steps), now.end,
-            self.scale.successes(now.end, now.steps),
+            now.parameters, belief.healthy, self.scores(now.total, now.steps), now.end,
+            (now.end == self.success) & (now.steps >= self.least),
         )  # fmt: skip
         return dict(zip(INFO, arrays, strict=True))
 
@@ -117,6 +97,11 @@ class Info:
         """
         arrays = now.exogenous_before, now.exogenous, now.noise_before
         return _with_unknown(np.concatenate(arrays, -1))[..., self._inputs]
+
+    def scores(self, total: np.ndarray, steps: np.ndarray) -> np.ndarray:
+        """Scores ``(B,)`` in [0, 1]: sums of rewards over that of a perfect episode."""
+        shares = total / np.maximum(self.perfect, self.each * steps)
+        return np.minimum(np.maximum(shares, 0.0), 1.0)
 
     def oracle(self, now: State) -> np.ndarray:
         """Measurement ``(B, n + q)`` of the oracle alone: true state and unknown input."""
