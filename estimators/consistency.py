@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import gammainc, gammaincc, gammaincinv, ndtri
+from scipy.special import chdtr, chdtrc, gammaincinv, ndtri
 
 from estimators.belief import FeedthroughBelief, ObservedInputBelief
 from estimators.filter import Filter, Model
@@ -126,10 +126,8 @@ def chi_square_test(values: np.ndarray, degrees: np.ndarray | int) -> Band:
     """
     total, freedom = values.sum(1), np.broadcast_to(degrees, values.shape).sum(1)
     freedom = np.where(freedom > 0, freedom, np.nan)
-    half = 0.5 * freedom
-    upper, lower = gammaincc(half, 0.5 * total), gammainc(half, 0.5 * total)
-    p = 2.0 * np.minimum(lower, upper)
-    low, high = (2.0 * gammaincinv(half, level) / freedom for level in _ENDS)
+    p = 2.0 * np.minimum(chdtr(freedom, total), chdtrc(freedom, total))
+    low, high = (2.0 * gammaincinv(0.5 * freedom, level) / freedom for level in _ENDS)
     p_value = _any_of(np.where(np.isnan(freedom), 1.0, p))
     found = (total / freedom)[:, None]
     return Band(np.arange(len(found)), found, np.ones(len(found)), low, high, p_value)
@@ -176,7 +174,7 @@ def whiteness_test(
     statistic = np.nansum(products**2 / counts) * (times + 2.0) / times
     diagonal, number = (a.diagonal(0, -2, -1) for a in (products, counts))
     bound = ndtri(_ENDS[1]) / np.sqrt(number.min(-1))
-    p = gammaincc(0.5 * (counts > 0).sum(), 0.5 * statistic)
+    p = chdtrc((counts > 0).sum(), statistic)
     return Band(np.arange(1, lags + 1), diagonal / number, np.zeros(lags), -bound, bound, float(p))
 
 

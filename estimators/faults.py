@@ -22,7 +22,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import gammaincc, gammainccinv, ndtr, ndtri
+from scipy.special import chdtrc, chdtri, ndtr, ndtri
 
 from estimators.belief import Belief
 from estimators.checks import integer, number, short_repr
@@ -187,7 +187,7 @@ class ChiSquareMonitor(FaultMonitor):
         super().__init__(sensors, false_alarms)
         self.window = integer("window", window, 1)
         degrees = np.arange(1, window * len(self._belongs) + 1)
-        self._thresholds = np.append(np.inf, 2.0 * gammainccinv(0.5 * degrees, self.false_alarms))
+        self._thresholds = np.append(np.inf, chdtri(degrees, self.false_alarms))
         self._remembered = window, 1 + 2 * len(self.names)
 
     def _judged(
@@ -211,7 +211,7 @@ def normal_deviate(values: np.ndarray, degrees: np.ndarray) -> np.ndarray:
     is minus infinity.
     """
     degrees = np.maximum(degrees, 1e-300)
-    tail = gammaincc(0.5 * degrees, 0.5 * np.maximum(values, 0.0))
+    tail = chdtrc(degrees, np.maximum(values, 0.0))
     large = np.maximum(values, degrees)
     far = np.sqrt(large - degrees - degrees * np.log(large / degrees))
     return np.where(tail > 1e-300, -ndtri(tail), far)

@@ -28,7 +28,7 @@ Rng = RandomKeys | np.random.Generator | None
 Model = LinearModel | NonlinearModel
 Changes = dict[str, np.ndarray]
 """Arrays of a belief that a step changes, by name."""
-Data = tuple[Any, Any, Any, Any, Any]
+Data = tuple[Any, ...]
 """Known input, measurement, mask, measurement covariance, random numbers; None if absent."""
 
 

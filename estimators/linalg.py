@@ -65,7 +65,7 @@ def solve(s: np.ndarray, b: np.ndarray) -> np.ndarray:
     if is_traced(s) or is_traced(b):
         return linear.solve_definite(s, b)
     if rescuing():
-        return pseudo_inverse(np.where(np.isfinite(s), s, 0.0)) @ b
+        return pseudo_inverse(s) @ b
     return _solved(s, b)
 
 
@@ -229,8 +229,11 @@ def semidefinite_form(
 
 
 def pseudo_inverse(s: np.ndarray) -> np.ndarray:
-    """``S^+`` of covariances ``(..., p, p)``, in units of standard deviations."""
-    scale, unit = equilibrated(s)
+    """``S^+`` of covariances ``(..., p, p)``, in units of standard deviations.
+
+    Entries that are not finite count as 0, because the eigenvalue solver would raise.
+    """
+    scale, unit = equilibrated(np.where(np.isfinite(s), s, 0.0))
     inverse = np.linalg.pinv(unit, rcond=SINGULAR * s.shape[-1], hermitian=True)
     return inverse / scale[..., None] / scale[..., None, :]
 
@@ -243,7 +246,7 @@ def lacks_rank(cov: np.ndarray) -> np.ndarray:
     unit = equilibrated(cov)[1]
     finite = np.isfinite(unit).all((-2, -1), keepdims=True)
     lowest = np.linalg.eigvalsh(np.where(finite, unit, identity(cov.shape[-1])))[..., 0]
-    return (lowest <= SINGULAR * cov.shape[-1]) | (cov.diagonal(0, -2, -1) == 0.0).any(-1)
+    return lowest <= SINGULAR * cov.shape[-1]
 
 
 SINGULAR = 1e-13

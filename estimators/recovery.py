@@ -124,7 +124,7 @@ def _without_rounding(filter: Any, before: Any, after: Any, data: Any) -> Any:
         return after
     S, C = after.innovation_cov, filter.expect(before, u)[1]
     C = np.where(after.available[..., None], C, 0.0)
-    K = before.cov @ C.mT @ pseudo_inverse(np.where(np.isfinite(S), S, 0.0))
+    K = before.cov @ C.mT @ pseudo_inverse(S)
     terms = congruence(np.abs(identity(before.cov.shape[-1]) - K @ C), np.abs(before.cov))
     variance, size, noise = (P.diagonal(0, -2, -1) for P in (after.cov, terms, congruence(K, R)))
     known = (variance <= _KNOWN * size) & (variance > 2.0 * noise) & singular[..., None]

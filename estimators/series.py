@@ -82,16 +82,10 @@ class Series(Generic[Record]):
 
 
 def run(
-    filter: Filter[Record] | Delayed,
-    prior: Gaussian | Record | DelayedBelief,
-    y: ArrayLike,
-    u: ArrayLike | None = None,
-    t: ArrayLike | None = None,
-    available: ArrayLike | None = None,
-    R: ArrayLike | None = None,
-    rng: Rng | int = None,
-    first: int = 0,
-) -> Series[Record]:
+    filter: Filter[Record] | Delayed, prior: Gaussian | Record | DelayedBelief, y: ArrayLike,
+    u: ArrayLike | None = None, t: ArrayLike | None = None, available: ArrayLike | None = None,
+    R: ArrayLike | None = None, rng: Rng | int = None, first: int = 0,
+) -> Series[Record]:  # fmt: skip
     """Filter a series of measurements.
 
     The prior holds at the first measurement; each later measurement follows a prediction. To
@@ -136,10 +130,14 @@ def run(
         prior = prior.about(broadcast("the prior's mean", prior.mean, shape))
     else:
         keyed = getattr(filter, "random", False) and not isinstance(rng, np.random.Generator)
-        _check_continued(prior.mean.shape[:-1], batch, keyed and first == 0)
-    _check_sampled(getattr(filter, "model", None), t)
+        if keyed and first == 0:
+            raise ValueError(
+                "first must be how many measurements came before: their random numbers are used up"
+            )
+        if (rows := prior.mean.shape[:-1]) != batch:
+            raise ValueError(f"the belief has rows {rows}, y has {batch}")
     masks, covariances = _over_time("available", available, T), _over_time("R", R, T)
-    after, at = _known_inputs(u, t, T + continued, batch)
+    after, at = _known_inputs(getattr(filter, "model", None), u, t, T + continued, batch)
     if isinstance(rng, int | np.integer):
         rng = RandomKeys(key(int(rng))).of(np.arange(math.prod(batch)).reshape(batch))
     loop, belief, predicted, updated = cast(Any, filter), prior, [], []
@@ -153,23 +151,6 @@ def run(
     if isinstance(filter, Delayed):
         predicted, updated = ([each.now for each in found] for found in (predicted, updated))
     return Series(filter, over_time(predicted), over_time(updated), belief)
-
-
-def _check_continued(rows: tuple[int, ...], batch: tuple[int, ...], again: bool) -> None:
-    if again:
-        raise ValueError(
-            "first must be how many measurements came before: their random numbers are used up"
-        )
-    if rows != batch:
-        raise ValueError(f"the belief has rows {rows}, y has {batch}")
-
-
-def _check_sampled(model: Any, t: ArrayLike | None) -> None:
-    fixed = isinstance(model, LinearModel) and not any(map(callable, vars(model).values()))
-    if t is not None and fixed:
-        raise ValueError(
-            "this model is the same however long a step takes: make it with sampled, or leave out t"
-        )
 
 
 def _over_time(name: str, value: ArrayLike | None, T: int) -> Any:
@@ -186,7 +167,7 @@ def _over_time(name: str, value: ArrayLike | None, T: int) -> Any:
 
 
 def _known_inputs(
-    u: ArrayLike | None, t: ArrayLike | None, T: int, batch: tuple[int, ...]
+    model: Any, u: ArrayLike | None, t: ArrayLike | None, T: int, batch: tuple[int, ...]
 ) -> tuple[Any, Any]:
     """Known inputs ``(T, ..., m)`` over the steps that follow measurements, and at measurements.
 
@@ -198,6 +179,10 @@ def _known_inputs(
         known = known.reshape(T, *(1,) * len(batch), -1)
     if t is None:
         return known, known
+    if isinstance(model, LinearModel) and not any(map(callable, vars(model).values())):
+        raise ValueError(
+            "this model is the same however long a step takes: make it with sampled, or leave out t"
+        )
     times = _over_time("t", t, T)
     if not (np.isfinite(times).all() and (np.diff(times, axis=0) >= 0.0).all()):
         raise ValueError(

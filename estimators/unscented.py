@@ -34,10 +34,6 @@ class SigmaPoints(Filter[Any]):
     R is the unscented update.
     """
 
-    alpha: float
-    beta: float
-    kappa: float
-
     def _set_points(self, alpha: float, beta: float, kappa: float) -> None:
         """Check and keep the options of the transform."""
         alpha = number(

@@ -149,7 +149,7 @@ def _interpolated(x: Any, xp: Any, fp: Any) -> Any:
     slopes = np.append(np.diff(fp) / np.diff(xp), 0.0)
 
     def one(x: Any) -> Any:
-        x = operation("minimum", operation("maximum", x, float(xp[0])), float(xp[-1]))
+        x = SCALAR_FUNCTIONS["clip"](x, float(xp[0]), float(xp[-1]))
         index: Any = 0  # of the last entry that is at most x
         for bound in xp[1:]:
             index = cast(x >= float(bound), "i") + index

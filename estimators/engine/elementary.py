@@ -73,11 +73,6 @@ def _scaled(y: Any, k: Any) -> Any:
     return y * _power_of_two(half) * _power_of_two(k - half)
 
 
-def _high(x: Any) -> Any:
-    """A number with the lower half of its digits set to 0."""
-    return bits_float(float_bits(x) & np.uint64(0xFFFFFFFF00000000))
-
-
 def sincos_near_zero(x: Any) -> tuple[Any, Any]:
     """Sine and cosine of an angle within an eighth of a turn of 0."""
     z = x * x
@@ -217,7 +212,7 @@ def _arcsin(x: Any) -> Any:
     small = a < 0.5
     z = where(small, x * x, 0.5 * (1.0 - a))
     root, series = operation("sqrt", z), _arcsine_series(z)
-    high = _high(root)
+    high = bits_float(float_bits(root) & np.uint64(0xFFFFFFFF00000000))  # half of its digits
     low = (z - high * high) / where(root == 0.0, 1.0, root + high)
     beyond = 2.0 * root * series - (_HALF_PI_LOW - 2.0 * low)
     beyond = _QUARTER_PI - (beyond - (_QUARTER_PI - 2.0 * high))

@@ -16,6 +16,11 @@ _EPS = float(np.finfo(float).eps)
 _SWEEPS = 30
 
 
+def _adding(products: Callable[[Index], list[Tracer]]) -> Callable[..., list[Tracer]]:
+    """The body of a loop that adds products to their sums."""
+    return lambda k, *sums: list(map(add, sums, products(k)))
+
+
 class LinearEmitter(MatrixEmitter):
     """Linear algebra of rows side by side, in one order of operations; a failure is NaN in its row.
 
@@ -49,22 +54,11 @@ class LinearEmitter(MatrixEmitter):
                     self.spread(x, self.width * n) * Matrix(self, b.view, n)[k, j] for j, n in parts
                 ]
 
-            sums = self._accumulated(1, inner, products, products(0))
+            sums = self.loop(1, inner, _adding(products), products(0))
             for (j, n), total in zip(parts, sums, strict=True):
                 Matrix(self, target, n)[i, j] = total
 
         self.over(rows, columns, some, _ACROSS if together else 4)
-
-    def _accumulated(
-        self,
-        low: int,
-        high: int,
-        products: Callable[[Index], list[Tracer]],
-        sums: Sequence[Tracer],
-        step: int = 1,
-    ) -> list[Tracer]:
-        """Sums and the products that each index adds to them."""
-        return self.loop(low, high, lambda k, *sums: list(map(add, sums, products(k))), sums, step)
 
     def _inner_products(self, a: View, b: View, target: Matrix) -> None:
         symmetric = a == b
@@ -91,7 +85,7 @@ class LinearEmitter(MatrixEmitter):
             return [self.load(a, i, k + m) * self.load(b, j, k + m) for m in range(CHUNK)]
 
         sums = [constant(lanes, 0.0)] * (1 if self.width == 1 else CHUNK)
-        sums = self._accumulated(0, whole, products, sums, CHUNK)
+        sums = self.loop(0, whole, _adding(products), sums, CHUNK)
         if self.width == 1:
             vector = f"extractelement <{CHUNK} x double> {lanes.name(sums[0])}, i32"
             sums = [self.one.value(self.line(f"{vector} {m}")) for m in range(CHUNK)]
@@ -142,7 +136,7 @@ class LinearEmitter(MatrixEmitter):
         def column(j: Index) -> None:
             def divide(i: Index) -> None:
                 f[i, j] = f[i, j] / root
-                f[j, i] = 0.0
+                f[j, i] = constant(self.own, 0.0)
 
             def reduce(i: Index) -> None:
                 x = f[i, j]

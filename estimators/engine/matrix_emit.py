@@ -7,7 +7,7 @@ from typing import Any
 from estimators.engine.arrays import SCALAR_FUNCTIONS
 from estimators.engine.emit import Emitter, Module, type_of
 from estimators.engine.program import Columns, Instruction, Program, View
-from estimators.engine.tracer import Tracer, cast, constant, operation
+from estimators.engine.tracer import Tracer, cast, operation
 
 CHUNK = 8
 """Numbers in a vector, and partial sums of an inner product, whose number defines its rounding."""
@@ -32,12 +32,10 @@ class Matrix:
     def __getitem__(self, at: tuple[Index, Index]) -> Tracer:
         return self._emitter.load(self.view, *at, self._count)
 
-    def __setitem__(self, at: tuple[Index, Index], x: Any) -> None:
+    def __setitem__(self, at: tuple[Index, Index], x: Tracer) -> None:
         emitter = self._emitter
-        lanes: Any = (
-            x.program if isinstance(x, Tracer) else emitter.lanes(emitter.width * self._count)
-        )
-        x = cast(constant(lanes, x), "f")
+        lanes: Any = x.program
+        x = cast(x, "f")
         place = emitter.address(self.view.value, _entry(self.view, *at))
         emitter.lines.append(
             f"  store {type_of('f', lanes.width)} {lanes.name(x)}, ptr {place}, align 8"
