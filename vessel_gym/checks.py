@@ -166,7 +166,7 @@ def checked_action(
     # time of checking each number.
     if not math.isfinite(np.vdot(checked, checked)) and not np.isfinite(checked).all():
         raise ValueError("action must be finite, got NaN or infinity")
-    return np.minimum(np.maximum(checked, -1.0), 1.0)
+    return checked.clip(-1.0, 1.0)
 
 
 _ORDINARY = 1e9

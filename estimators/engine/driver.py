@@ -39,7 +39,8 @@ class Driver(LinearEmitter):
         }
 
         def body(row: Tracer) -> None:
-            own = [operation("minimum", row + lane, end - 1) for lane in range(self.width)]
+            first = operation("minimum", row, end - self.width)  # the last ones are computed again
+            own = [first + lane for lane in range(self.width)]
 
             def places(array: str, size: Any, kind: str) -> list[str]:
                 T = type_of(_MEMORY.get(kind, kind), 1)

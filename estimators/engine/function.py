@@ -13,9 +13,6 @@ from estimators.engine import machine
 from estimators.engine.matching import in_memory, invoker
 from estimators.engine.program import KINDS, LITERAL, Instruction, Program, View
 
-FEW = 4
-"""Least number of rows for which vectors are faster; fewer have the program of a single row."""
-
 
 class Argument(NamedTuple):
     """An argument of a compiled function: shape and kind of a row.
@@ -102,7 +99,7 @@ class Function:
             elif axes != batch:
                 given[i] = np.broadcast_to(given[i], batch + self.arguments[i].shape).copy()
         rows = math.prod(batch)
-        width = machine.lanes() if rows >= FEW else 1
+        width = machine.lanes() if rows >= machine.lanes() else 1
         room = machine.scratch(width * self._scratch)
         head = self._code(width), rows, shared, room, self._address
         if (invoke := invoker()) is None:

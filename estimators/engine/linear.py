@@ -89,15 +89,13 @@ def rotated(a: Any) -> tuple[Any, Any]:
     accuracy.
     """
     m, n = a.shape
-    if n == 1:
-        return a, np.ones((1, 1))
     both = loop("rotate", (m + n, n), a, attributes=(n,))
     return both[:m], both[m:]
 
 
 def orthogonal(a: Any) -> Any:
     """``A V`` alone."""
-    return a if a.shape[1] == 1 else loop("rotate", a.shape, a, attributes=(0,))
+    return loop("rotate", a.shape, a, attributes=(0,))
 
 
 def _array(entries: Iterable[Any], shape: tuple[int, ...]) -> Any:
