@@ -60,10 +60,10 @@ def imports(module: str, late: bool) -> set[str]:
 
 def test_no_module_imports_itself_through_others() -> None:
     try:
-        late = {
-            module: not module.startswith("agents") for module in MODULES
-        }  # whose registries load entries
-        TopologicalSorter({module: imports(module, late[module]) for module in MODULES}).prepare()
+        graph = {  # registries of agents load entries late
+            module: imports(module, late=not module.startswith("agents")) for module in MODULES
+        }
+        TopologicalSorter(graph).prepare()
     except CycleError as error:
         pytest.fail(" <- ".join(error.args[1]))
 

@@ -128,7 +128,7 @@ def test_kf_tends_to_it_at_order_one_with_r_over_dt(seed: int):
 # --- the stationary filter ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("model", [STIFF, *map(drawn, range(3))], ids=str)
+@pytest.mark.parametrize("model", [STIFF, *map(drawn, range(3))])
 def test_it_settles_at_the_gain_of_python_control(model: LinearModel):
     from control import lqe  # late: the import is slow
 

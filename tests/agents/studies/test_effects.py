@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 import pandas as pd
@@ -22,7 +21,6 @@ from scipy.stats import binom
 from agents.statistics import crossed_interval, mean_interval
 from agents.studies.answer import answer
 from agents.studies.effects import (
-    Interaction,
     _numbered,
     contrasts,
     effects,
@@ -86,11 +84,13 @@ def test_where_nothing_matters_nothing_is_named():
 
     With seven levels beside the reference, intervals for one level alone name one in a quarter.
     """
-    suites = product(("nominal", "RTK"), ("nominal", "fibre-optic", "IMO gyro-compass", "magnetic"))
-    found = results(crossed([
-        Condition(f"{receiver}, {compass}", sensors={"receiver": receiver, "gyro compass": compass})
-        for receiver, compass in suites
-    ]), FLAT)  # fmt: skip
+    compasses = "nominal", "fibre-optic", "IMO gyro-compass", "magnetic"
+    conditions = [
+        Condition(f"{receiver} {compass}", sensors={"receiver": receiver, "gyro compass": compass})
+        for receiver in ("nominal", "RTK")
+        for compass in compasses
+    ]
+    found = results(crossed(conditions), FLAT)
     rng, named = np.random.default_rng(0), 0
     for _ in range(40):
         table = found.table.assign(score=rng.normal(0.5, 0.02, len(found.table)))
@@ -249,7 +249,6 @@ def test_interaction_larger_than_main_effect_is_said():
     changed = {"kf_in_ours": 0.5, "kf_in_cheap": 0.7, "kf_in_RTK": 0.6}
     found = results(crossed(), FLAT, noise=2e-3, **changed)
     first = interactions(found)[0]
-    assert isinstance(first, Interaction)
     assert (first.factor, first.level, first.other, first.at) == (
         "estimator",
         "kf",

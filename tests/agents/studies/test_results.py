@@ -13,7 +13,7 @@ from agents.statistics import crossed_interval, mean_interval
 from agents.studies import ranking
 from agents.studies.plan import plan
 from agents.studies.records import RAW
-from agents.studies.results import FLIGHT, Results
+from agents.studies.results import Results
 from agents.studies.tables import summary
 from agents.studies.worlds import system_of
 
@@ -110,11 +110,6 @@ def test_completed_and_worst_tenth_are_over_all_conditions(found):
     own = table[(table.estimator == "kf") & (table.policy == "autopilot")]
     worst = np.sort(own.score.to_numpy(float))[:4].mean()  # of 8 seeds in 4 conditions
     assert shown["worst tenth"] == text(worst, 3)
-
-
-def test_every_episode_is_a_row(found):
-    assert len(found.table) == 8 * len(found.plan.flights)
-    assert not found.table.duplicated([*FLIGHT, "seed"]).any()
 
 
 def test_the_episodes_of_a_run_are_those_of_its_jobs(tmp_path):
