@@ -89,8 +89,7 @@ def report(env_ids: tuple[str, ...], rows: tuple[int, ...], rounds: int) -> str:
         filters[f"{name} of filterpy", 1] = filter_block(filterpys(name), 1)
     filters |= {("kf in bare NumPy", size): filter_block(numpy_kalman(size), size) for size in rows}
     sizes = 0, BATCH
-    with asked():
-        steps = {(name, size): environment_block(name, size) for name in env_ids for size in sizes}
+    steps = {(name, size): environment_block(name, size) for name in env_ids for size in sizes}
     found = {at: quartiles(values) for at, values in measure(steps | filters, rounds).items()}
     steps_of = [(f"`{name}`", *(found[name, size] for size in sizes)) for name in env_ids]
     lines = [

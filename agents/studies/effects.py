@@ -115,6 +115,8 @@ def contrasts(table: pd.DataFrame, factor: str, reference: str) -> dict[str, pd.
 
 Contrasts = dict[str, tuple[str, dict[str, pd.DataFrame]]]
 """Reference of each factor, and differences of its other levels, a row for each cell and run."""
+Place = dict[str, pd.DataFrame]
+"""Differences from the reference in an environment by level, a row for each run."""
 
 
 def _by_cell(results: Results, environment: str) -> Contrasts:
@@ -147,7 +149,7 @@ def _policies(results: Results, environment: str) -> Contrasts:
     return found
 
 
-def _by_run(reference: str, gaps: dict[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
+def _by_run(reference: str, gaps: dict[str, pd.DataFrame]) -> Place:
     """Means of differences over the cells of each run that lacks none; of the reference 0."""
     runs = {level: rows.groupby(RUN, sort=False) for level, rows in gaps.items()}
     found = {level: of.mean()[of.size() == of.size().max()] for level, of in runs.items()}
@@ -177,10 +179,6 @@ def effects(results: Results) -> list[Effect]:
         found,
         key=lambda e: (-e.gain.mean * e.gain.excludes_zero, -max(e.gain.mean, -e.loss.mean)),
     )
-
-
-Place = dict[str, pd.DataFrame]
-"""Differences from the reference in an environment by level, a row for each run."""
 
 
 def _mean(places: Sequence[Place], names: Sequence[str]) -> pd.DataFrame:

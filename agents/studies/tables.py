@@ -52,16 +52,16 @@ def tuned_table(results: Results, environment: str) -> pd.DataFrame:
     The gain is crossed over tunings and seeds. Overfitting is the gain on tuning seeds less that on
     other seeds.
     """
-    place = environment, results.conditions(environment)[0]
+    first, compared = results.conditions(environment)[0], results.compared
     tunings: dict[str, list[dict[str, Any]]] = {}
-    for flight in results.plan.where(environment=environment, policy=results.compared):
-        if flight.condition == place[1] and (found := results.needed(flight)):
+    for flight in results.plan.where(environment=environment, condition=first, policy=compared):
+        if found := results.needed(flight):
             tunings.setdefault(flight.estimator, []).append(found)
     rows = {}
     for name, each in tunings.items():
         old, new = (
-            values(results.score, *place, policy, name)
-            for policy in (results.classical, results.compared)
+            values(results.score, environment, first, policy, name)
+            for policy in (results.classical, compared)
         )
         if len(old):
             over, nees, bounds = tuning_findings(each)
