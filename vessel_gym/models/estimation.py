@@ -167,8 +167,16 @@ def _built(
         space, model = replace(space, stacked=True), stacked(model)
     true = StateSpace.of_world(system.vehicle, disturbance, sensors)
     inputs = space.inputs or (space if assumptions.disturbance is None else true).scored_inputs
-    if estimator in ENVIRONMENT_ONLY:
-        made = _reference(str(estimator), options, space, model, inputs)
+    made: Filter
+    if estimator in ENVIRONMENT_ONLY and options:
+        option = next(iter(options))
+        raise TypeError(f"{estimator} has no option {option!r}: it takes model, assume and late")
+    if estimator == "truth":
+        made = Oracle(model.n, len(inputs))
+    elif estimator == "dead-reckoning":
+        made = DeadReckoning(model)
+    elif estimator == "measurement":
+        made = ZeroOrderHold(space, model, inputs)
     else:
         if assumptions.how is None:
             check_ambient_flows(space)
@@ -243,19 +251,6 @@ def own_filter(estimator: Any, options: dict[str, Any], model: Model) -> Filter:
     if not isinstance(made, Filter):
         raise TypeError(f"estimator must return an estimators.Filter, got {type(made).__name__}")
     return made
-
-
-def _reference(
-    name: str, options: dict[str, Any], space: StateSpace, model: Model, inputs: tuple[str, ...]
-) -> Filter:
-    """Oracle, zero-order hold or dead reckoning."""
-    if options:
-        raise TypeError(
-            f"{name} has no option {next(iter(options))!r}: it takes model, assume and late"
-        )
-    if name == "truth":
-        return Oracle(model.n, len(inputs))
-    return DeadReckoning(model) if name == "dead-reckoning" else ZeroOrderHold(space, model, inputs)
 
 
 def _space(
