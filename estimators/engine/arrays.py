@@ -149,10 +149,8 @@ def _interpolated(x: Any, xp: Any, fp: Any) -> Any:
     slopes = np.append(np.diff(fp) / np.diff(xp), 0.0)
 
     def one(x: Any) -> Any:
-        x = SCALAR_FUNCTIONS["clip"](x, float(xp[0]), float(xp[-1]))
-        index: Any = 0  # of the last entry that is at most x
-        for bound in xp[1:]:
-            index = cast(x >= float(bound), "i") + index
+        x = SCALAR_FUNCTIONS["clip"](x, xp[0], xp[-1])
+        index = sum(cast(x >= bound, "i") for bound in xp[1:])  # of the last entry up to x
         return lookup(slopes, index) * (x - lookup(xp, index)) + lookup(fp, index)
 
     return each_entry(one, x)

@@ -211,21 +211,12 @@ def where(mask: Any, chosen: Any, other: Any) -> Any:
     return Tracer(program, program.add("where", (mask.value, one.value, two.value), one.kind))
 
 
-def _larger(x: Tracer, y: Tracer, order: Tracer, reverse: Tracer) -> Any:
-    """The operand that a comparison selects, or the one that is NaN.
-
-    Args:
-        x: The first operand.
-        y: The other one.
-        order: Is x selected? False if one of them is NaN.
-        reverse: Is y selected, or are they equal? False if one of them is NaN.
-    """
-    if x.kind != "f":
-        return where(order, x, y)
+def _extreme(x: Tracer, y: Tracer, beyond: Tracer) -> Any:
+    """The first operand, or the other one where it is ``beyond`` the first, equal to it or NaN."""
     number = known(y)
-    if number is not None and number == number:
-        return where(operation("invert", reverse), x, y)
-    return where(order | operation("isnan", x), x, y)
+    if y.kind == "f" and (number is None or number != number):
+        beyond = beyond | operation("isnan", y)
+    return where(beyond, y, x)
 
 
 def _remainder(x: Tracer, y: Tracer) -> Any:
@@ -238,8 +229,8 @@ def _remainder(x: Tracer, y: Tracer) -> Any:
 _COMPOSED: dict[str, Callable[..., Any]] = {
     "less": lambda x, y: operation("greater", y, x),
     "less_equal": lambda x, y: operation("greater_equal", y, x),
-    "maximum": lambda x, y: _larger(x, y, x > y, y >= x),
-    "minimum": lambda x, y: _larger(x, y, x < y, x >= y),
+    "maximum": lambda x, y: _extreme(x, y, y >= x),
+    "minimum": lambda x, y: _extreme(x, y, x >= y),
     "isnan": lambda x: x != x,
     "isfinite": lambda x: cast(x, "f") - cast(x, "f") == 0.0,
     "tan": lambda x: operation("sin", x) / operation("cos", x),
