@@ -69,10 +69,6 @@ class DelayedBelief:
             raise AttributeError(name)
         return getattr(self.now, name)
 
-    def read_only(self) -> Self:
-        """Return this belief: the beliefs of filters are read-only."""
-        return self
-
     def __getitem__(self, rows: Any) -> Self:
         """The beliefs of some rows of the batch."""
         some: Any = ([None if a is None else a[rows] for a in step] for step in self.steps)

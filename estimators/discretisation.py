@@ -157,8 +157,7 @@ def matrices(model: LinearModel, names: str) -> list[np.ndarray]:
     Raises:
         ValueError: naming a matrix that is a function or has batch axes.
     """
-    B = np.zeros((model.n, 0)) if model.B is None else model.B
-    given = vars(model) | {"B": B}
+    given = vars(model) | {"B": np.zeros((model.n, 0)) if model.B is None else model.B}
     return [shaped_array(name, given[name], "n", "m") for name in names]
 
 

@@ -214,13 +214,13 @@ class Filter(ABC, Generic[Record]):
         batch = np.broadcast_shapes(prior.mean.shape[:-1], prior.cov.shape[:-2])
         mean = np.broadcast_to(prior.mean, (*batch, n)).copy()
         cov = np.broadcast_to(prior.cov, (*batch, n, n)).copy()
-        initial = self._begin(mean, cov, self._numbers(rng, batch))
         every = {"mean": mean, "cov": cov, "healthy": np.ones(batch, bool)}
         every |= unmeasured(batch, self.model.p)
+        every |= self._begin(mean, cov, self._numbers(rng, batch))
         if self._by_rows:
             own = [1.0] * (1 + self.model.p) + [getattr(self, name) for name in self.tunable]
             every["parameters"] = np.broadcast_to(own, (*batch, len(own))).copy()
-        belief: Any = self.record.of(every | initial)
+        belief: Any = self.record.of(every)
         if self.compiled:
             invoker()  # loads LLVM now, and not in the first step
         return belief.read_only()

@@ -68,7 +68,7 @@ class _Model(Frozen):
 
     def is_compiled(self, step: str) -> bool:
         """Are all functions of a "predict" or an "update" compiled? Arrays count as compiled."""
-        return all(map(is_compiled, map(partial(getattr, self), self.parts[step])))
+        return all(is_compiled(getattr(self, name)) for name in self.parts[step])
 
 
 @dataclass(frozen=True, eq=False)

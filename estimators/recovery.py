@@ -96,7 +96,7 @@ def _clipped(belief: Any) -> Any:
 
 def _finite(belief: Any) -> np.ndarray:
     """The rows ``(...)`` of which every array is finite."""
-    finite, batch = np.isfinite(belief.mean).all(-1), belief.mean.ndim - 1
+    finite, batch = np.ones_like(belief.healthy), belief.mean.ndim - 1
     for name in belief.names():
         array = getattr(belief, name)
         if array.dtype == float:
@@ -111,8 +111,8 @@ def _attempt(filter: Any, step: str, belief: Any, data: Any) -> Any:
         after = after.replaced(in_numpy(filter, step, after, data))
     if not filter.random:
         after = _clipped(after)
-    finite = _finite(after)
-    return after.with_rows(~finite, belief[~finite])
+    lost = ~_finite(after)
+    return after.with_rows(lost, belief[lost])
 
 
 def _without_rounding(filter: Any, before: Any, after: Any, data: Any) -> Any:

@@ -31,8 +31,8 @@ def in_numpy(filter: Any, step: str, belief: Any, data: Any) -> dict[str, Any]:
     except np.linalg.LinAlgError:
         healthy = belief.healthy
     if healthy.size == 1 or filter.model_per_row:
-        lost = {"mean": np.full_like(belief.mean, np.nan), "healthy": np.zeros_like(healthy)}
-        return belief.arrays() | lost
+        mean = np.full_like(belief.mean, np.nan)
+        return belief.arrays() | {"mean": mean, "healthy": np.zeros_like(healthy)}
     after = belief
     for row in np.eye(healthy.size, dtype=bool).reshape(-1, *healthy.shape):
         one = belief[row]

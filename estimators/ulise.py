@@ -64,7 +64,6 @@ class ULISE(DelayedInputFilter):
     name = "ulise"
     record = FeedthroughBelief
     linear = True
-    reversible = False
     model: LinearModel
 
     def _check_model(self) -> None:
@@ -149,7 +148,10 @@ class ULISE(DelayedInputFilter):
         correction = np.matvec(Z, e)
         observed, present = belief.input_observed + newly_observed, -1.0 * (Z @ H)
         past = joined([reach, np.zeros((q, q))], -2) - Z @ F
-        cov = self._errors(belief, Z, C) + congruence(Z, R)
+        # Inputs cancel in Z e where they are seen; elsewhere they have their prior.
+        kept = joined([np.zeros((n, q)), belief.input_observed, np.zeros((q, q))], -2)
+        errors = joined([np.eye(n + 2 * q, n) - Z @ C, kept], -1)
+        cov = congruence(errors, joint_covariance(belief)) + congruence(Z, R)
         cov = cov + congruence(past, self._prior_cov(observed))
         cov = symmetrise(cov + congruence(present, self._prior_cov(now)))
         carried = joined([present[..., :n, :], present[..., n + q :, :]], -2)
@@ -166,14 +168,3 @@ class ULISE(DelayedInputFilter):
             "state_feedthrough_cov": cov[..., :n, n + q :],
             "feedthrough_observed": now,
         }
-
-    def _errors(self, belief: Any, Z: Any, C: Any) -> Any:
-        """Covariance of the errors of (x-, d1(k-1), 0) less ``Z C x~-``.
-
-        The inputs' share in Z e cancels where they are seen; elsewhere they have their prior.
-        """
-        n, q, before = self.model.n, self.model.q, belief.input_observed
-        kept = joined([np.zeros((n, q)), before, np.zeros((q, q))], -2)
-        return congruence(
-            joined([np.eye(n + 2 * q, n) - Z @ C, kept], -1), joint_covariance(belief)
-        )

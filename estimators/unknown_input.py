@@ -227,9 +227,11 @@ class UMVFilter(UnknownInputFilter):
                 " model) builds of such a model"
             )
         if isinstance(self.model.H, np.ndarray):
-            rank = int(np.linalg.matrix_rank(self.model.H).min())
-            remedy = "measure the input or use ekf-ui-wdf, or kf-umv-ui-wdf if all is linear"
-            self._require_rank("rank(H)", rank, remedy)
+            self._require_rank(
+                "rank(H)",
+                int(np.linalg.matrix_rank(self.model.H).min()),
+                "measure the input or use ekf-ui-wdf, or kf-umv-ui-wdf if all is linear",
+            )
 
 
 class DelayedInputFilter(UnknownInputFilter):
@@ -244,8 +246,10 @@ class DelayedInputFilter(UnknownInputFilter):
         if self.model.delayed_feedthrough:  # no input has acted yet: d(-1) is known to be 0
             unseen["input_cov"] = np.zeros(unseen["input_cov"].shape)
             unseen["input_observed"] = unseen["input_observed"] + identity(self.model.q)
-        unseen["pending"] = np.zeros(mean.shape[:-1], bool)
-        return unseen | {"input_matrix": np.zeros(unseen["state_input_cov"].shape)}
+        return unseen | {
+            "pending": np.zeros(mean.shape[:-1], bool),
+            "input_matrix": np.zeros(unseen["state_input_cov"].shape),
+        }
 
     def _predict(self, belief: Any, u: Any, mean: Any, A: Any, Q: Any, *more: Any) -> Changes:
         (G,) = more
@@ -307,9 +311,11 @@ class NoFeedthroughFilter(DelayedInputFilter):
                 rank = int(np.linalg.matrix_rank(C @ G + H).min())
             elif not H.any():
                 rank = min(rank, int(np.linalg.matrix_rank(G).min()))
-        condition = f"rank(C G{' + H' * model.delayed_feedthrough})"
-        remedy = "measure a state that each input drives directly"
-        self._require_rank(condition, rank, remedy)
+        self._require_rank(
+            f"rank(C G{' + H' * model.delayed_feedthrough})",
+            rank,
+            "measure a state that each input drives directly",
+        )
 
 
 @compiled

@@ -48,6 +48,7 @@ class SigmaPoints(Filter[Any]):
                 f" {beta}"
             )
         self.alpha, self.beta, self.kappa = alpha, beta, kappa
+        self._c2 = alpha**2 * (self.model.n + kappa)
 
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
         """Next mean ``(..., n)`` and covariance without process noise, and Q."""
@@ -90,10 +91,6 @@ class SigmaPoints(Filter[Any]):
         centre, offsets = belief.mean[..., None, :], np.sqrt(self._c2) * root.mT
         points = [centre + 0.0 * offsets[..., :1, :], centre + offsets, centre - offsets]
         return np.concatenate(points, axis=-2), root
-
-    @property
-    def _c2(self) -> float:
-        return self.alpha**2 * (self.model.n + self.kappa)
 
     def _transform(
         self, name: str, points: np.ndarray, u: np.ndarray | None

@@ -75,7 +75,7 @@ def test_one_program_gives_the_bits_of_the_stages(env_id: str, options: dict[str
         for name, array in vars(apart).items():
             if isinstance(array, np.ndarray):
                 np.testing.assert_array_equal(getattr(together, name), array, name)
-        for name in type(apart.belief).names():
+        for name in apart.belief.names():
             each = getattr(together.belief, name), getattr(apart.belief, name)
             np.testing.assert_array_equal(*each, name)
 
