@@ -82,7 +82,7 @@ def results(planned: Plan | Study, quality=QUALITY, noise=0.01, **changed) -> Re
 @cache
 def learned() -> Results:
     """Of the study with all agents, made once for all tests, which leave it as it is."""
-    return results(study(agents=LEARNED))
+    return results(study(agents=LEARNED, conditions=CONDITIONS[:3]))
 
 
 def without(found: Results, unwanted, why: str | None = None) -> Results:
