@@ -99,6 +99,7 @@ class Compiled:
         self.__self__ = getattr(function, "__self__", None)  # the object whose method it is
         self._traced: dict[Any, Function] = {}
         self._last: Any = None, None  # constants of the last call, and what it called
+        self._known: dict[Any, Any] = {}  # the same with names, by shapes of earlier calls
         self.names: tuple[str, ...] = ()
 
     def __get__(self, instance: Any, owner: Any = None) -> Any:
@@ -117,6 +118,12 @@ class Compiled:
 
     def _call(self, static: dict[str, Any], *arrays: Any) -> Any:
         """Results for arguments unlike those of the last call."""
+        shapes = *static.items(), *(getattr(each, "shape", None) for each in arrays)
+        if known := self._known.pop(shapes, None):  # absent while it may call this function
+            self._last, self.names = known
+            results = self._last[1](*arrays)
+            self._known[shapes] = known
+            return results
         if any(map(is_traced, arrays)):
             return self.function(*arrays, **static)
         axes, matrices = self._rows
@@ -131,7 +138,8 @@ class Compiled:
             self._traced[key].otherwise = partial(self._call, static)
         function = self._traced[key]
         results = function.compute(*held)
-        self._last, self.names = (static, function.call), function.names
+        self._known[shapes] = (static, function.call), function.names
+        self._last, self.names = self._known[shapes]
         return results
 
     def __reduce__(self) -> Any:
