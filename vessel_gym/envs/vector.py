@@ -127,21 +127,20 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             gymnasium.error.ResetNeeded: before the first reset; in mode ``"Disabled"`` also where
                 an episode has ended.
         """
-        core, restarted, moment = self.core, self.core.last.over, None
+        core, restarted, final = self.core, self.core.last.over, {}
         if restarting := np.count_nonzero(restarted):  # faster than any()
-            reward, terminated = self._step_and_restart(actions, restarted)
+            reward, terminated, moment = self._step_and_restart(actions, restarted)
         else:
             moment = core.advance(actions, core.action_shape)
             reward, terminated = core.last.reward.copy(), core.last.end > 0
         truncated = core.last.steps >= (self.max_episode_steps or sys.maxsize)
-        done, final = terminated | truncated, {}
+        done = terminated | truncated
         if restarting or np.count_nonzero(done):
-            moment = None
             if self.autoreset_mode is not AutoresetMode.SAME_STEP:
-                core.now = core.now.but(over=done)
+                core.last = core.last.but(over=done)
             else:
-                final, restarted = self._final(done), done
-                core.start(rows=np.flatnonzero(done))
+                final, restarted = self._final(done, moment), done
+                core.restart(np.flatnonzero(done), moment)
         self._record(restarted, ~restarted)
         info = self._masked(core.info(moment))
         return core.observe(), reward, terminated, truncated, info | final
@@ -184,26 +183,28 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     def _step_and_restart(
         self, actions: np.ndarray, ended: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray, Any]:
         """Step running environments, and start new episodes where the last step ended one."""
         if self.autoreset_mode is AutoresetMode.DISABLED:
             raise ResetNeeded(
                 f"{ended.sum()} of {self.num_envs} episodes have ended: call"
                 " reset(options={'reset_mask': terminated | truncated}) before the next step()"
             )
+        core = self.core
         with np.errstate(all="ignore"):  # states of ended vehicles are not used
-            now = self.core.step(actions, ended=ended)
-        terminated = now.end.astype(bool) & ~ended
-        self.core.start(rows=np.flatnonzero(ended))
-        return np.where(ended, 0.0, now.reward), terminated
+            moment = core.advance(actions, core.action_shape, ended)
+        reward, terminated = np.where(ended, 0.0, core.last.reward), (core.last.end > 0) & ~ended
+        core.restart(np.flatnonzero(ended), moment)
+        return reward, terminated, moment
 
-    def _final(self, done: np.ndarray) -> dict[str, Any]:
+    def _final(self, done: np.ndarray, moment: Any) -> dict[str, Any]:
         """Last observations and infos of ended episodes."""
         observation = self.core.observe()
         final_observations = np.full(self.num_envs, None, dtype=object)
         for row in np.flatnonzero(done):
             final_observations[row] = observation[row]
-        final_info = self._masked(self.core.info(), done)
+        info = {name: values.copy() for name, values in self.core.info(moment).items()}
+        final_info = self._masked(info, done)
         return {
             "final_obs": final_observations, "_final_obs": done.copy(),
             "final_info": final_info, "_final_info": done.copy(),

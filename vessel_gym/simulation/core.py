@@ -134,7 +134,7 @@ class Core:
         seed: int | Sequence[int] | np.ndarray | None = None,
         options: dict[str, Any] | None = None,
         rows: np.ndarray | None = None,
-    ) -> None:
+    ) -> State:
         """Start episodes in some rows: draw the true states and take the first measurements.
 
         Args:
@@ -142,6 +142,9 @@ class Core:
                 restart the count of episodes; None to keep the seeds and go on with the next.
             options: Reset options of the task.
             rows: Indices of the environments; None for all. The others do not change.
+
+        Returns:
+            The record of these rows.
 
         Raises:
             ValueError: for a seed that is negative or not a whole number, a list of the wrong
@@ -151,7 +154,7 @@ class Core:
             gymnasium.error.ResetNeeded: if the first start leaves out an environment.
         """
         config, rows = self.config, np.arange(self.num_envs) if rows is None else rows
-        seeds, episode = next_episodes(self.seeds, self.now.episode, seed, rows)
+        seeds, episode = next_episodes(self.seeds, self.last.episode, seed, rows)
         keys = RandomKeys.seeded([seeds[i] for i in rows]).keys
         now, prior = self._drawn(keys, episode[rows], checked_options("options", options))
         config.world.begin(now)
@@ -162,7 +165,21 @@ class Core:
         config.mission.begin(now)
         now = now.without_start()
         self.seeds = seeds
-        self.now = now if len(rows) == self.num_envs else self.now.merged(rows, now)
+        self.last = now if len(rows) == self.num_envs else self.last.merged(rows, now)
+        return now
+
+    def restart(self, rows: np.ndarray, moment: Moment | None) -> None:
+        """Start the next episodes in some rows, of which the arrays of ``info`` then tell.
+
+        Args:
+            rows: Indices of the environments.
+            moment: As for `info`.
+        """
+        now = self.start(rows=rows)
+        if moment is not None:
+            info = self.info(moment)
+            for name, values in self.config.info.changes(now).items():
+                info[name][rows] = values
 
     def _drawn(
         self, seeds: np.ndarray, episode: np.ndarray, options: dict[str, Any]

@@ -89,6 +89,19 @@ class Moment(NamedTuple):
         """Mask ``(B,)`` of episodes that have ended and are not yet reset."""
         return self.base.over
 
+    @property
+    def episode(self) -> np.ndarray:
+        """Numbers of the episodes ``(B,)``."""
+        return self.base.episode
+
+    def but(self, **changes: Any) -> "Moment":
+        """The results with other values in some fields that no step changes."""
+        return self._replace(base=self.base.but(**changes))
+
+    def merged(self, rows: np.ndarray, some: State) -> "Moment":
+        """The results with the values of episodes that start in the rows of some indices."""
+        return self.program.merged(self, rows, some)
+
     def info(self) -> dict[str, Any]:
         """The arrays of ``info`` that the program made."""
         return dict(zip(INFO, self.found[self.program.first_info :], strict=True))
@@ -203,6 +216,18 @@ class WholeStep:
             belief=base.belief.replaced(belief | {"u": fields["u"]}),
         )  # fmt: skip
 
+    def merged(self, moment: Moment, rows: np.ndarray, some: State) -> Moment:
+        """See `Moment.merged`."""
+        new, held = self._values(some), arrays_of(moment.base)
+        old = [*map(held.__getitem__, self._fixed), *moment.found[: self.first_info]]
+        made = [_in_rows(*each, rows) for each in zip(old, new, strict=True)]
+        fixed, found = made[: len(self._fixed)], made[len(self._fixed) :]
+        fields, belief = apart(dict(zip(self._fixed, fixed, strict=True)))
+        base = moment.base.but(**fields, belief=moment.base.belief.replaced(belief))
+        before = (_in_rows(moment.values[i], 0.0, rows) for i in (0, self._end_of_fixed))
+        action, numbers = before  # of a start, there are none
+        return Moment(self, base, (action, *fixed, numbers), tuple(found))
+
     def _values(self, last: State) -> list[np.ndarray]:
         """Arguments of a step from a record, but for the action."""
         arrays = arrays_of(last)
@@ -259,6 +284,13 @@ class WholeStep:
         named = {f"belief.{name}": array for name, array in changed.items()}
         every = {"steps": row.steps} | world | scored | named
         return every, [*self._info(row).values()] if self._info else []
+
+
+def _in_rows(array: np.ndarray, new: Any, rows: np.ndarray) -> np.ndarray:
+    """An array with new values in the rows of some indices."""
+    changed = array.copy()
+    changed[rows] = new
+    return changed
 
 
 def _batched(arrays: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
