@@ -3,6 +3,7 @@
 import hashlib
 import sysconfig
 from functools import cache
+from importlib.machinery import PathFinder
 from importlib.util import find_spec
 from modulefinder import ModuleFinder
 from pathlib import Path
@@ -59,7 +60,17 @@ class _Finder(ModuleFinder):
         super().__init__(excludes={*_WHOLE} - {package})
         self.package = package
 
-    def load_module(self, fqname: str, fp: Any, pathname: str, file_info: Any) -> Any:
+    def find_module(self, name: str, path: Any, parent: Any = None) -> Any:
+        spec = PathFinder.find_spec(name, path)
+        if spec and not spec.loader:  # ModuleFinder cannot find packages without __init__.py
+            return None, spec.submodule_search_locations, None
+        return super().find_module(name, path, parent)
+
+    def load_module(self, fqname: str, fp: Any, pathname: Any, file_info: Any) -> Any:
+        if not file_info:
+            found: Any = self.add_module(fqname)
+            found.__path__ = [*pathname]
+            return found
         if fqname.partition(".")[0] != self.package and _is_installed(pathname):
             raise ImportError(fqname)
         return super().load_module(fqname, fp, pathname, file_info)

@@ -72,12 +72,12 @@ class Controller:
 
 
 def two_decades(controller: type) -> dict[str, Log]:
-    """Ranges from a hundredth to a hundredfold of each parameter's default; none for infinity."""
+    """Ranges from a hundredth to a hundredfold of each default that is a finite number above 0."""
     _, *parameters = signature(controller).parameters.values()
     return {
         each.name: Log(each.default / 100.0, 100.0 * each.default)
         for each in parameters
-        if np.isfinite(each.default)
+        if isinstance(each.default, float) and 0.0 < each.default < np.inf
     }
 
 

@@ -157,7 +157,8 @@ class Results:
         """
         low = at(self.score, policy=self.classical, estimator=FLOOR).droplevel("run")
         high = at(self.score, policy=self.reference_policy, estimator=ORACLE)
-        scales = (high.groupby(FLIGHT[:2], sort=False).mean() - low).dropna()
+        high = high.groupby(FLIGHT[:2], sort=False).mean()
+        scales = (high - low.reindex(high.index)).dropna()
         return scales[scales.mean(axis=1) > 0.0]
 
     @cached_property

@@ -16,21 +16,23 @@ names = (f"package_{number}" for number in itertools.count())
 def own(tmp_path, monkeypatch):
     """A function that gives the digest of a user's module, which imports others beside it, some module changed."""
     number = next(names)
-    filters, gains, deep, pack = (
-        f"{number}_{name}" for name in ("filters", "gains", "deep", "pack")
+    filters, gains, deep, pack, open_ = (
+        f"{number}_{name}" for name in ("filters", "gains", "deep", "pack", "open")
     )
     monkeypatch.syspath_prepend(tmp_path)
-    (tmp_path / pack).mkdir()
+    for package in (pack, open_):
+        (tmp_path / package).mkdir()
     written = {
         "filters": (
             f"{filters}.py",
-            f"import numpy\nimport json\nimport {gains}\nimport {pack}.inner\n",
+            f"import numpy\nimport json\nimport {gains}\nimport {pack}.inner, {open_}.part\n",
         ),
         "gains": (f"{gains}.py", f"def late():\n    from {deep} import K\n"),
         "deep": (f"{deep}.py", "K = 1\n"),
         "pack": (f"{pack}/__init__.py", "scale = 2\n"),
         "inner": (f"{pack}/inner.py", "from . import relative\n"),
         "relative": (f"{pack}/relative.py", f"import {filters}\n"),  # a circle
+        "part": (f"{open_}/part.py", ""),  # of a package without __init__.py
         "beside": (f"{number}_beside.py", "unused = 1\n"),
     }
 
@@ -45,7 +47,9 @@ def own(tmp_path, monkeypatch):
     source_digest.cache_clear()
 
 
-@pytest.mark.parametrize("module", ["filters", "gains", "deep", "pack", "inner", "relative"])
+@pytest.mark.parametrize(
+    "module", ["filters", "gains", "deep", "pack", "inner", "relative", "part"]
+)
 def test_digest_of_user_module_follows_its_imports(own, module):
     assert own(module) != own()
 
