@@ -34,7 +34,9 @@ def in_numpy(filter: Any, step: str, belief: Any, data: Any) -> dict[str, Any]:
         mean = np.full_like(belief.mean, np.nan)
         return belief.arrays() | {"mean": mean, "healthy": np.zeros_like(healthy)}
     after = belief
-    for row in np.eye(healthy.size, dtype=bool).reshape(-1, *healthy.shape):
+    for i in np.ndindex(healthy.shape):
+        row = np.zeros_like(healthy)
+        row[i] = True
         one = belief[row]
         after = after.with_rows(row, one.replaced(in_numpy(filter, step, one, rows_of(data, row))))
     return after.arrays()

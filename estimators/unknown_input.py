@@ -227,11 +227,9 @@ class UMVFilter(UnknownInputFilter):
                 " model) builds of such a model"
             )
         if isinstance(self.model.H, np.ndarray):
-            self._require_rank(
-                "rank(H)",
-                int(np.linalg.matrix_rank(self.model.H).min()),
-                "measure the input or use ekf-ui-wdf, or kf-umv-ui-wdf if all is linear",
-            )
+            rank = int(np.linalg.matrix_rank(self.model.H).min())
+            remedy = "measure the input or use ekf-ui-wdf, or kf-umv-ui-wdf if all is linear"
+            self._require_rank("rank(H)", rank, remedy)
 
 
 class DelayedInputFilter(UnknownInputFilter):
@@ -311,11 +309,8 @@ class NoFeedthroughFilter(DelayedInputFilter):
                 rank = int(np.linalg.matrix_rank(C @ G + H).min())
             elif not H.any():
                 rank = min(rank, int(np.linalg.matrix_rank(G).min()))
-        self._require_rank(
-            f"rank(C G{' + H' * model.delayed_feedthrough})",
-            rank,
-            "measure a state that each input drives directly",
-        )
+        condition = f"rank(C G{' + H' * model.delayed_feedthrough})"
+        self._require_rank(condition, rank, "measure a state that each input drives directly")
 
 
 @compiled

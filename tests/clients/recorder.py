@@ -29,12 +29,13 @@ class Record:
         self._start, self._advance = Core.start, Core.advance
 
     def __enter__(self) -> "Record":
-        def start(core: Core, seed: Any = None, options: Any = None, rows: Any = None) -> None:
-            self._start(core, seed, options, rows)
+        def start(core: Core, seed: Any = None, options: Any = None, rows: Any = None) -> Any:
+            started = self._start(core, seed, options, rows)
             for row in range(core.num_envs) if rows is None else rows:
                 episode = SimpleNamespace(first=core.observe()[row], steps=[])
                 episode.number = core.now.episode[row]
                 self.rows.setdefault((core, int(row)), []).append(episode)
+            return started
 
         def advance(
             core: Core, action: Any, shape: Any, ended: Any = None,

@@ -96,6 +96,32 @@ def test_a_reset_of_some_leaves_the_others_untouched(env_id: str, mode: Autorese
     assert changed
 
 
+@pytest.mark.parametrize("mode", MODES[:2])
+@pytest.mark.parametrize("env_id", ["SigmaCorvette-v0", "SegorogeniAUV-v0"])
+def test_restarts_within_one_program_give_the_bits_of_stages(env_id: str, mode: AutoresetMode):
+    """Episodes end one after the other, at a time limit, as some have been reset before."""
+    assert AutoresetMode.DISABLED not in MODES[:2]
+    options = {"autoreset_mode": mode, "max_episode_steps": 7}
+    together, apart = (make_batch(env_id, ROWS, **options) for _ in range(2))
+    apart.unwrapped.core._together = False
+    walk, results = random_walk(5, ROWS, together.single_action_space.shape[0]), []
+    for env in (together, apart):
+        env.reset(seed=2)
+    for step in range(24):
+        actions = next(walk)
+        results = [env.step(actions) for env in (together, apart)]
+        assert_same_tree(*results, f"step {step}", 0.0)
+        results[0][4]["estimate"][:] = np.nan  # it is the caller's own
+        if step in (1, 3):
+            mask = np.arange(ROWS) == step // 2
+            resets = [env.reset(options={"reset_mask": mask}) for env in (together, apart)]
+            assert_same_tree(*resets, f"reset after {step}", 0.0)
+    one, other = (env.unwrapped.core.now for env in (together, apart))
+    np.testing.assert_array_equal(one.noise_before, other.noise_before)
+    np.testing.assert_array_equal(one.episode, other.episode)
+    assert one.episode.min() > 1
+
+
 @every_mode
 def test_an_ended_environment_may_be_reset_by_hand(mode: AutoresetMode):
     env = make_batch("SigmaCorvette-v0", 2, autoreset_mode=mode, max_episode_steps=3)

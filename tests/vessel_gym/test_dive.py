@@ -218,6 +218,7 @@ def test_observed_standard_deviations_are_one_at_the_start(system: System):
         )
         core.now.belief = core.config.estimation.filter.init(known)
         core.now.belief = core.now.belief.replace(cov=factor * core.now.belief.cov)
+        core.now.observation = None  # that of the start
         seen.append(core.observe()[:, -told:])
     assert core.observe().shape == (2, Core(system).config.observation_size + told)
     assert (seen[0] > 0.3).all()

@@ -129,10 +129,10 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         core, restarted, final = self.core, self.core.last.over, {}
         if restarting := np.count_nonzero(restarted):  # faster than any()
-            reward, terminated, moment = self._step_and_restart(actions, restarted)
+            moment = self._step_and_restart(actions, restarted)
         else:
             moment = core.advance(actions, core.action_shape)
-            reward, terminated = core.last.reward.copy(), core.last.end > 0
+        reward, terminated = core.last.reward.copy(), core.last.end > 0  # 0 at a start
         truncated = core.last.steps >= (self.max_episode_steps or sys.maxsize)
         done = terminated | truncated
         if restarting or np.count_nonzero(done):
@@ -181,9 +181,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Drop the renderers."""
         self._renderers = []
 
-    def _step_and_restart(
-        self, actions: np.ndarray, ended: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, Any]:
+    def _step_and_restart(self, actions: np.ndarray, ended: np.ndarray) -> Any:
         """Step running environments, and start new episodes where the last step ended one."""
         if self.autoreset_mode is AutoresetMode.DISABLED:
             raise ResetNeeded(
@@ -193,9 +191,8 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         core = self.core
         with np.errstate(all="ignore"):  # states of ended vehicles are not used
             moment = core.advance(actions, core.action_shape, ended)
-        reward, terminated = np.where(ended, 0.0, core.last.reward), (core.last.end > 0) & ~ended
         core.restart(np.flatnonzero(ended), moment)
-        return reward, terminated, moment
+        return moment
 
     def _final(self, done: np.ndarray, moment: Any) -> dict[str, Any]:
         """Last observations and infos of ended episodes."""

@@ -127,9 +127,14 @@ def _merged(rows: np.ndarray, whole: Any, some: Any) -> Any:
         mask = np.zeros(len(whole.mean), bool)
         mask[rows] = True
         return whole.with_rows(mask, some)
-    merged = whole.copy()
-    merged[rows] = some
-    return merged
+    return in_rows(whole, rows, some)
+
+
+def in_rows(array: np.ndarray, rows: np.ndarray, new: Any) -> np.ndarray:
+    """An array with new values in the rows of some indices."""
+    changed = array.copy()
+    changed[rows] = new
+    return changed
 
 
 class Stage:

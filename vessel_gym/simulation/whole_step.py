@@ -14,7 +14,7 @@ from estimators.engine import Argument, SideBySide, TracedArray, by_entries, mat
 from estimators.stepping import changes
 from vessel_gym.models.estimation import Estimation
 from vessel_gym.simulation.mission import Mission
-from vessel_gym.simulation.state import Changes, State, apart, arrays_of
+from vessel_gym.simulation.state import Changes, State, apart, arrays_of, in_rows
 from vessel_gym.simulation.truth import INFO, Info
 from vessel_gym.simulation.world import World
 
@@ -220,13 +220,12 @@ class WholeStep:
         """See `Moment.merged`."""
         new, held = self._values(some), arrays_of(moment.base)
         old = [*map(held.__getitem__, self._fixed), *moment.found[: self.first_info]]
-        made = [_in_rows(*each, rows) for each in zip(old, new, strict=True)]
+        made = [in_rows(was, rows, now) for was, now in zip(old, new, strict=True)]
         fixed, found = made[: len(self._fixed)], made[len(self._fixed) :]
         fields, belief = apart(dict(zip(self._fixed, fixed, strict=True)))
         base = moment.base.but(**fields, belief=moment.base.belief.replaced(belief))
-        before = (_in_rows(moment.values[i], 0.0, rows) for i in (0, self._end_of_fixed))
-        action, numbers = before  # of a start, there are none
-        return Moment(self, base, (action, *fixed, numbers), tuple(found))
+        action, before = (in_rows(moment.values[i], rows, 0.0) for i in (0, self._end_of_fixed))
+        return Moment(self, base, (action, *fixed, before), tuple(found))
 
     def _values(self, last: State) -> list[np.ndarray]:
         """Arguments of a step from a record, but for the action."""
@@ -284,13 +283,6 @@ class WholeStep:
         named = {f"belief.{name}": array for name, array in changed.items()}
         every = {"steps": row.steps} | world | scored | named
         return every, [*self._info(row).values()] if self._info else []
-
-
-def _in_rows(array: np.ndarray, new: Any, rows: np.ndarray) -> np.ndarray:
-    """An array with new values in the rows of some indices."""
-    changed = array.copy()
-    changed[rows] = new
-    return changed
 
 
 def _batched(arrays: Sequence[np.ndarray]) -> Sequence[np.ndarray]:
