@@ -1,8 +1,9 @@
 """Tables of ``studies/tuned.toml``, in which every estimator is tuned with its controller.
 
 They are read from ``results``, where ``vessel-gym ablate tuned`` leaves them, and ``ablate`` of
-``tuned_each``, in which arms are tuned for each condition, and of ``likelihood``. The files that
-come with the package are made by ``python -m studies.tuned``.
+``tuned_each``, in which arms are tuned for each condition, of ``tuned_twice``, with twice as many
+candidates, and of ``likelihood``. The files that come with the package are made by
+``python -m studies.tuned``.
 """
 
 from itertools import groupby
@@ -30,7 +31,7 @@ from studies.results import episodes
 
 Episodes = dict[tuple[str, str], np.ndarray]
 
-STUDY, EACH, LIKELIHOOD = "tuned", "tuned_each", "likelihood"
+STUDY, EACH, LIKELIHOOD, TWICE = "tuned", "tuned_each", "likelihood", "tuned_twice"
 AGENT = "autopilot"
 TUNED = f"{AGENT}, tuned"
 
@@ -164,7 +165,8 @@ def tunings() -> str:
 
     The cost is the loss under the truth's tuned controller minus what the arm's own controller wins
     back. Overfitting is the gain on tuning seeds minus the gain on other seeds. The scatter is the
-    largest difference between the mean scores of two tunings.
+    largest difference between the mean scores of two tunings. The last gain is that of the first
+    tuning, on equal seeds.
     """
     folder, study = ROOT / "results" / STUDY / "jobs", read_study(STUDIES[STUDY])
     first, rows = study.conditions[0].name, list[dict[str, str]]()
@@ -184,13 +186,14 @@ def tunings() -> str:
         under = Trials(mine[0].arm, study.seeds).scores(
             [fit.values | truth.values for fit, truth in zip(mine, truths, strict=True)]
         )
-        means = own.mean(1)
+        twice, means = episodes(TWICE, environment, TUNED)[first, estimator], own.mean(1)
         rows.append({
             "environment": environment, "estimator": estimator,
             "loss under the truth's controller": text(crossed_interval(best - under)),
             "won back": text(crossed_interval(own - under)),
             "overfitting": text(over),
             "scatter": text(crossed_interval(own[[means.argmax()]] - own[[means.argmin()]])),
+            "gain of twice as many candidates": text(crossed_interval(twice - own[:1])),
             "NEES of the position": nees, "at a bound": bounds,
         })  # fmt: skip
     return _file("tunings.csv", pd.DataFrame(rows))
