@@ -21,10 +21,8 @@ from agents.rollouts import rollout
 from agents.seeds import evaluation_seeds
 from agents.statistics import Interval
 from agents.studies.plan import plan
-from agents.studies.records import EACH, Condition, Tuning
-from agents.studies.worlds import environment_options, graded_sensors, system_of
-from agents.tuning.arm import Arm
-from agents.tuning.tune import tune
+from agents.studies.records import EACH, Tuning
+from agents.studies.worlds import graded_sensors, system_of
 
 ENVIRONMENT = "few_grades:FewGrades-v0"
 PRICES = """
@@ -106,16 +104,24 @@ def test_scores_are_those_of_rollout_on_suite(made: Budget):
     np.testing.assert_array_equal(made.fly([0], 7, 2), [flown.score])
 
 
-def test_scores_are_those_of_an_arm_that_is_tuned_for_the_suite(made: Budget):
-    made.study = replace(made.study, tune=Tuning(3, episodes=2, tunings=1, conditions=(EACH,)))
-    estimator = system_of(ENVIRONMENT).estimator
-    for suite, sensors in ((0, made.suites[0].grades), (TRUTH, "nominal")):
-        shared = {"estimator": "truth" if suite == TRUTH else estimator, "termination": "belief"}
-        world = Condition("", disturbance="rough", sensors=sensors).options
-        found = tune(Arm(ENVIRONMENT, options=shared, conditions=(world,)), 3, 2)
-        options = environment_options(ENVIRONMENT, shared | world | found.env_options)
-        flown = rollout(found.agent(), "FewGrades-v0", evaluation_seeds(2, 7), options)
-        np.testing.assert_array_equal(made.fly([suite], 7, 2), [flown.score])
+def test_arms_are_tuned_for_their_suite_and_the_truth_for_its_own(made: Budget, monkeypatch):
+    made.study = replace(made.study, tune=Tuning(3, tunings=1, conditions=(EACH,)))
+    asked = list[Any]()
+
+    def run(jobs: list[Any], *_: object) -> agents.jobs.Outcome:
+        asked.extend(jobs)
+        return agents.jobs.Outcome()
+
+    monkeypatch.setattr(agents.jobs, "run", run)
+    assert made.fly([0, TRUTH], 7, 2) == [None, None]
+    assert [job.arguments["first_seed"] for job in asked] == [7, 7]
+    arms = [need.arguments for job in asked for need in job.needs]
+    names = system_of(ENVIRONMENT).estimator, "truth"
+    assert [arm["options"]["estimator"] for arm in arms] == [*names]
+    assert [arm["conditions"] for arm in arms] == [
+        [condition.options] for condition in (made.study.conditions[1], made.study.conditions[0])
+    ]
+    assert [arm["evaluations"] for arm in arms] == [3, 3]
 
 
 def test_a_suite_on_which_the_estimator_is_refused_has_no_scores(made: Budget, monkeypatch):
