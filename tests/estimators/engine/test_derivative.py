@@ -91,7 +91,7 @@ def check_slopes(
 
 @pytest.mark.parametrize(
     "count",
-    [pytest.param(120, marks=pytest.mark.slow), pytest.param(10_000, marks=pytest.mark.nightly)],
+    [pytest.param(60, marks=pytest.mark.slow), pytest.param(10_000, marks=pytest.mark.nightly)],
 )
 def test_random_functions_and_their_derivatives(count: int):
     seen: Counter[str] = Counter()
