@@ -104,7 +104,7 @@ def test_scores_are_those_of_rollout_on_suite(made: Budget):
     np.testing.assert_array_equal(made.fly([0], 7, 2), [flown.score])
 
 
-def test_arms_are_tuned_for_their_suite_and_the_truth_for_its_own(made: Budget, monkeypatch):
+def test_arms_are_tuned_for_their_suite_the_truth_for_nominal(made: Budget, monkeypatch):
     made.study = replace(made.study, tune=Tuning(3, tunings=1, conditions=(EACH,)))
     asked = list[Any]()
 
