@@ -8,7 +8,7 @@ import numpy as np
 
 from agents.controllers import AUTOPILOT, register_controller
 from agents.controllers.loops import Control, Controller, bryson, jacobian, regulator_gains
-from estimators import wrap
+from estimators import Log, wrap
 from estimators.engine import compiled
 from vessel_gym.processes import interpolated
 from vessel_gym.system import System
@@ -133,6 +133,9 @@ class DiveAutopilot(Controller):
     """
 
     kind, vehicle = Dive, AUV
+    tunable = {
+        "direction": Log(6e-4, 6.0), "rate": Log(0.004, 40.0), "ahead": Log(0.01, 100.0)
+    }  # fmt: skip
 
     def __init__(
         self, system: System, direction: float = 0.06, rate: float = 0.4, ahead: float = 1.0

@@ -7,7 +7,7 @@ import numpy as np
 
 from agents.controllers import AUTOPILOT, register_controller
 from agents.controllers.loops import Control, Controller, bryson, jacobian, regulator_gains
-from estimators import zero_order_hold
+from estimators import Log, zero_order_hold
 from estimators.engine import compiled
 from vessel_gym.processes import interpolated
 from vessel_gym.system import System
@@ -97,6 +97,10 @@ class FlightAutopilot(Controller):
     """
 
     kind, vehicle = Flight, Puna
+    tunable = {
+        "cross_track": Log(0.02, 200.0), "course": Log(0.0015, 15.0), "altitude": Log(0.01, 100.0),
+        "climb": Log(0.007, 70.0), "airspeed": Log(0.01, 100.0), "thrust": Log(0.03, 300.0),
+    }  # fmt: skip
 
     def __init__(
         self, system: System, cross_track: float = 2.0, course: float = 0.15,

@@ -1,12 +1,11 @@
 """Controllers with a compiled law; gains of PID loops and linear-quadratic regulators."""
 
 from collections.abc import Callable, Mapping
-from inspect import signature
 from typing import Any, ClassVar
 
 import numpy as np
 
-from estimators import Linear, Log
+from estimators import Linear
 from estimators.discretisation import riccati_composition
 from vessel_gym.system import System
 
@@ -35,7 +34,7 @@ class Controller:
     state_size = 0
     """Length m of the state of `control`."""
     tunable: ClassVar[Mapping[str, Linear]] = {}
-    """Ranges of the parameters, by name; a class without its own has `two_decades`."""
+    """Ranges of the parameters, by name."""
     numbers: np.ndarray
     control: Callable[..., Control]
     """The law: actions ``(..., a)`` in [-1, 1], and the next state ``(..., m)``.
@@ -43,10 +42,6 @@ class Controller:
     Its arguments are the observation ``(..., k)``, the state, which is zero at an episode's start,
     the numbers ``(n,)``, and as keywords the system's task and vehicle.
     """
-
-    def __init_subclass__(cls) -> None:
-        if "tunable" not in vars(cls):
-            cls.tunable = two_decades(cls)
 
     def __init__(self, system: System) -> None:
         if not isinstance(system.task, self.kind) or not isinstance(system.vehicle, self.vehicle):
@@ -69,16 +64,6 @@ class Controller:
             task=self._task, vehicle=self._vehicle,
         )  # fmt: skip
         return actions.astype(np.float32)
-
-
-def two_decades(controller: type) -> dict[str, Log]:
-    """Ranges from a hundredth to a hundredfold of each default that is a finite number above 0."""
-    _, *parameters = signature(controller).parameters.values()
-    return {
-        each.name: Log(each.default / 100.0, 100.0 * each.default)
-        for each in parameters
-        if isinstance(each.default, float) and 0.0 < each.default < np.inf
-    }
 
 
 def pid_gains(

@@ -145,6 +145,9 @@ class TurningAutopilot(_Regulator):
     """
 
     kind = TurningTrial
+    tunable = {
+        "yaw_rate": Log(2e-4, 2.0), "heading": Log(5e-4, 5.0), "integral": Log(0.01, 100.0)
+    }  # fmt: skip
 
     def __init__(
         self, system: System, yaw_rate: float = 0.02, heading: float = 0.05, integral: float = 1.0
@@ -157,6 +160,7 @@ class TurningAutopilot(_Regulator):
 class TurningRegulator(TurningAutopilot):
     """The autopilot's regulator without its integral: no memory, and a bias under steady loads."""
 
+    tunable = {name: TurningAutopilot.tunable[name] for name in ("yaw_rate", "heading")}
     __init__ = partialmethod(TurningAutopilot.__init__, integral=np.inf)
 
 
@@ -176,6 +180,10 @@ class TrackAutopilot(_Regulator):
     """
 
     kind = Track
+    tunable = {
+        "yaw_rate": Log(2e-4, 2.0), "heading": Log(5e-4, 5.0), "distance": Log(0.005, 50.0),
+        "integral": Log(0.5, 5000.0),
+    }  # fmt: skip
 
     def __init__(
         self, system: System, yaw_rate: float = 0.02, heading: float = 0.05, distance: float = 0.5,
@@ -190,6 +198,7 @@ class TrackAutopilot(_Regulator):
 class TrackRegulator(TrackAutopilot):
     """The autopilot's regulator without its integral: no memory, and a bias under steady loads."""
 
+    tunable = {name: TrackAutopilot.tunable[name] for name in ("yaw_rate", "heading", "distance")}
     __init__ = partialmethod(TrackAutopilot.__init__, integral=np.inf)
 
 
