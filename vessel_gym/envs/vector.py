@@ -242,4 +242,4 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             masks &= rows
             for values in info.values():
                 values[~rows] = 0
-        return info | dict(zip(map("_".__add__, info), masks, strict=True))
+        return info | {f"_{key}": mask for key, mask in zip(info, masks, strict=True)}
