@@ -8,7 +8,7 @@ step that has ended.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial, partialmethod
+from functools import lru_cache, partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -227,7 +227,7 @@ class NonlinearModel(_Model):
         return resolve(self.G, x, u)
 
     def _linearise(
-        self, name: str, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
+        self, name: str, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
         function, slopes = getattr(self, name), getattr(self, f"{name}_jacobian")
         if is_traced(x):
@@ -243,10 +243,17 @@ class NonlinearModel(_Model):
         jacobian = np.broadcast_to(np.asarray(slopes(x, u), float), x.shape[:-1] + (size, self.n))
         return np.asarray(function(x, u), float), jacobian
 
-    linearise_transition = partialmethod(_linearise, "transition")
-    """``f(x, u)`` and its Jacobian ``(..., n, n)``; ``cov`` sets the steps of differences."""
-    linearise_measurement = partialmethod(_linearise, "measurement")
-    """``h(x, u)`` and its Jacobian ``(..., p, n)``; ``cov`` sets the steps of differences."""
+    def linearise_transition(
+        self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """``f(x, u)`` and its Jacobian ``(..., n, n)``; ``cov`` sets the steps of differences."""
+        return self._linearise("transition", x, u, cov)
+
+    def linearise_measurement(
+        self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """``h(x, u)`` and its Jacobian ``(..., p, n)``; ``cov`` sets the steps of differences."""
+        return self._linearise("measurement", x, u, cov)
 
 
 def at_columns(
