@@ -102,7 +102,8 @@ class Module:
                 *self.declared,
                 *self.functions.values(),
                 function,
-                "attributes #0 = { nounwind }",
+                # vectors on the stack must not lie across cache lines
+                "attributes #0 = { nounwind alignstack=64 }",
                 "attributes #1 = { nounwind willreturn memory(none) }",
                 "",
             ]
