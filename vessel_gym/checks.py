@@ -137,6 +137,7 @@ def is_compiled(part: Any) -> bool:
     return vars(type(part)).get("compiled", False) and (beside is None or is_compiled(beside))
 
 
+_BOUNDS = np.array(-1.0), np.array(1.0)  # arrays take less time than Python's numbers
 _FEW = 4  # so many numbers take less time in Python than in NumPy
 
 
@@ -166,7 +167,7 @@ def checked_action(
     # time of checking each number.
     if not math.isfinite(np.vdot(checked, checked)) and not np.isfinite(checked).all():
         raise ValueError("action must be finite, got NaN or infinity")
-    return checked.clip(-1.0, 1.0)
+    return checked.clip(*_BOUNDS)
 
 
 _ORDINARY = 1e9

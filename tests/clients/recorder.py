@@ -42,7 +42,7 @@ class Record:
             info: bool = True,
         ) -> Any:  # fmt: skip
             before = core.observe()
-            moment = self._advance(core, action, shape, ended, info)
+            made = self._advance(core, action, shape, ended, info)
             now, after = core.now, core.observe()
             actions = np.reshape(action, core.action_shape).clip(-1.0, 1.0)
             for row in range(core.num_envs) if ended is None else np.flatnonzero(~ended):
@@ -51,7 +51,7 @@ class Record:
                 happened |= {"terminated": now.end[row] > 0}
                 happened["truncated"] = now.steps[row] >= self.limit and not now.end[row]
                 self.rows[core, int(row)][-1].steps.append(happened)
-            return moment
+            return made
 
         Core.start, Core.advance = start, advance
         return self

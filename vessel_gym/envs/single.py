@@ -15,7 +15,8 @@ from estimators.factory import unknown
 from vessel_gym.checks import checked_action, is_integer, one_of
 from vessel_gym.simulation.configuration import Options
 from vessel_gym.simulation.core import Core
-from vessel_gym.simulation.truth import SCORED
+from vessel_gym.simulation.state import State
+from vessel_gym.simulation.truth import INFO, SCORED
 from vessel_gym.system import System
 
 
@@ -91,12 +92,14 @@ class VesselEnv(gym.Env[np.ndarray, np.ndarray]):
         if core.last.end_of(0):
             checked_action(action, self._shape)
             return core.observe()[0], 0.0, True, False, self._info()
-        moment = core.advance(action, self._shape)
-        if moment is None:
+        made = core.advance(action, self._shape)
+        last = core.last
+        if made is None or isinstance(last, State):
             observation, reward, info = core.observe()[0], core.now.reward.item(0), self._info()
         else:
-            seen, reward = moment.seen()
-            observation, info = seen.astype(np.float32), _with_numbers(moment.info())
+            seen, reward = last.seen()
+            observation = seen.astype(np.float32)
+            info = _with_numbers(dict(zip(INFO, made, strict=True)))
         if self.render_mode is not None:
             self._record()
         return observation, reward, info["end"] > 0, False, info

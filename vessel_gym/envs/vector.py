@@ -76,6 +76,8 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.single_action_space = action_space(self.core)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
+        self._every = np.ones(num_envs, bool)
+        self._limit = np.array(max_episode_steps or sys.maxsize)  # an array compares faster
         self._renderers: list[Any] = []
 
     @property
@@ -129,20 +131,20 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         core, restarted, final = self.core, self.core.last.over, {}
         if restarting := np.count_nonzero(restarted):  # faster than any()
-            moment = self._step_and_restart(actions, restarted)
+            made = self._step_and_restart(actions, restarted)
         else:
-            moment = core.advance(actions, core.action_shape)
-        reward, terminated = core.last.reward.copy(), core.last.end > 0  # 0 at a start
-        truncated = core.last.steps >= (self.max_episode_steps or sys.maxsize)
+            made = core.advance(actions, core.action_shape)
+        reward, terminated = core.last.reward.copy(), core.last.end.astype(bool)  # 0 at a start
+        truncated = core.last.steps >= self._limit
         done = terminated | truncated
         if restarting or np.count_nonzero(done):
             if self.autoreset_mode is not AutoresetMode.SAME_STEP:
                 core.last = core.last.but(over=done)
             else:
-                final, restarted = self._final(done, moment), done
-                core.restart(np.flatnonzero(done), moment)
+                final, restarted = self._final(done, made), done
+                core.restart(np.flatnonzero(done), made)
         self._record(restarted, ~restarted)
-        info = self._masked(core.info(moment))
+        info = self._masked(core.info(made))
         return core.observe(), reward, terminated, truncated, info | final
 
     def step_without_info(
@@ -162,7 +164,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         core.advance(actions, core.action_shape, info=False)
         observations, last = core.observe(), core.last
         reward, end = last.reward, last.end
-        terminated, truncated = end > 0, last.steps >= (self.max_episode_steps or sys.maxsize)
+        terminated, truncated = end.astype(bool), last.steps >= self._limit
         done = terminated | truncated
         if done.any():
             info = {"final_info": {"score": core.score, "end": end}}
@@ -190,17 +192,17 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             )
         core = self.core
         with np.errstate(all="ignore"):  # states of ended vehicles are not used
-            moment = core.advance(actions, core.action_shape, ended)
-        core.restart(np.flatnonzero(ended), moment)
-        return moment
+            made = core.advance(actions, core.action_shape, ended)
+        core.restart(np.flatnonzero(ended), made)
+        return made
 
-    def _final(self, done: np.ndarray, moment: Any) -> dict[str, Any]:
+    def _final(self, done: np.ndarray, made: Any) -> dict[str, Any]:
         """Last observations and infos of ended episodes."""
         observation = self.core.observe()
         final_observations = np.full(self.num_envs, None, dtype=object)
         for row in np.flatnonzero(done):
             final_observations[row] = observation[row]
-        info = {name: values.copy() for name, values in self.core.info(moment).items()}
+        info = {name: values.copy() for name, values in self.core.info(made).items()}
         final_info = self._masked(info, done)
         return {
             "final_obs": final_observations, "_final_obs": done.copy(),
@@ -233,13 +235,12 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _masked(
         self, info: dict[str, np.ndarray], rows: np.ndarray | None = None
     ) -> dict[str, Any]:
-        """Info in Gymnasium's form: every array with a ``_key`` mask of the rows that have it.
+        """Info in Gymnasium's form: every array with a ``_key``, the mask of the rows that have it.
 
-        Arrays are 0 in other rows.
+        Arrays are 0 in other rows. All keys have one mask, because an array for each takes longer.
         """
-        masks = np.ones((len(info), self.num_envs), bool)
-        if rows is not None and not rows.all():
-            masks &= rows
+        mask = (self._every if rows is None else rows).copy()
+        if rows is not None:
             for values in info.values():
                 values[~rows] = 0
-        return info | {f"_{key}": mask for key, mask in zip(info, masks, strict=True)}
+        return info | dict.fromkeys([f"_{key}" for key in info], mask)

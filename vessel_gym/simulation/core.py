@@ -14,6 +14,7 @@ from vessel_gym.checks import options as checked_options
 from vessel_gym.simulation.configuration import Configuration, Options
 from vessel_gym.simulation.draws import DRAWN, filter_prior, next_episodes, start_numbers
 from vessel_gym.simulation.state import State
+from vessel_gym.simulation.truth import INFO
 from vessel_gym.simulation.whole_step import Moment
 from vessel_gym.system import System
 
@@ -83,20 +84,23 @@ class Core:
     def advance(
         self, action: np.ndarray, shape: tuple[int, ...], ended: np.ndarray | None = None,
         info: bool = True,
-    ) -> Moment | None:  # fmt: skip
+    ) -> tuple[np.ndarray, ...] | None:  # fmt: skip
         """Advance as `step` does, for an action of another shape, without making the record.
 
-        It returns the results of the program, with the arrays of `info` if asked for, from which
-        ``now`` is made when it is asked for; None if the stages were run one by one.
+        It returns the arrays of `info` that the program made, if asked for; None if the stages were
+        run one by one.
         """
         if not self.seeds:
             raise ResetNeeded("call reset() before the first step()")
-        action, moment = checked_action(action, shape, ended), None
+        action = checked_action(action, shape, ended)
         if self._together:
             own = action[0] if self.num_envs == 1 else action
-            moment = self.config.whole_steps[info](self.last, own)
-        self.last = self._stages(action, ended) if moment is None else moment
-        return moment
+            moment, made = self.config.whole_steps[info](self.last, own)
+            if moment is not None:
+                self.last = moment
+                return made
+        self.last = self._stages(action, ended)
+        return None
 
     @property
     def now(self) -> State:
@@ -168,16 +172,16 @@ class Core:
         self.last = now if len(rows) == self.num_envs else self.last.merged(rows, now)
         return now
 
-    def restart(self, rows: np.ndarray, moment: Moment | None) -> None:
+    def restart(self, rows: np.ndarray, made: tuple[np.ndarray, ...] | None) -> None:
         """Start the next episodes in some rows, of which the arrays of ``info`` then tell.
 
         Args:
             rows: Indices of the environments.
-            moment: As for `info`.
+            made: As for `info`.
         """
         now = self.start(rows=rows)
-        if moment is not None:
-            info = self.info(moment)
+        if made is not None:
+            info = self.info(made)
             for name, values in self.config.info.changes(now).items():
                 info[name][rows] = values
 
@@ -240,16 +244,15 @@ class Core:
             raise ResetNeeded("call reset() before asking for the truth")
         return self.config.true_state.values(self.now)
 
-    def info(self, moment: Moment | None = None) -> dict[str, np.ndarray]:
+    def info(self, made: tuple[np.ndarray, ...] | None = None) -> dict[str, np.ndarray]:
         """The last step's record in arrays of the caller's, one row for each environment.
 
         Args:
-            moment: What `advance` has just returned, whose arrays nobody else has.
+            made: What `advance` has just returned, whose arrays nobody else has.
         """
-        if moment is not None:
-            info = moment.info()
-            several = self.num_envs > 1
-            return info if several else {name: values[None] for name, values in info.items()}
+        if made is not None:
+            arrays = made if self.num_envs > 1 else [each[None] for each in made]
+            return dict(zip(INFO, arrays, strict=True))
         config, now = self.config, self.now
         info = config.info.changes(now)
         if now.faults is not None:

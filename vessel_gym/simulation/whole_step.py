@@ -20,8 +20,6 @@ from vessel_gym.simulation.world import World
 
 _FIXED = "parameters", "scenario", "episode_constants"
 """Floats of the record that no step changes."""
-_BEFORE = "noise_before", "exogenous_before"
-"""Floats of the record that follow from others before a step."""
 _ROW = itemgetter((0, ...))  # of one environment, also of one number an environment
 
 
@@ -33,18 +31,18 @@ class Moment(NamedTuple):
     Attributes:
         program: The program.
         base: An earlier record of the episode, whose other fields no step changes.
-        values: Arguments of the step: the action, arrays that no step changes, arrays before it.
-        found: Results of the step: numbers side by side, other arrays, the arrays of ``info``.
+        given: Arguments of the step: the action, and arrays that no step changes.
+        found: Results of the step: numbers side by side, and other arrays.
     """
 
     program: "WholeStep"
     base: State
-    values: tuple[np.ndarray, ...]
+    given: tuple[np.ndarray, ...]
     found: tuple[np.ndarray, ...]
 
     def record(self) -> State:
         """The record, with all its fields."""
-        return self.program.record(self.base, _batched(self.values), _batched(self.found))
+        return self.program.record(self.base, _batched(self.given), _batched(self.found))
 
     def seen(self) -> tuple[np.ndarray, float]:
         """Observation and reward of one environment."""
@@ -101,10 +99,6 @@ class Moment(NamedTuple):
     def merged(self, rows: np.ndarray, some: State) -> "Moment":
         """The results with the values of episodes that start in the rows of some indices."""
         return self.program.merged(self, rows, some)
-
-    def info(self) -> dict[str, Any]:
-        """The arrays of ``info`` that the program made."""
-        return dict(zip(INFO, self.found[self.program.first_info :], strict=True))
 
 
 class _Places(NamedTuple):
@@ -165,7 +159,6 @@ class WholeStep:
     Attributes:
         layout: Places of the record's numbers in the program's first result.
         others: Names of its other results, but for the arrays of ``info``.
-        first_info: Number of results before the arrays of ``info``.
         places: Places of what is asked for after each step.
     """
 
@@ -174,7 +167,7 @@ class WholeStep:
     ) -> None:
         self._world, self._mission, self._filter = world, mission, estimation.filter
         self._info, self._read = info, cast(Any, None)
-        self.layout, self.others, self.first_info = Layout({}), list[str](), 0
+        self.layout, self.others = Layout({}), list[str]()
         self.places: Any = None
 
     @staticmethod
@@ -185,8 +178,12 @@ class WholeStep:
         plain = compiled and in_time and not estimation.tells_truth
         return plain and estimation.filter.joins_steps()
 
-    def __call__(self, last: State | Moment, action: np.ndarray) -> Moment | None:
-        """The record a step later; None if the filter loses a row, which the stages recover.
+    def __call__(
+        self, last: State | Moment, action: np.ndarray
+    ) -> tuple[Moment | None, tuple[np.ndarray, ...]]:
+        """The record a step later, and the arrays of ``info``.
+
+        The record is None if the filter loses a row, which the stages recover.
 
         Args:
             last: The record before the step.
@@ -195,37 +192,33 @@ class WholeStep:
         if self._read is None:
             self._trace(last.record() if isinstance(last, Moment) else last)
         if isinstance(last, Moment):
-            base, values = last.base, (action, *last.values[1 : self._end_of_fixed], *last.found)
+            base, values = last.base, (action, *last.given[1:], *last.found)
         else:
             rest = self._values(last)
             base, values = last, (action, *(map(_ROW, rest) if action.ndim == 1 else rest))
-        arrays = self._read(values)
-        found = self._program.call(*arrays)
+        found = self._program.call(*self._read(values))
         if b"\0" in found[self._healthy].tobytes():
-            return None
-        return Moment(self, base, values, found)
+            return None, ()
+        record, info = found[: self._first_info], found[self._first_info :]
+        return Moment(self, base, values[: self._end_of_fixed], record), info
 
-    def record(self, base: State, values: Sequence[Any], found: Sequence[Any]) -> State:
+    def record(self, base: State, given: Sequence[Any], found: Sequence[Any]) -> State:
         """The record of a `Moment`."""
-        before = self.layout.parts(values[self._end_of_fixed])
-        after = self.layout.parts(found[0]) | dict(zip(self.others, found[1:], strict=False))
-        fields, belief = apart(after)
-        return base.but(
-            **fields, action=values[0], noise_before=before["noise"],
-            exogenous_before=before["exogenous"],
-            belief=base.belief.replaced(belief | {"u": fields["u"]}),
-        )  # fmt: skip
+        others = dict(zip(self.others, found[1:], strict=True))
+        fields, belief = apart(self.layout.parts(found[0]) | others)
+        belief = base.belief.replaced(belief | {"u": fields["u"]})
+        return base.but(**fields, action=given[0], belief=belief)
 
     def merged(self, moment: Moment, rows: np.ndarray, some: State) -> Moment:
         """See `Moment.merged`."""
         new, held = self._values(some), arrays_of(moment.base)
-        old = [*map(held.__getitem__, self._fixed), *moment.found[: self.first_info]]
+        old = [*map(held.__getitem__, self._fixed), *moment.found]
         made = [in_rows(was, rows, now) for was, now in zip(old, new, strict=True)]
         fixed, found = made[: len(self._fixed)], made[len(self._fixed) :]
         fields, belief = apart(dict(zip(self._fixed, fixed, strict=True)))
         base = moment.base.but(**fields, belief=moment.base.belief.replaced(belief))
-        action, before = (in_rows(moment.values[i], rows, 0.0) for i in (0, self._end_of_fixed))
-        return Moment(self, base, (action, *fixed, before), tuple(found))
+        action = in_rows(moment.given[0], rows, 0.0)
+        return Moment(self, base, (action, *fixed), tuple(found))
 
     def _values(self, last: State) -> list[np.ndarray]:
         """Arguments of a step from a record, but for the action."""
@@ -236,7 +229,7 @@ class WholeStep:
 
     def _trace(self, last: State) -> None:
         """Trace the stages for rows of the record."""
-        arrays = ((name, a) for name, a in arrays_of(last).items() if name not in _BEFORE)
+        arrays = arrays_of(last).items()
         rows = {name: Argument(a.shape[1:], a.dtype.kind, "." in name) for name, a in arrays}
         alone = "action", *_FIXED
         numbers = [n for n, row in rows.items() if row.kind == "f" and n not in alone]
@@ -258,7 +251,7 @@ class WholeStep:
     def _lay_out(self, apart: list[str]) -> None:
         """Find the program's arguments among the values of a step."""
         self._fixed = [name for name in apart if name not in {*self.others, "action"}]
-        self._end_of_fixed, self.first_info = 1 + len(self._fixed), 1 + len(self.others)
+        self._end_of_fixed, self._first_info = 1 + len(self._fixed), 1 + len(self.others)
         self._healthy = 1 + self.others.index("belief.healthy")
         first, end, steps = self.layout.first, *map(self.others.index, ("end", "steps"))
         observation = slice(first["observation"], first["observation"] + self._observed)
@@ -270,9 +263,11 @@ class WholeStep:
         """Arrays that a step changes, and the arrays of ``info``."""
         fields, arrays = apart(given)
         row: Any = State(**{name: by_entries(array) for name, array in fields.items()})
-        row = row.but(steps=row.steps + 1, noise_before=row.noise, exogenous_before=row.exogenous)
-        world, filter = self._world.step.function(row), self._filter
-        row = row.but(**world)
+        begun = {
+            "steps": row.steps + 1, "noise_before": row.noise, "exogenous_before": row.exogenous,
+        }  # fmt: skip
+        world, filter = self._world.step.function(row.but(**begun)), self._filter
+        row = row.but(**begun, **world)
         rng = RandomKeys(row.filtering, row.steps) if filter.random else None
         data = *map(_whole, (row.u, row.y, row.available)), None, rng
         belief = filter.record.of(arrays | {"u": data[0]})
@@ -281,7 +276,7 @@ class WholeStep:
         scored = self._mission.step.function(row)
         row = row.but(**scored)
         named = {f"belief.{name}": array for name, array in changed.items()}
-        every = {"steps": row.steps} | world | scored | named
+        every = begun | world | scored | named
         return every, [*self._info(row).values()] if self._info else []
 
 
