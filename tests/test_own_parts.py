@@ -43,17 +43,10 @@ def test_equations_of_pages_are_compiled_with_exact_jacobians(
 
 
 @pytest.mark.slow
-def test_a_task_of_ones_own_has_controller_score_and_picture() -> None:
-    pytest.importorskip("pygame")
+def test_a_task_of_ones_own_has_a_controller_and_a_score() -> None:
     flown = rollout("autopilot", "Docking-v0", range(8))
     assert scores(flown)["docked"].mean() == 100.0
     assert flown.score.min() > 0.8
-    env = gym.make("Docking-v0", render_mode="rgb_array")
-    env.reset(seed=0)
-    env.step(env.action_space.sample())
-    picture = env.render()
-    assert isinstance(picture, np.ndarray)
-    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20
 
 
 def test_the_name_of_another_environment_is_not_taken() -> None:

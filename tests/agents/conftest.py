@@ -8,10 +8,11 @@ from short_training import REMEMBERING, TINY
 
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The tuned settings with a small network, short rollouts and one episode an evaluation."""
+    """The tuned settings with a small network, short rollouts and two evaluations of an episode."""
     from agents.training import algorithms, callbacks
 
     monkeypatch.setattr(callbacks, "EPISODES", 1)
+    monkeypatch.setattr(callbacks, "EVALUATIONS", 2)
 
     tuned = {}
     for memory, own in REMEMBERING.items():

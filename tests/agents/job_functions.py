@@ -3,7 +3,7 @@
 import os
 import signal
 import sys
-import time
+from time import sleep
 
 import numpy as np
 
@@ -11,14 +11,14 @@ from agents.files import replacing
 
 
 def draw(seed, seconds=0.0):
-    time.sleep(seconds)
+    sleep(seconds)
     drawn = np.random.default_rng(seed).normal(size=50)
     return {"values": drawn, "seed": np.int64(seed), "nothing": float("nan")}
 
 
 def write(seed, artifact, seconds=0.0):
     with replacing(artifact) as temporary:  # as a training does
-        time.sleep(seconds)
+        sleep(seconds)
         temporary.write_bytes(np.random.default_rng(seed).bytes(5000))
     return {"seed": seed}
 

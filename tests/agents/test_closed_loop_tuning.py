@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from brief import BRIEF
 from refusals import refused
 
 from agents import load_agent, rollout
@@ -71,7 +72,7 @@ def by_environments(arm: Arm, candidates: list[dict[str, float]]) -> np.ndarray:
 )
 def test_candidates_side_by_side_score_as_alone(estimator: Any, own: dict[str, float]):
     conditions = ({"disturbance": "rough"}, {"sensors": "budget"})
-    arm = Arm(CORVETTE, options={"estimator": estimator}, conditions=conditions)
+    arm = Arm(BRIEF, options={"estimator": estimator}, conditions=conditions)
     candidates = [each | own for each in CANDIDATES[1:]]
     if estimator in ("truth", "measurement"):
         candidates = [{}, {}]
@@ -83,8 +84,8 @@ def test_candidates_side_by_side_score_as_alone(estimator: Any, own: dict[str, f
 
 def test_factors_given_to_the_environment_are_delivered():
     given = {"assume": {"Q": 3.0, "R": {"gyro compass": 5.0}}}
-    plain, own = Arm(CORVETTE, options={"estimator": "ekf"}), {"estimator_options": given}
-    scored = Trials(Arm(CORVETTE, options={"estimator": "ekf"} | own), SEEDS).scores([{}])
+    plain, own = Arm(BRIEF, options={"estimator": "ekf"}), {"estimator_options": given}
+    scored = Trials(Arm(BRIEF, options={"estimator": "ekf"} | own), SEEDS).scores([{}])
     np.testing.assert_allclose(scored, Trials(plain, SEEDS).scores(CANDIDATES[1:2]), atol=1e-12)
 
 
@@ -98,7 +99,7 @@ def test_sensors_that_are_not_tuned_keep_their_factor_on_R():
 @pytest.mark.parametrize("estimator", ["ekf", "kf-umv-ui"])
 def test_likelihood_is_that_of_the_prediction_s_measurement(estimator: str):
     options = {"estimator": estimator}
-    env: Any = gym.make(CORVETTE, **options)
+    env: Any = gym.make(BRIEF, **options)
     agent, (observation, _) = load_agent("autopilot", env), env.reset(seed=SEEDS[0])
     core, densities, over = env.unwrapped.core, list[float](), False
     filter, belief = core.config.estimation.filter, core.now.belief
@@ -109,7 +110,7 @@ def test_likelihood_is_that_of_the_prediction_s_measurement(estimator: str):
         belief = filter.update(predicted, now.y, available=now.available, u=now.belief.u)
         densities.append(filter.log_likelihood(predicted, belief).item())
         over = terminated or truncated
-    found = Trials(Arm(CORVETTE, options=options, by="likelihood"), SEEDS[:1]).scores([{}])
+    found = Trials(Arm(BRIEF, options=options, by="likelihood"), SEEDS[:1]).scores([{}])
     assert found.item() == pytest.approx(np.mean(densities), rel=1e-6)
 
 
@@ -142,7 +143,7 @@ def test_a_candidate_without_a_design_has_no_score():
         def _agent(self, values: Any) -> Any:
             return None if values else super()._agent(values)
 
-    found = Undesigned(Arm(CORVETTE, options={"estimator": "ekf"}), SEEDS).scores([{}, {"a": 1.0}])
+    found = Undesigned(Arm(BRIEF, options={"estimator": "ekf"}), SEEDS).scores([{}, {"a": 1.0}])
     assert (found[0] > 0.0).all()
     assert np.isnan(found[1]).all()
 
@@ -384,7 +385,7 @@ def test_a_line_cut_anywhere_is_read_as_missing(cut: int, tmp_path: Path):
 
 
 def test_a_journal_of_another_tuning_is_refused(tmp_path: Path):
-    arm = Arm(CORVETTE, picked=("estimator",))
+    arm = Arm(BRIEF, picked=("estimator",))
     tune(arm, 1, 1, fresh=2, journal=tmp_path / "b.jsonl")
     with pytest.raises(ValueError, match="the journal of another tuning"):
         tune(replace(arm, by="likelihood"), 1, 1, fresh=2, journal=tmp_path / "b.jsonl")

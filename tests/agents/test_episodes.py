@@ -132,6 +132,7 @@ def test_a_figure_shows_errors_of_all_estimators_in_bands(flown: tuple[str, Epis
         assert not drawn
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flown", [SHIP], indirect=True)
 @pytest.mark.parametrize(("suffix", "begin"), [(".svg", b"<?xml"), (".PDF", b"%PDF")])
 def test_a_figure_is_saved_by_its_suffix_in_equal_bytes(
@@ -164,15 +165,6 @@ def test_page_is_small_offline_and_escapes_names(flown: tuple[str, Episode]):
     named = Episode({**flown[1].page, "title": hostile, "name": hostile})
     assert hostile not in named.html()
     assert data(named.html())["name"] == hostile
-
-
-def test_a_task_that_nobody_has_drawn_has_its_page(flown: tuple[str, Episode]):
-    from pages import OWN
-
-    flight = episode("Docking-v0", ["ekf"], seed=1, env_options={"max_episode_steps": 20})
-    assert "Docking-v0" in OWN
-    assert set(flight.scores) == {"ekf"}
-    assert data(flight.html())["flights"][0]["charts"]
 
 
 @pytest.mark.parametrize(

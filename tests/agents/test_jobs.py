@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -46,10 +47,16 @@ def results(found: set[str]) -> set[str]:
     return {name for name in found if name.endswith(".json")}
 
 
-def computed(wanted: list[Job], folder: Path, *arguments) -> set[str]:
+def at_once(wanted: list[Job], folder: Path) -> jobs.Outcome:
+    """A run in this process whose jobs wait for nothing."""
+    with patch("job_functions.sleep"):
+        return run(wanted, folder)
+
+
+def computed(wanted: list[Job], folder: Path) -> set[str]:
     """Names of the files that a run wrote."""
     before = {name: (folder / "jobs" / name).stat().st_ino for name in names(folder)}
-    assert not run(wanted, folder, *arguments).failures
+    assert not at_once(wanted, folder).failures
     after = {name: (folder / "jobs" / name).stat().st_ino for name in names(folder)}
     return {name for name in after if after[name] != before.get(name)}
 
@@ -57,7 +64,7 @@ def computed(wanted: list[Job], folder: Path, *arguments) -> set[str]:
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory) -> dict:
     """Values of a long study that nobody interrupted."""
-    return run(long_study(), tmp_path_factory.mktemp("uninterrupted")).values
+    return at_once(long_study(), tmp_path_factory.mktemp("uninterrupted")).values
 
 
 def test_key_depends_on_function_arguments_needs_and_versions(monkeypatch):
@@ -192,7 +199,7 @@ def goes_on(folder: Path, expected: dict) -> None:
     before = names(folder)
     assert 3 < len(before) < 47
     assert not before & results(computed(long_study(), folder))
-    np.testing.assert_equal(run(long_study(), folder).values, expected)
+    np.testing.assert_equal(at_once(long_study(), folder).values, expected)
 
 
 @pytest.mark.slow
@@ -281,6 +288,6 @@ def test_cluster_gives_same_values_though_worker_is_killed(tmp_path, expected, c
 @pytest.mark.slow
 def test_a_scheduler_that_does_not_answer_is_one_sentence(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr(jobs, "_PATIENCE", 1)
-    with pytest.raises(OSError, match=r"connect to tcp://127\.0\.0\.1:9 after 1 s; what was"):
+    monkeypatch.setattr(jobs, "_PATIENCE", 0.1)
+    with pytest.raises(OSError, match=r"connect to tcp://127\.0\.0\.1:9 after 0\.1 s; what was"):
         run(study(), tmp_path, scheduler="tcp://127.0.0.1:9")

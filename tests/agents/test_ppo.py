@@ -3,6 +3,7 @@
 import dataclasses
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import gymnasium as gym
 import numpy as np
@@ -166,14 +167,14 @@ def test_subclass_has_settings_of_nearest_task(tmp_path):
     file = tmp_path / "settings.toml"
     dive = SegorogeniAUVEnv.system
     corvette, channel = SigmaCorvetteEnv.system, SigmaChannelEnv.system
-    for name, system in {"corvette": corvette, "dive": dive, "channel": channel}.items():
-        gentle = compiled(type("Gentle", (type(system.task),), {}))
-        gentler = compiled(type("Gentler", (gentle,), {}))
-        given = (f.name for f in dataclasses.fields(system.task) if f.init)
-        fields = {field: getattr(system.task, field) for field in given}
-        own = dataclasses.replace(system, name=f"Gentler-{name}-v0", task=gentler(**fields))
-        register_environment(own)
-    try:
+    with patch("vessel_gym.envs.own.check_system"), patch.dict(gym.registry):
+        for name, system in {"corvette": corvette, "dive": dive, "channel": channel}.items():
+            gentle = compiled(type("Gentle", (type(system.task),), {}))
+            gentler = compiled(type("Gentler", (gentle,), {}))
+            given = (f.name for f in dataclasses.fields(system.task) if f.init)
+            fields = {field: getattr(system.task, field) for field in given}
+            own = dataclasses.replace(system, name=f"Gentler-{name}-v0", task=gentler(**fields))
+            register_environment(own)
         for name, like in (("corvette", ENV), ("dive", "SegorogeniAUV-v0")):
             found = tuned_settings("ppo", f"Gentler-{name}-v0")
             assert found == (like, tuned_settings("ppo", like)[1])
@@ -182,9 +183,6 @@ def test_subclass_has_settings_of_nearest_task(tmp_path):
         assert tuned_settings("sac", "Gentler-corvette-v0")[0] == "default"
         file.write_text('["CartPole-v1"]\nn_steps = 8\n[default]\nn_steps = 4\n')
         assert read_settings(file, "Gentler-dive-v0") == ("default", {"n_steps": 4})
-    finally:
-        for name in ("corvette", "dive", "channel"):
-            del gym.registry[f"Gentler-{name}-v0"]
 
 
 @pytest.mark.parametrize(

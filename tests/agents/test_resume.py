@@ -71,7 +71,7 @@ def test_interrupted_training_goes_on_from_last_checkpoint(
         return seen
 
     monkeypatch.setattr(StableBaselinesVecEnv, "reset", recorded)
-    monkeypatch.setattr(callbacks, "EPISODES", 2)
+    monkeypatch.setattr(callbacks, "EPISODES", 1)
     interrupt(monkeypatch, 0.62)
     with pytest.raises(KeyboardInterrupt):
         learned(path, algorithm, memory)
@@ -124,6 +124,7 @@ def test_training_without_checkpoint_begins_anew(
 ):
     monkeypatch.setattr(command, "CHOOSING", 1)
     monkeypatch.setattr(callbacks, "EPISODES", 1)
+    monkeypatch.setattr(callbacks, "EVALUATIONS", 1)
     monkeypatch.setattr(callbacks, "CHECKPOINTS", 1)
     interrupt(monkeypatch, 0.0)
     small = {name: value for name, value in TINY["ppo"].items() if "kw" not in name}

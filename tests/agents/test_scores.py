@@ -116,7 +116,8 @@ def test_the_input_error_is_that_of_its_estimate(env_id: str):
 
 def test_what_an_estimator_does_not_have_is_nan():
     for estimator, missing in (("truth", "nees"), ("measurement", "nees"), ("kf", "input_rmse")):
-        flight = rollout("autopilot", THESIS, [0, 1], {"estimator": estimator})
+        options = {"estimator": estimator, "max_episode_steps": 20}
+        flight = rollout("autopilot", THESIS, [0, 1], options)
         assert np.isnan(scores(flight)[missing]).all()
         assert (consistency(flight) is None) == (missing == "nees")
     assert rmse("u")(flight) is None

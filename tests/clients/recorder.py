@@ -12,7 +12,7 @@ from vessel_gym.simulation.core import Core
 
 ENVIRONMENTS = {"SigmaCorvette-v0": 105, "ItsunusaAUV-v0": 90}
 """Environments and time limits within which random actions end episodes early or in time."""
-SEED, ROWS, STEPS = 7, 2, 1000
+SEED, ROWS, STEPS = 7, 2, 500
 Arrays = dict[str, np.ndarray]
 
 

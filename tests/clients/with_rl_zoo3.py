@@ -19,7 +19,8 @@ from rl_zoo3.train import train
 from with_stable_baselines3 import SEEDS, replayed
 
 SETTINGS = (
-    f"{{n_timesteps: {ROWS * STEPS}, policy: MlpPolicy, n_envs: {ROWS}, learning_starts: 1900}}"
+    f"{{n_timesteps: {ROWS * STEPS}, policy: MlpPolicy, n_envs: {ROWS},"
+    f" learning_starts: {ROWS * STEPS - 100}}}"
 )
 
 

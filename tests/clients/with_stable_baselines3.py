@@ -72,6 +72,7 @@ def off_policy(record: Record) -> None:
     """TQC on single environments."""
     options = {"max_episode_steps": record.limit}
     batch = make_vec_env(record.env_id, ROWS, env_kwargs=options)
-    model = TQC("MlpPolicy", batch, learning_starts=1990, seed=SEED, device="cpu")
+    starts = ROWS * STEPS - 10
+    model = TQC("MlpPolicy", batch, learning_starts=starts, seed=SEED, device="cpu")
     model.learn(ROWS * STEPS)
     record.check(SEEDS, replayed(model.replay_buffer))

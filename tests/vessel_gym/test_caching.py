@@ -90,6 +90,7 @@ def test_only_arguments_that_can_be_hashed_share_one_object() -> None:
         assert build(value) is not build(value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [2, 70])  # in one program, and in stages
 def test_filters_with_other_records_share_a_world(rows: int) -> None:
     system = replace(ItsunusaAUVEnv.system)  # whose stages no other test has traced

@@ -150,9 +150,9 @@ def test_what_is_recorded_is_what_d_is():
 
 
 def test_input_that_only_the_filter_assumes_has_no_true_value():
-    core = make_core(AUV, 2, disturbance="surface", estimator="ekf")
+    core = make_core("ItsunusaAUV-v0", 2, disturbance="surface", estimator="ekf")
     core.start(0)
-    core.step(np.zeros((2, 3)))
+    core.step(np.zeros((2, 2)))
     only_assumed = ["wave" in name for name in core.config.estimation.inputs]
     missing = np.isnan(core.config.unknown_input(core.now))
     np.testing.assert_array_equal(missing, [only_assumed] * 2)

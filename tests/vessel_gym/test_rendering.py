@@ -177,6 +177,7 @@ def test_ellipse_is_two_deviations_of_position(env_id):
     assert "ellipse" not in scene_of(env_id, estimator="truth").legend
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("env_id", [SPATIAL, VERTICAL, FLIGHT, DOCKING])
 @pytest.mark.parametrize("members", [70, 90])
 def test_cloud_shows_as_many_members_as_there_are(env_id, members):

@@ -124,6 +124,7 @@ def recipe(tmp_path_factory) -> str:
     return "ROVDocking-v0"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["truth", "ekf"])
 def test_the_recipe_docks_on_a_consistent_filter(recipe: str, estimator: str):
     """On 60 other seeds all docked; the mean NEES of 20 was 1.02 ± 0.05, so the bounds lie six standard errors off."""

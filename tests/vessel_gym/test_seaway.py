@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -385,6 +386,7 @@ def test_assumed_leeway_is_that_of_a_held_ship_in_beam_wind(sea, leeway):
 # --- the ship -------------------------------------------------------------------------------------
 
 
+@cache
 def hard_over(side: float) -> np.ndarray:
     time = 0.1 * np.arange(5001)
     return sailed(SHIP, side * np.minimum(SHIP.rudder_rate * time, 35.0 * DEG), 0.1)

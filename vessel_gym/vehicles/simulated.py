@@ -40,9 +40,9 @@ def runge_kutta(
         substeps: Number of equal parts of the step.
     """
     part = _part if isinstance(rates, Compiled) else _part.function
+    h, shares = np.array(dt / substeps), np.array([0.0, 0.5, 1.0])
     for i in range(substeps):
-        shares = i / substeps, (i + 0.5) / substeps, (i + 1) / substeps
-        state = part(state, before, change, flow, c, dt / substeps, shares, rates=rates)
+        state = part(state, before, change, flow, c, h, (i + shares) / substeps, rates=rates)
     return state
 
 
@@ -64,11 +64,11 @@ def resolving_substeps(dt: float, fastest: float) -> int:
 @compiled(axes=(1, 1, 1, 1, 1, 0, 1))
 def _part(
     state: np.ndarray, before: np.ndarray, change: np.ndarray, flow: np.ndarray, c: np.ndarray,
-    h: float, shares: tuple[float, float, float], *, rates: Rates,
+    h: np.ndarray, shares: np.ndarray, *, rates: Rates,
 ) -> np.ndarray:  # fmt: skip
-    """One substep of length ``h``.
+    """One substep of length ``h ()``.
 
-    ``shares`` of the actuators' change have passed at its start, middle and end.
+    ``shares (3,)`` of the actuators' change have passed at its start, middle and end.
     """
     start, middle, end = (before + share * change for share in shares)
     k1 = rates(state, start, flow, c)

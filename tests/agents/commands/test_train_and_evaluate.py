@@ -7,6 +7,7 @@ from typing import Any
 
 import pandas as pd
 import pytest
+from brief import BRIEF
 
 import agents
 import agents.training.algorithms
@@ -85,7 +86,7 @@ def test_scores_above_those_on_the_truth_are_warned_of(
         return replace(flown, score=flown.score - lost * (options["estimator"] == "truth"))
 
     monkeypatch.setattr(agents, "rollout", fly)
-    evaluate.main(ENV, estimator=("kf", "truth"), episodes=3)
+    evaluate.main(BRIEF, estimator=("kf", "truth"), episodes=3)
     warning = "autopilot beats the truth beyond chance: check the task's score, and what its reward"
     assert (warning in capsys.readouterr().out) == bool(lost)
 
@@ -95,12 +96,12 @@ def test_a_file_has_means_and_paired_differences(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], episodes: int
 ):
     out, names = tmp_path / "new" / "table.csv", ("ekf", "truth", "default")
-    evaluate.main(ENV, estimator=names, compare_to="truth", episodes=episodes, out=out)
+    evaluate.main(BRIEF, estimator=names, compare_to="truth", episodes=episodes, out=out)
     assert "minus that with truth, paired by seed: ekf" in capsys.readouterr().out
     found = pd.read_csv(out).set_index(["estimator", "metric"])
     assert (found.reference == "truth").all()
     own = {
-        name: rollout("autopilot", ENV, evaluation_seeds(episodes), {"estimator": name}).score
+        name: rollout("autopilot", BRIEF, evaluation_seeds(episodes), {"estimator": name}).score
         for name in ("ekf", "truth", "kf-umv-ui")
     }
     for name, scores in own.items():

@@ -17,7 +17,7 @@ from agents.studies.results import Results
 from agents.studies.tables import summary
 from agents.studies.worlds import system_of
 
-PPO = "PPO trained on default"
+PPO, ITSUNUSA = "PPO trained on default", "ItsunusaAUV-v0"
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +113,7 @@ def test_completed_and_worst_tenth_are_over_all_conditions(found):
 
 
 def test_the_episodes_of_a_run_are_those_of_its_jobs(tmp_path):
-    planned = plan(study((SEGOROGENI,), conditions=CONDITIONS[:1], episodes=2))
+    planned = plan(study((ITSUNUSA,), conditions=CONDITIONS[:1], episodes=2))
     outcome = run(planned.jobs, tmp_path)
     found = Results.of(planned, outcome)
     assert not found.missing
@@ -123,5 +123,5 @@ def test_the_episodes_of_a_run_are_those_of_its_jobs(tmp_path):
     assert {m.key for m in METRICS} <= set(rows)
     assert rows.score.tolist() == figures["score"]
     assert rows.nees_in_band.between(0.0, 1.0).all()
-    success = system_of(SEGOROGENI).task.success
+    success = system_of(ITSUNUSA).task.success
     assert rows.completed.tolist() == [end == success for end in figures["end"]]
