@@ -11,6 +11,7 @@ import numpy as np
 from estimators.engine import compiled
 from estimators.linalg import (
     cholesky,
+    diagonal,
     identity,
     joined,
     regular,
@@ -74,7 +75,7 @@ def noise(
         z = z - solve_upper(L.mT, solve_lower(L, A @ z.mT)).mT @ A
         z = z - _mean(z)  # the anomalies' rounding, where these nearly repeat each other
     cov = z @ z.mT / (z.shape[-1] - 1)
-    absent = np.where(cov.diagonal(0, -2, -1) == 0.0, 1.0, 0.0)
+    absent = np.where(diagonal(cov) == 0.0, 1.0, 0.0)
     W = cholesky(cov + absent[..., None] * identity(cov.shape[-1]))
     return solve_upper(W.mT, root.mT).mT @ z
 

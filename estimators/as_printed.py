@@ -11,7 +11,7 @@ import numpy as np
 from estimators.engine import compiled
 from estimators.ensemble import EnsembleTransformFilter
 from estimators.filter import Changes
-from estimators.linalg import cholesky, congruence, solve, symmetrise
+from estimators.linalg import all_finite, cholesky, congruence, solve, symmetrise
 from estimators.models import LinearModel
 from estimators.unknown_input import UMVFilter
 from estimators.varying import resolve
@@ -29,13 +29,11 @@ class PrintedSquareRootFilter(EnsembleTransformFilter):
     Herlambang, Subchan & Nurhadi, Table 1.
     """
 
-    compiled = False
-
     def _analysis(
         self, belief: Any, e: Any, Y: Any, S: Any, R: Any, available: Any, rng: Any
     ) -> tuple[Any, Any]:
         X = np.linalg.inv(cholesky(S)) @ Y / np.sqrt(self.members - 1)
-        X[~np.isfinite(X).all((-2, -1))] = 0.0  # rows without a finite mean are lost anyway
+        X[~all_finite(X)] = 0.0  # rows without a finite mean are lost anyway
         anomalies, factor = _times_basis(belief.members - belief.mean[..., None], X)
         _, s, Wt = np.linalg.svd(factor)
         kept, scale = s.shape[-1], np.sqrt(np.maximum(1.0 - s**2, 0.0))[..., None, :]

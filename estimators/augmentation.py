@@ -57,8 +57,8 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
     return NonlinearModel(
         _function(transition, model.transition, model.G),
         _function(measurement, model.measurement, model.H),
-        states=n + q, measurements=model.p, **options,
-    )  # fmt: skip
+        **options,
+    )
 
 
 def _assembled(assemble: Callable[..., np.ndarray], *parts: Any) -> Any:

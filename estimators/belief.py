@@ -51,10 +51,8 @@ class Belief:
     input_cov: ClassVar[np.ndarray | None] = None
     """``(..., q, q)`` covariance of the unknown input; None if the filter has none."""
 
-    @property
-    def ensemble(self) -> np.ndarray | None:
-        """``(..., N, n)`` members as rows; None if the filter has none."""
-        return None
+    ensemble: ClassVar[np.ndarray | None] = None
+    """``(..., N, n)`` members as rows; None if the filter has none."""
 
     def names(self) -> tuple[str, ...]:
         """Names of the arrays that a compiled step reads: all but the known input."""
@@ -215,7 +213,7 @@ class EnsembleBelief(Belief):
     members: np.ndarray
 
     @property
-    def ensemble(self) -> np.ndarray:
+    def ensemble(self) -> np.ndarray:  # type: ignore[override]
         """``(..., N, n)`` members as rows."""
         return self.members.mT
 
@@ -227,9 +225,11 @@ class EnsembleBelief(Belief):
             ValueError: if the covariance is given without members.
         """
         if "ensemble" in changes:
-            changes["members"] = np.ascontiguousarray(np.asarray(changes.pop("ensemble")).mT)
-            A = changes["members"] - changes["members"].mean(-1, keepdims=True)
-            moments = {"mean": changes["members"].mean(-1), "cov": A @ A.mT / (A.shape[-1] - 1)}
+            from estimators.analysis import covariance  # late, as few beliefs have members
+
+            members = np.ascontiguousarray(np.asarray(changes.pop("ensemble")).mT)
+            mean = members.mean(-1)
+            moments = {"mean": mean, "cov": covariance(members, mean), "members": members}
             changes = moments | changes
         return Belief.replace(self, **changes_of_points(self, changes, "members", -1))
 
@@ -246,7 +246,7 @@ def changes_of_points(belief: Any, changes: dict[str, Any], name: str, axis: int
         raise ValueError(
             f"cov of this belief is that of its {name}: replace them, or begin anew with init"
         )
-    shift = np.expand_dims(np.asarray(changes["mean"]) - belief.mean, axis)
+    shift = np.expand_dims(changes["mean"] - belief.mean, axis)
     return changes | {name: getattr(belief, name) + shift}
 
 

@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 
 from estimators.belief import Belief
-from estimators.checks import frozen, short_repr
+from estimators.checks import frozen, known_input, short_repr
 from estimators.filter import Filter, Model
-from estimators.linalg import semidefinite
+from estimators.linalg import diagonal, semidefinite
 from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import RandomKeys
 from estimators.series import Series, run
@@ -69,7 +69,7 @@ def check_filter(
         ValueError: in one sentence, for the first fault found.
         TypeError: if ``build`` is not a class or function, or does not return a filter.
     """
-    if isinstance(build, Filter) or not callable(build):
+    if not callable(build):
         raise TypeError(
             "check_filter takes a Filter class, or a function of a model that returns one, got"
             f" {short_repr(build)}"
@@ -78,7 +78,7 @@ def check_filter(
     systems, tried = _systems(), "it was tried on: give it one with model="
     if model is not None:
         start = prior or Gaussian(np.zeros(model.n), np.eye(model.n))
-        systems, tried = ((model, start, None if u is None else np.asarray(u, float)),), "given"
+        systems, tried = ((model, start, known_input(u, ())),), "given"
     refusals, checked = [], False
     for model, prior, u in systems:
         try:
@@ -144,18 +144,18 @@ _ROWS, _STEPS, _WHOLE = 3, 5, 3
 def _steps(filter: Filter, prior: Gaussian, u: np.ndarray | None, row: int | None = None) -> Series:
     """Some steps of one row, or of three with None; any error is raised as a sentence."""
     rows = np.arange(_ROWS) if row is None else np.array(row)
-    mean = prior.mean + (rows[..., None] - 1.0) * 0.5 * np.sqrt(prior.cov.diagonal(0, -2, -1))
-    known = None if u is None else np.broadcast_to(u, (_STEPS, *mean.shape[:-1], len(u)))
-    expected = _expected(filter.model, mean, None if known is None else known[0])
-    before = Belief.of({"mean": mean, "cov": prior.cov})
-    R = filter._noise(before, None if known is None else known[0], None)
-    sd = np.sqrt(R.diagonal(0, -2, -1))
+    mean = prior.mean + (rows[..., None] - 1.0) * 0.5 * np.sqrt(diagonal(prior.cov))
+    known = None if u is None else np.broadcast_to(u, (*mean.shape[:-1], len(u)))
+    expected = _expected(filter.model, mean, known)
+    R = filter._noise(Belief.of({"mean": mean, "cov": prior.cov}), known, None)
+    sd = np.sqrt(diagonal(R))
     away = np.where(sd > 0.0, np.minimum(0.1, 0.5 * sd), 0.1)  # as particles can explain it
     y = expected + away * np.arange(1.0, _STEPS + 1.0).reshape(-1, *(1,) * expected.ndim)
     y[_WHOLE, ..., 0], y[_WHOLE + 1 :] = np.nan, np.nan
     try:
         keys = RandomKeys.seeded(range(_ROWS))[rows]
-        return run(filter, Gaussian(mean, prior.cov), frozen(y), known, rng=keys)
+        held = None if known is None else [known] * _STEPS
+        return run(filter, Gaussian(mean, prior.cov), frozen(y), held, rng=keys)
     except Exception as error:
         many = f"{_ROWS} rows" if row is None else "one row"
         why = (
@@ -266,22 +266,19 @@ def _compare(sentence: str, mine: Belief, theirs: Belief, tolerance: float = _SA
 def _systems() -> tuple[System, ...]:
     """A vehicle on a line, and a driven pendulum; with unknown inputs, too."""
     u, dt, I2 = np.array([0.3]), 0.05, np.eye(2)
-    A, Q, R = (
-        np.array([[1.0, 0.5], [0.0, 0.9]]),
-        np.diag([0.01, 0.05]),
-        np.diag([0.25, 0.15]) + 0.05,
-    )
+    A, R = np.array([[1.0, 0.5], [0.0, 0.9]]), np.diag([0.25, 0.15]) + 0.05
     B, G, H = np.array([[[0.0, 0.5]], [[0.1, 0.5]], [[0.0, 1.0]]]).mT
-    vehicle, start = LinearModel(A, I2, Q, R, B), Gaussian(A[0], np.diag([1.0, 0.5]))
+    vehicle = LinearModel(A, I2, np.diag([0.01, 0.05]), R, B)
+    start = Gaussian(A[0], np.diag([1.0, 0.5]))
 
     def swing(x: np.ndarray, u: Any) -> np.ndarray:
         rate = x[..., 1] + dt * (u[..., 0] - 9.81 * np.sin(x[..., 0]))
         return np.stack([x[..., 0] + dt * rate, rate], -1)
 
-    Q, R = np.diag([1e-4, 1e-3]), np.diag([1e-3, 1e-2])
     pendulum = NonlinearModel(
-        swing, lambda x, u: x, Q, R, state_angles=(0,), measurement_angles=(0,)
-    )
+        swing, lambda x, u: x, np.diag([1e-4, 1e-3]), np.diag([1e-3, 1e-2]),
+        state_angles=(0,), measurement_angles=(0,),
+    )  # fmt: skip
     hanging = Gaussian(np.array([0.3, 0.0]), 0.01 * I2)
     return (
         (replace(vehicle, C=I2[:1], R=I2[:1, :1]), start, u),  # fewer measurements than states

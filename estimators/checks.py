@@ -1,6 +1,7 @@
 """Checks of users' arguments: they return arrays and numbers, or raise naming the argument."""
 
 import operator
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -165,7 +166,7 @@ def as_number(value: object) -> float:
     """A number as float; NaN for anything else, infinity for one that is too large."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
-    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+    if isinstance(value, bool) or not isinstance(value, Real):
         return np.nan
     try:
         return float(value)

@@ -23,7 +23,7 @@ from scipy.special import chdtr, chdtrc, gammaincinv, ndtri
 
 from estimators.belief import FeedthroughBelief, ObservedInputBelief
 from estimators.filter import Filter, Model
-from estimators.linalg import masked, semidefinite_cholesky
+from estimators.linalg import diagonal, masked, semidefinite_cholesky
 from estimators.metrics import nees, nis
 from estimators.models import Gaussian
 from estimators.series import run
@@ -134,12 +134,7 @@ def chi_square_test(values: np.ndarray, degrees: np.ndarray | int) -> Band:
 
 
 @np.errstate(invalid="ignore", divide="ignore")
-def whiteness_test(
-    innovation: np.ndarray,
-    innovation_cov: np.ndarray,
-    available: np.ndarray | None = None,
-    lags: int = 20,
-) -> Band:
+def whiteness_test(innovation: np.ndarray, innovation_cov: np.ndarray, lags: int = 20) -> Band:
     """Portmanteau test for white innovations in several runs, in which measurements may be missing.
 
     Innovations are whitened by the filter's covariance and then by their own sample covariance. So
@@ -152,18 +147,14 @@ def whiteness_test(
     The multivariate portmanteau statistic.
 
     Args:
-        innovation: ``(T, M, p)``; a NaN counts as missing.
+        innovation: ``(T, M, p)``; NaN where a measurement is missing.
         innovation_cov: ``(T, M, p, p)``.
-        available: ``(T, M, p)`` mask of the measurements that arrived; None: all.
         lags: Number of lags, from lag 1 on; less than T.
 
     Raises:
         ValueError: if the innovations have no spread in some direction.
     """
-    innovation, innovation_cov = np.asarray(innovation, float), np.asarray(innovation_cov, float)
     arrived = ~np.isnan(innovation)
-    if available is not None:
-        arrived &= np.asarray(available, bool)
     mask, innovation = 1.0 * arrived, np.where(arrived, innovation, 0.0)
     white = _standardised(_solve_root(masked(innovation_cov, arrived), innovation), mask)
     products, counts = (
@@ -172,10 +163,10 @@ def whiteness_test(
     )
     times = mask.sum((0, 1)).max()
     statistic = np.nansum(products**2 / counts) * (times + 2.0) / times
-    diagonal, number = (a.diagonal(0, -2, -1) for a in (products, counts))
+    own, number = (diagonal(a) for a in (products, counts))
     bound = ndtri(_ENDS[1]) / np.sqrt(number.min(-1))
     p = chdtrc((counts > 0).sum(), statistic)
-    return Band(np.arange(1, lags + 1), diagonal / number, np.zeros(lags), -bound, bound, float(p))
+    return Band(np.arange(1, lags + 1), own / number, np.zeros(lags), -bound, bound, float(p))
 
 
 @np.errstate(invalid="ignore")
@@ -264,8 +255,8 @@ def assess(
     if not isinstance(beliefs, FeedthroughBelief):
         innovations = chi_square_test(*_surprise(beliefs))
     if filter.input_delay is None:
-        e, S = beliefs.innovation, beliefs.innovation_cov
-        whiteness = whiteness_test(e, S, beliefs.available, min(20, len(data.y) - 1))
+        e = np.where(beliefs.available, beliefs.innovation, np.nan)
+        whiteness = whiteness_test(e, beliefs.innovation_cov, min(20, len(data.y) - 1))
     return Consistency(filter.name, states, innovations, whiteness)
 
 
@@ -276,5 +267,5 @@ def _surprise(beliefs: Any) -> tuple[np.ndarray, np.ndarray]:
     degrees = beliefs.available.sum(-1)
     if isinstance(beliefs, ObservedInputBelief):
         values = values - nis(beliefs.input_mean, beliefs.input_cov, size)
-        degrees = degrees - np.round(beliefs.input_observed.diagonal(0, -2, -1).sum(-1))
+        degrees = degrees - np.round(diagonal(beliefs.input_observed).sum(-1))
     return values, degrees

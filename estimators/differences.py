@@ -11,8 +11,8 @@ _EPS = float(np.finfo(float).eps)
 
 
 def central_differences(
-    name: str, function: Function, x: np.ndarray, u: np.ndarray | None, size: int,
-    angles: tuple[int, ...], step: np.ndarray,
+    name: str, function: Function, x: np.ndarray, u: np.ndarray | None, angles: tuple[int, ...],
+    step: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """``f(x)`` and ``df/dx`` by fourth-order differences of ``step (..., n)``, in one call.
 
@@ -32,7 +32,8 @@ def central_differences(
             " rounding: compute it in float64, give its Jacobian, or use ukf"
         )
     values = values.astype(float, copy=False)
-    sides = values[..., 1:, :].reshape(*x.shape[:-1], 2, 2, n, size)  # near, far; above, below
+    # near, far; above, below
+    sides = values[..., 1:, :].reshape(*x.shape[:-1], 2, 2, n, values.shape[-1])
     change = sides[..., 0, :, :] - sides[..., 1, :, :]
     for i in angles:
         change[..., i] = short_way(change[..., i])

@@ -71,7 +71,7 @@ def riccati_step(
     size, units = np.abs(hamiltonian), np.ones(2 * n)
     for _ in range(3):
         rows, columns = (size @ units / units + 1e-100).reshape(2, n)
-        change = np.minimum(np.maximum(rows / columns, 1e-24), 1e24) ** 0.25
+        change = np.clip(rows / columns, 1e-24, 1e24) ** 0.25
         units *= np.concatenate([change, 1.0 / change])
     hamiltonian = hamiltonian * units / units[:, None]
     rate = float(np.linalg.norm(hamiltonian, 1))

@@ -81,7 +81,7 @@ class EnsembleFilter(Filter[EnsembleBelief]):
         draws: str = "exact",
     ) -> None:
         super().__init__(model)
-        self.inflation = number("inflation", inflation, 0.0, np.inf, "a positive number")
+        self.inflation = number("inflation", inflation, 0.0, what="a positive number")
         self._noise_root = noise_root(model.Q)
         rank = model.n if self._noise_root is None else self._noise_root.shape[-1]
         needed = model.n + max(rank, model.p) + 2

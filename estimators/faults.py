@@ -27,7 +27,7 @@ from scipy.special import chdtrc, chdtri, ndtr, ndtri
 from estimators.belief import Belief
 from estimators.checks import integer, number, short_repr
 from estimators.delayed import DelayedBelief
-from estimators.linalg import identity, lacks_rank, masked, solve
+from estimators.linalg import all_finite, diagonal, identity, lacks_rank, masked, solve
 
 Sensors = int | Mapping[str, int | Sequence[int]]
 """Number of channels, each a sensor by itself; or by name the channels of each sensor."""
@@ -119,11 +119,11 @@ class FaultMonitor(ABC):
                 " of faults: watch a filter that assumes the input as noise"
             )
         e, S = belief.innovation, belief.innovation_cov
-        counts = np.isfinite(S).all((-2, -1)) & ~lacks_rank(masked(S, belief.available))
+        counts = all_finite(S) & ~lacks_rank(masked(S, belief.available))
         arrived = belief.available & counts[..., None]
         with np.errstate(all="ignore"):
             precision = solve(masked(S, arrived), identity(e.shape[-1]))
-            most = _ABSURD * np.sqrt(S.diagonal(0, -2, -1))
+            most = _ABSURD * np.sqrt(diagonal(S))
             e = np.clip(e, -most, most)
             w = np.where(arrived, np.matvec(precision, e), 0.0)
             memory, statistic, suspicion = self._judged(
@@ -255,7 +255,7 @@ class CusumMonitor(FaultMonitor):
     def _judged(
         self, state: MonitorState, w: Any, precision: Any, arrived: Any, squared: Any
     ) -> tuple[Any, Any, Any]:
-        z = w / np.sqrt(precision.diagonal(0, -2, -1))
+        z = w / np.sqrt(diagonal(precision))
         before = np.where(state.alarm[..., None, None], 0.0, state.memory)
         change = np.stack([z, -z], -2) - 0.5 * self.shift
         sums = np.where(arrived[..., None, :], np.maximum(before + change, 0.0), before)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from estimators.belief import Belief, Record, unmeasured
 from estimators.checks import as_array, as_covariance, as_mask, broadcast, known_input, short_repr
 from estimators.engine import invoker
-from estimators.linalg import lacks_rank, masked, semidefinite, semidefinite_form
+from estimators.linalg import diagonal, lacks_rank, masked, semidefinite, semidefinite_form
 from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import RandomKeys
 from estimators.stepping import in_numpy, in_program
@@ -86,9 +86,9 @@ class Filter(ABC, Generic[Record]):
         if self.model_per_row:  # a program has one model for all rows
             self.compiled = False  # type: ignore[misc]
         self._inside = {step: model.is_compiled(step) for step in ("predict", "update")}
-        # With a singular R an update is checked against its prediction.
-        regular = callable(model.R) or not lacks_rank(resolve(model.R)).any()
-        self._inside["step"] = regular and all(self._inside.values())
+        self._exact_channels = not callable(model.R) and lacks_rank(resolve(model.R)).any()
+        # With exact channels an update is checked against its prediction.
+        self._inside["step"] = not self._exact_channels and all(self._inside.values())
 
     def __init_subclass__(cls, **arguments: Any) -> None:
         super().__init_subclass__(**arguments)
@@ -279,7 +279,7 @@ class Filter(ABC, Generic[Record]):
         available = broadcast("available", mask, (*batch, p))
         if R is not None:
             R = broadcast("R", as_array("R", R), (*batch, p, p), core=2)
-            arrived = np.isfinite(y) & np.isfinite(R.diagonal(0, -2, -1))
+            arrived = np.isfinite(y) & np.isfinite(diagonal(R))
             as_covariance("R", masked(R, arrived & available))
         u = belief.u if u is None else known_input(u, batch)
         if self.input_delay is not None and self._was_updated(belief):
@@ -323,7 +323,7 @@ class Filter(ABC, Generic[Record]):
         """
         S, mean, u = updated.innovation_cov, predicted.mean, updated.u
         size = np.abs(mean).max(-1, keepdims=True)
-        if (np.sqrt(S.diagonal(0, -2, -1)) <= 1e-8 * size).any():
+        if (np.sqrt(diagonal(S)) <= 1e-8 * size).any():
             # Size of the states in each channel, of which rounding is a share.
             C = self.model.linearise_measurement(mean, u, predicted.cov)[1]
             size = np.abs(mean)
@@ -385,7 +385,7 @@ class Filter(ABC, Generic[Record]):
         if not self.random:
             return None
         if not isinstance(rng, RandomKeys | np.random.Generator):
-            raise (ValueError if rng is None else TypeError)(
+            raise TypeError(
                 f"{self.name} draws random numbers: pass rng, keys (estimators.RandomKeys) or a"
                 f" numpy Generator, got {short_repr(rng)}"
             )

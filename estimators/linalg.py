@@ -8,16 +8,24 @@ from typing import Any
 
 import numpy as np
 
+from estimators.checks import frozen
 from estimators.engine import is_traced, linear
 
 
 @cache
 def identity(n: int) -> np.ndarray:
     """The identity ``(n, n)``, read-only and cached."""
-    eye = np.zeros((n, n))
-    eye.flat[:: n + 1] = 1.0
-    eye.setflags(write=False)
-    return eye
+    return frozen(np.eye(n))
+
+
+def diagonal(a: np.ndarray) -> np.ndarray:
+    """The diagonals ``(..., n)`` of matrices ``(..., n, n)``."""
+    return a.diagonal(0, -2, -1)
+
+
+def all_finite(a: np.ndarray) -> np.ndarray:
+    """Mask ``(...)`` of the matrices ``(..., i, j)`` whose entries are all finite."""
+    return np.isfinite(a).all((-2, -1))
 
 
 def symmetrise(a: np.ndarray) -> np.ndarray:
@@ -40,7 +48,7 @@ def masked(R: np.ndarray, kept: np.ndarray) -> np.ndarray:
 @np.errstate(all="ignore")
 def equilibrated(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Standard deviations ``(..., p)``, 1 where a variance is 0, and S in these units."""
-    scale = np.sqrt(s.diagonal(0, -2, -1))
+    scale = np.sqrt(diagonal(s))
     scale = np.where(scale > 0.0, scale, 1.0)
     return scale, s / scale[..., None] / scale[..., None, :]
 
@@ -157,7 +165,7 @@ def semidefinite_cholesky(a: np.ndarray, rounding: float = 0.0) -> np.ndarray:
 
 def regular(root: np.ndarray) -> np.ndarray:
     """A triangular root with a huge pivot where a row repeats others: its share is then 0."""
-    repeats = np.where(root.diagonal(0, -2, -1) == 0.0, _HUGE, 0.0)
+    repeats = np.where(diagonal(root) == 0.0, _HUGE, 0.0)
     return root + repeats[..., None] * identity(root.shape[-1])
 
 
@@ -195,7 +203,7 @@ def cholesky(s: np.ndarray) -> np.ndarray:
         return np.linalg.cholesky(s)
     except np.linalg.LinAlgError:
         root = semidefinite_cholesky(s)
-        lowest = root.diagonal(0, -2, -1).min(-1)[..., None, None]
+        lowest = diagonal(root).min(-1)[..., None, None]
         return np.where(lowest > 0.0, root, np.nan)
 
 
@@ -211,14 +219,14 @@ def semidefinite_form(
     standard deviations.
     """
     rounding = _DIGITS * np.broadcast_to(size, e.shape)
-    exact = s.diagonal(0, -2, -1) <= np.square(rounding)
+    exact = diagonal(s) <= np.square(rounding)
     scale, unit = equilibrated(s)
-    finite = np.isfinite(unit).all((-2, -1), keepdims=True)
+    finite = all_finite(unit)[..., None, None]
     kept = finite[..., 0] & ~exact
     scale = np.where(exact, 1e12 * rounding + 1e-100, np.where(finite[..., 0], scale, np.nan))
     e = e / scale
     root = semidefinite_cholesky(np.where(kept[..., None] & kept[..., None, :], unit, 0.0), 1e-12)
-    spread = root.diagonal(0, -2, -1)
+    spread = diagonal(root)
     along = solve_lower(regular(root), e[..., None])[..., 0]
     outside = np.abs(e - np.matvec(root, along))
     largest = np.maximum(1.0, np.abs(along).max(-1, keepdims=True))
@@ -244,7 +252,7 @@ def lacks_rank(cov: np.ndarray) -> np.ndarray:
     A row that is not finite gives False, because the eigenvalue solver would raise.
     """
     unit = equilibrated(cov)[1]
-    finite = np.isfinite(unit).all((-2, -1), keepdims=True)
+    finite = all_finite(unit)[..., None, None]
     lowest = np.linalg.eigvalsh(np.where(finite, unit, identity(cov.shape[-1])))[..., 0]
     return lowest <= SINGULAR * cov.shape[-1]
 
@@ -260,7 +268,7 @@ def semidefinite(cov: np.ndarray) -> np.ndarray:
     Noise-free measurements leave variances that are only rounding, of either sign.
     """
     cov = symmetrise(cov)
-    finite = np.isfinite(cov).all((-2, -1), keepdims=True)
+    finite = all_finite(cov)[..., None, None]
     values, vectors = np.linalg.eigh(np.where(finite, cov, 0.0))
     wrong = (values[..., 0] < -1e-12 * np.abs(values).sum(-1))[..., None, None]
     repaired = (vectors * np.maximum(values, 0.0)[..., None, :]) @ vectors.mT

@@ -234,14 +234,12 @@ class NonlinearModel(_Model):
             return matrix(linearise(function, x, u, slopes=slopes))
         if slopes is None and is_compiled(function):
             return _in_form(linearise, function)(x, u)
-        size, angles = self.p, self.measurement_angles
-        if name == "transition":
-            size, angles = self.n, self.state_angles
         if slopes is None:
+            angles = self.state_angles if name == "transition" else self.measurement_angles
             step = steps(x, cov, self.state_angles)
-            return central_differences(name, function, x, u, size, angles, step)
-        jacobian = np.broadcast_to(np.asarray(slopes(x, u), float), x.shape[:-1] + (size, self.n))
-        return np.asarray(function(x, u), float), jacobian
+            return central_differences(name, function, x, u, angles, step)
+        value = np.asarray(function(x, u), float)
+        return value, np.broadcast_to(np.asarray(slopes(x, u), float), (*value.shape, self.n))
 
     def linearise_transition(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None

@@ -17,7 +17,7 @@ from estimators.ensemble import draw, noise_root, process_root
 from estimators.filter import Changes, Data, Filter, Model
 from estimators.linalg import (
     cholesky,
-    lacks_rank,
+    diagonal,
     masked,
     semidefinite_cholesky,
     shared_root,
@@ -26,7 +26,6 @@ from estimators.linalg import (
 from estimators.metrics import nis
 from estimators.models import at_points
 from estimators.randomness import RandomKeys
-from estimators.varying import resolve
 
 PARTICLES, DIFFUSION, RESAMPLING, JITTER = range(4, 8)
 """Uses of random numbers, beside those of the ensembles."""
@@ -118,8 +117,8 @@ class ParticleFilter(Filter[ParticleBelief]):
         super().__init__(model)
         self.particles = integer("particles", particles, 2)
         self.threshold = number("threshold", threshold, AT_LEAST_0, UP_TO_1, "a share from 0 to 1")
-        self.jitter = number("jitter", jitter, AT_LEAST_0, np.inf, "a number of at least 0")
-        if not callable(model.R) and lacks_rank(resolve(model.R)).any():
+        self.jitter = number("jitter", jitter, AT_LEAST_0, what="a number of at least 0")
+        if self._exact_channels:
             raise ValueError(
                 "pf needs noise in every measurement, but R is singular: give it a little, or use"
                 " etkf"
@@ -159,7 +158,7 @@ class ParticleFilter(Filter[ParticleBelief]):
     ) -> Changes:
         angles, weights = self.model.measurement_angles, np.exp(belief.log_weights)
         off = difference(e[..., None, :], Y.mT, angles)
-        spread, variance = np.where(np.isfinite(Y), Y, 0.0), R.diagonal(0, -2, -1)
+        spread, variance = np.where(np.isfinite(Y), Y, 0.0), diagonal(R)
         S = symmetrise((spread * weights[..., None, :]) @ spread.mT) + R
         available = available & np.isfinite(off).any(-2) & (variance > 0.0)
         root = cholesky(masked(R, available))
@@ -168,7 +167,7 @@ class ParticleFilter(Filter[ParticleBelief]):
         nearest = np.fmin.reduce(distance, -1)
         farther = distance - nearest[..., None]
         log_weights, density = _normalised(belief.log_weights - 0.5 * farther)
-        density = density - 0.5 * nearest - np.log(root.diagonal(0, -2, -1)).sum(-1)
+        density = density - 0.5 * nearest - np.log(diagonal(root)).sum(-1)
         arrived = available.sum(-1)
         density -= 0.5 * np.log(2.0 * np.pi) * arrived
         return self._believed(belief.particles, log_weights) | {
@@ -180,7 +179,7 @@ class ParticleFilter(Filter[ParticleBelief]):
 
     def log_likelihood(self, predicted: Any, updated: Any) -> np.ndarray:
         """The log density ``(...)`` of a measurement, as the belief records it."""
-        return np.asarray(updated.log_likelihood)
+        return updated.log_likelihood
 
     def _run(self, step: str, belief: Any, data: Data) -> Any:
         """The belief after a step, not healthy where the particles do not explain a measurement."""
@@ -188,7 +187,7 @@ class ParticleFilter(Filter[ParticleBelief]):
         if step == "predict":
             return after
         R, used = self._noise(belief, u, R), after.available
-        arrived = available & np.isfinite(y) & np.isfinite(R.diagonal(0, -2, -1))
+        arrived = available & np.isfinite(y) & np.isfinite(diagonal(R))
         number, sizes = used.sum(-1), np.linalg.slogdet(masked(R, used))[1]
         peak = -0.5 * (sizes + number * np.log(2.0 * np.pi))
         with np.errstate(all="ignore"):

@@ -12,6 +12,7 @@ import numpy as np
 from estimators.belief import Record, unmeasured
 from estimators.linalg import (
     congruence,
+    diagonal,
     identity,
     lacks_rank,
     masked,
@@ -69,7 +70,7 @@ def _sound(belief: Any, step: str) -> np.ndarray:
             cov = np.where(sound[..., None, None], _with_state(belief, name), 0.0)
             values = np.linalg.eigvalsh(cov)
             sound &= values[..., 0] >= -_NEGATIVE * np.abs(values).sum(-1)
-            sound &= (cov.diagonal(0, -2, -1) >= 0.0).all(-1)
+            sound &= (diagonal(cov) >= 0.0).all(-1)
     return sound if step == "predict" else sound & ~lacks_rank(belief.innovation_cov)
 
 
@@ -86,7 +87,7 @@ def _clipped(belief: Any) -> Any:
     for name, cross in _CROSS.items():
         if name in belief.names():
             cov = semidefinite(_with_state(belief, name))
-            variance = cov.diagonal(0, -2, -1)
+            variance = diagonal(cov)
             none = (variance <= 0.0) & np.isfinite(variance)
             cov = np.where(none[..., None] | none[..., None, :], 0.0, cov)
             parts = {cross: cov[..., :n, n:], name: cov[..., n:, n:]} if cross else {}
@@ -99,8 +100,7 @@ def _finite(belief: Any) -> np.ndarray:
     finite, batch = np.ones_like(belief.healthy), belief.mean.ndim - 1
     for name in belief.names():
         array = getattr(belief, name)
-        if array.dtype == float:
-            finite &= np.isfinite(array).all(tuple(range(batch, array.ndim)))
+        finite &= np.isfinite(array).all(tuple(range(batch, array.ndim)))
     return finite
 
 
@@ -126,7 +126,7 @@ def _without_rounding(filter: Any, before: Any, after: Any, data: Any) -> Any:
     C = np.where(after.available[..., None], C, 0.0)
     K = before.cov @ C.mT @ pseudo_inverse(S)
     terms = congruence(np.abs(identity(before.cov.shape[-1]) - K @ C), np.abs(before.cov))
-    variance, size, noise = (P.diagonal(0, -2, -1) for P in (after.cov, terms, congruence(K, R)))
+    variance, size, noise = (diagonal(P) for P in (after.cov, terms, congruence(K, R)))
     known = (variance <= _KNOWN * size) & (variance > 2.0 * noise) & singular[..., None]
     row = known[..., None]
     changed = {"cov": np.where(row | known[..., None, :], 0.0, after.cov)}

@@ -134,7 +134,7 @@ class RobustKalmanFilter(ExtendedKalmanFilter):
 
     def __init__(self, model: Model, radius: float = 0.01) -> None:
         super().__init__(model)
-        self.radius = number("radius", radius, AT_LEAST_0, np.inf, "finite and not negative")
+        self.radius = number("radius", radius, AT_LEAST_0, what="finite and not negative")
 
     def _predict(self, belief: Any, u: Any, mean: Any, A: Any, Q: Any, *_: Any) -> Changes:
         predicted = super()._predict(belief, u, mean, A, Q)

@@ -72,8 +72,7 @@ class Series(Generic[Record]):
         Raises:
             ValueError: for a `Delayed` filter.
         """
-        filter: Any = self.filter
-        return np.asarray(filter.log_likelihood(self.predicted, self.updated))
+        return self.filter.log_likelihood(self.predicted, self.updated)
 
     @property
     def log_likelihood(self) -> np.ndarray:

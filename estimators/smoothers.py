@@ -24,7 +24,7 @@ from estimators.belief import Belief, InputBelief, Record
 from estimators.checks import integer
 from estimators.ensemble import EnsembleFilter
 from estimators.kalman import KalmanFilter, of_joint, with_input
-from estimators.linalg import congruence, identity, joined, principal_root, semidefinite
+from estimators.linalg import all_finite, congruence, identity, joined, principal_root, semidefinite
 from estimators.series import Series
 
 
@@ -109,7 +109,7 @@ def _gains(
             # The prediction of a Kalman filter with ``input_cov`` contains it.
             if isinstance(filter, KalmanFilter) and filter.input_cov is not None:
                 cov = cov - congruence(G, filter.input_cov)
-    known = np.isfinite(cov).all((-2, -1)) & np.isfinite(A).all((-2, -1))
+    known = all_finite(cov) & all_finite(A)
     forgot = ~(following.healthy & known)[..., None, None]
     J, left = _regression(np.where(forgot, 0.0, A), P, np.where(forgot, 0.0, cov))
     D = np.broadcast_to(D, J.shape[:-2] + (n, k))
@@ -142,7 +142,7 @@ def _members(filter: EnsembleFilter, updated: Any, predicted: Any, steps: int | 
         difference(each, belief.mean[..., None, :], angles)
         for each, belief in ((members[:-1], updated[:-1]), (ahead, predicted[1:]))
     )
-    forgot = ~predicted.healthy[1:] | ~np.isfinite(moved).all((-2, -1))
+    forgot = ~predicted.healthy[1:] | ~all_finite(moved)
     moved = np.where(forgot[..., None, None], 0.0, moved)
     gain, expected = np.linalg.pinv(moved, rcond=1e-10) @ spread, np.nan_to_num(ahead)
 

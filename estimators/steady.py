@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimators.checks import indices, shaped_array
-from estimators.discretisation import RiccatiMap, riccati_composition
+from estimators.discretisation import RiccatiMap, matrices, riccati_composition
 from estimators.engine import compiled
 from estimators.filter import Changes, Model
 from estimators.kalman import ExtendedKalmanFilter, joseph_update
@@ -97,15 +97,15 @@ _UNDETERMINED = "measurements do not determine {}: add a sensor that does, or le
 _WITHOUT_NOISE = "no process noise excites {}, whose gain so ends at 0: give them noise in Q"
 
 
-def _matrices(model: Any) -> tuple[Any, Any, Any, Any]:
+def _matrices(model: Any) -> list[np.ndarray]:
     """A, C, Q and R of a model, checked to be matrices."""
-    A, C, Q, R = (getattr(model, name, None) for name in "ACQR")
-    if any(getattr(each, "ndim", 0) != 2 for each in (A, C, Q, R)):
+    try:
+        return matrices(model, "ACQR")
+    except (AttributeError, TypeError, ValueError):
         raise ValueError(
             "a steady state needs a LinearModel of which A, C, Q and R are single matrices: give"
             " steady-kf such a model of the usual motion as design"
-        )
-    return A, C, Q, R
+        ) from None
 
 
 def _phases(measured: Any, p: int) -> np.ndarray:

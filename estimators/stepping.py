@@ -9,7 +9,7 @@ import numpy as np
 from estimators.angles import difference
 from estimators.belief import Belief
 from estimators.engine import Compiled
-from estimators.linalg import congruence, masked, rescuing
+from estimators.linalg import congruence, diagonal, masked, rescuing
 from estimators.randomness import RandomKeys
 from estimators.varying import resolve
 
@@ -112,7 +112,7 @@ def _corrected(
 ) -> dict[str, Any]:
     """Arrays that an update changes, from the expected measurement, C, R and H."""
     u, y, available, _, rng = data
-    available = available & np.isfinite(y) & np.isfinite(R.diagonal(0, -2, -1))
+    available = available & np.isfinite(y) & np.isfinite(diagonal(R))
     if rescuing():
         available = available & np.isfinite(expected) & np.isfinite(C).all(-1)
     e = np.where(available, difference(y, expected, filter.model.measurement_angles), 0.0)
@@ -154,10 +154,10 @@ def is_healthy(belief: Any, changed: dict[str, Any], shrinks: bool, R: Any = Non
     healthy = total - total == 0.0
     if R is not None:
         digits = _DIGITS if shrinks else 1e20
-        precise = after.innovation_cov.diagonal(0, -2, -1) > digits * R.diagonal(0, -2, -1)
+        precise = diagonal(after.innovation_cov) > digits * diagonal(R)
         healthy = healthy & ~(np.where(precise, 1.0, 0.0).sum(-1) > 0.0)
     if shrinks:
-        left = after.cov.diagonal(0, -2, -1)
-        shrunk = left.sum(-1) < _SHRUNK * belief.cov.diagonal(0, -2, -1).sum(-1)
+        left = diagonal(after.cov)
+        shrunk = left.sum(-1) < _SHRUNK * diagonal(belief.cov).sum(-1)
         healthy = healthy & ~(shrunk | (np.where(left < 0.0, 1.0, 0.0).sum(-1) > 0.0))
     return healthy

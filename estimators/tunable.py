@@ -28,8 +28,8 @@ class Linear:
     high: float
 
     def __post_init__(self) -> None:
-        low = number("low of a range", self.low, -np.inf, np.inf, "a finite number")
-        number("high of a range", self.high, low, np.inf, f"a finite number above its low, {low:g}")
+        low = number("low of a range", self.low, what="a finite number")
+        number("high of a range", self.high, low, what=f"a finite number above its low, {low:g}")
 
     def to_unit(self, value: float) -> float:
         """Share of the range at which a value lies: 0 for ``low``, 1 for ``high``."""
@@ -49,7 +49,7 @@ class Log(Linear):
     """
 
     def __post_init__(self) -> None:
-        number("low of a logarithmic range", self.low, 0.0, np.inf, "a finite number above 0")
+        number("low of a logarithmic range", self.low, 0.0, what="a finite number above 0")
         super().__post_init__()
 
     def to_unit(self, value: float) -> float:
@@ -107,4 +107,4 @@ def check_parameters(
         if name not in tunable:
             raise ValueError(unknown(f"parameter of {title}", name, tunable))
         low, what = (0.0, " above 0") if isinstance(tunable[name], Log) else (-np.inf, "")
-        number(f"{name} of {title}", value, low, np.inf, f"a finite number{what}")
+        number(f"{name} of {title}", value, low, what=f"a finite number{what}")

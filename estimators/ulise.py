@@ -76,7 +76,7 @@ class ULISE(DelayedInputFilter):
             observable = np.add(*observable_ranks(C, G @ self._root, H @ self._root))
         self._require_rank(
             "rank(H) + rank(C2 G2)",
-            int(observable.min()),
+            observable,
             "measure the input, or a state that it drives directly, by a measurement that no other"
             " unknown input disturbs",
         )

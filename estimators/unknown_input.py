@@ -63,9 +63,9 @@ class UnknownInputFilter(Filter[Any]):
     def _check_model(self) -> None:
         """Refuse a model whose unknown input the filter cannot estimate."""
 
-    def _require_rank(self, condition: str, rank: int, remedy: str) -> None:
-        """Refuse a model whose measurements do not show all of the unknown input."""
-        if rank < (q := self.model.q):
+    def _require_rank(self, condition: str, ranks: Any, remedy: str) -> None:
+        """Refuse a model whose measurements, of ``ranks (...)``, do not show the whole input."""
+        if (rank := np.min(ranks)) < (q := self.model.q):
             inputs = f"unknown input{'s' if q > 1 else ''}"
             raise ValueError(f"{self.name} needs {condition} = {q} {inputs}, got {rank}: {remedy}")
 
@@ -227,7 +227,7 @@ class UMVFilter(UnknownInputFilter):
                 " model) builds of such a model"
             )
         if isinstance(self.model.H, np.ndarray):
-            rank = int(np.linalg.matrix_rank(self.model.H).min())
+            rank = np.linalg.matrix_rank(self.model.H)
             remedy = "measure the input or use ekf-ui-wdf, or kf-umv-ui-wdf if all is linear"
             self._require_rank("rank(H)", rank, remedy)
 
@@ -303,12 +303,12 @@ class NoFeedthroughFilter(DelayedInputFilter):
         if not model.delayed_feedthrough and (callable(model.H) or np.any(model.H)):
             raise ValueError(f"{self.name} needs H = 0 (no feedthrough): use kf-umv-ui or ulise")
         C, H, G = getattr(model, "C", None), model.H, cast(Any, model.G)
-        rank = min(model.p, model.q)  # of a C G that changes, at most
+        rank: Any = min(model.p, model.q)  # of a C G that changes, at most
         if not callable(G) and isinstance(H, np.ndarray):
             if isinstance(C, np.ndarray):
-                rank = int(np.linalg.matrix_rank(C @ G + H).min())
+                rank = np.linalg.matrix_rank(C @ G + H)
             elif not H.any():
-                rank = min(rank, int(np.linalg.matrix_rank(G).min()))
+                rank = np.minimum(rank, np.linalg.matrix_rank(G))
         condition = f"rank(C G{' + H' * model.delayed_feedthrough})"
         self._require_rank(condition, rank, "measure a state that each input drives directly")
 

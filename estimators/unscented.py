@@ -9,7 +9,14 @@ from estimators.checks import number
 from estimators.engine import compiled
 from estimators.filter import Changes, Filter, Model
 from estimators.kalman import ExtendedKalmanFilter
-from estimators.linalg import congruence, identity, semidefinite_cholesky, solve_upper, symmetrise
+from estimators.linalg import (
+    congruence,
+    diagonal,
+    identity,
+    semidefinite_cholesky,
+    solve_upper,
+    symmetrise,
+)
 from estimators.models import LinearModel, at_columns
 from estimators.unknown_input import NoFeedthroughFilter
 
@@ -85,7 +92,7 @@ class SigmaPoints(Filter[Any]):
         """
         root = semidefinite_cholesky(belief.cov)
         if invertible:
-            flat = ~(np.abs(root.diagonal(0, -2, -1)) > 0.0)
+            flat = ~(np.abs(diagonal(root)) > 0.0)
             step = np.maximum(2.0**-26 * np.abs(belief.mean), 2.0**-10)
             root = root + np.where(flat, step, 0.0)[..., None] * identity(self.model.n)
         centre, offsets = belief.mean[..., None, :], np.sqrt(self._c2) * root.mT

@@ -75,11 +75,11 @@ class Schedule(Frozen):
 
     def __call__(self, u: np.ndarray | None) -> np.ndarray:
         """The matrices ``(..., n, m)`` at ``u (..., k)``, or their tracers."""
-        follows = f"matrices follow component {self.component} of"
-        if u is None:
-            raise ValueError(f"this model needs a known input u: its {follows} it")
-        if self.component >= u.shape[-1]:
-            raise ValueError(f"{follows} the known input, but u has {u.shape[-1]}")
+        if u is None or self.component >= u.shape[-1]:
+            raise ValueError(
+                f"matrices follow component {self.component} of the known input: give a u that has"
+                " it"
+            )
         return lookup(self.table, u[..., self.component] * self.scale + self.middle)
 
     def scaled(self, factor: float | np.ndarray) -> "Schedule":

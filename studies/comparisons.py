@@ -187,15 +187,15 @@ COMPONENTS = {
 """States of the corvette whose NEES is shown together."""
 
 
-def consistency(*shown: str, begin: float = 60.0) -> str:
-    """NEES of some `COMPONENTS` of the corvette's filters, from a time [s] on."""
+def consistency(*shown: str) -> str:
+    """NEES of some `COMPONENTS` of the corvette's filters, after the first minute."""
     lines = []
     for sea in ("moderate", "rough"):
         for name in ("kf-umv-ui", "ekf-waves", "ekf"):
             options = {"estimator": name, "disturbance": sea}
             flown = rollout("autopilot", CORVETTE, evaluation_seeds(EPISODES), options)
             flown = flown if name == "ekf-waves" else with_leeway(flown)
-            late = np.arange(len(flown.alive)) * flown.config.system.vehicle.dt > begin
+            late = np.arange(len(flown.alive)) * flown.config.system.vehicle.dt > 60.0
             counted = flown.alive & late[:, None]
             found = (number(component_nees(flown, each)[counted].mean(), 2) for each in shown)
             lines.append([f"{sea}, `{name}`", *found])

@@ -33,7 +33,7 @@ def main(
     from vessel_gym.checks import one_of
     from vessel_gym.extras import require
 
-    require("joblib", "jinja2", "markdown_it", "matplotlib")  # before the experiments
+    require("joblib", "jinja2", "markdown_it", "matplotlib", "pandas")  # before the experiments
     from agents.papers import PAPERS, job
 
     with asked():

@@ -6,7 +6,7 @@ heading first, figures as in `agents.papers.figures`, and a `Row` for each exper
 
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,14 +22,9 @@ Table = list[Sequence[str]]
 """Rows of a table, the heading first."""
 
 
-def mean(values: Any) -> Interval:
-    """The mean over runs with its 95 % interval."""
-    return mean_interval(np.asarray(values))
-
-
 def geometric(logs: np.ndarray) -> Interval:
     """Geometric mean of the values with these logarithms ``(N,)``, with its 95 % interval."""
-    of = mean(logs)
+    of = mean_interval(logs)
     return Interval(*np.exp(astuple(of)).tolist())
 
 
@@ -74,7 +69,7 @@ class Comparison:
         unit: Of the number.
         printed: To the digit.
         where: Place in the paper: table, equation or section.
-        ours: Errors of our runs ``(runs,)``; None if there is none.
+        ours: Errors of our runs ``(runs,)``; empty if there is none.
         averaged: Runs behind the printed number.
         meant: The number without its misprint.
         reason: Why the two are not comparable; empty where they are.
@@ -85,7 +80,7 @@ class Comparison:
     unit: str
     printed: str
     where: str
-    ours: np.ndarray | None
+    ours: np.ndarray
     averaged: int = 1
     meant: str = ""
     reason: str = ""
@@ -96,9 +91,14 @@ class Comparison:
         return self.meant or self.printed
 
     @property
+    def mean(self) -> Interval:
+        """Our mean over the runs with its 95 % interval."""
+        return mean_interval(self.ours)
+
+    @property
     def ratio(self) -> float:
         """Our mean over the printed number."""
-        return mean(self.ours).mean / float(self.number)
+        return self.mean.mean / float(self.number)
 
     @property
     def decimals(self) -> int:
@@ -107,22 +107,22 @@ class Comparison:
 
     def within(self, half: float) -> bool:
         """True if the difference is at most half a unit of the last digit and so much more."""
-        return abs(mean(self.ours).mean - float(self.number)) <= 0.5 * 10.0**-self.decimals + half
+        return abs(self.mean.mean - float(self.number)) <= 0.5 * 10.0**-self.decimals + half
 
     @property
     def verdict(self) -> str:
         """`AGREES` within rounding and our interval, `BETTER` if ours is smaller, or another."""
-        if self.ours is None or self.reason:
+        if self.reason:
             return INCOMPARABLE
-        return AGREES if self.within(mean(self.ours).half) else BETTER if self.ratio < 1 else WORSE
+        return AGREES if self.within(self.mean.half) else BETTER if self.ratio < 1 else WORSE
 
     @property
     def words(self) -> str:
         """The verdict with its reason, or with the scatter of the paper's runs if that suffices."""
-        if self.ours is None or self.verdict in (AGREES, INCOMPARABLE):
+        if self.verdict in (AGREES, INCOMPARABLE):
             return f"{self.verdict}{f': {self.reason}' if self.reason else ''}"
         # of a prediction
-        half = mean(self.ours).half * np.sqrt(1.0 + len(self.ours) / self.averaged)
+        half = self.mean.half * np.sqrt(1.0 + len(self.ours) / self.averaged)
         scatter = f", within the scatter of {self.averaged}" if self.within(half) else ""
         return self.verdict + scatter
 
@@ -140,7 +140,7 @@ def against_table(
         of, (*texts, time) = f"{size} members", printed[str(size)]
         for (name, unit), number, ours in zip(quantities.items(), texts, values.T, strict=True):
             found.append(Comparison(of, name, unit, number, where, ours, averaged))
-        found.append(Comparison(of, "time", "s", time, where, None, reason="its machine"))
+        found.append(Comparison(of, "time", "s", time, where, np.empty(0), reason="its machine"))
     return found
 
 
@@ -183,7 +183,7 @@ def comparison_table(columns: Mapping[str, Sequence[Comparison]]) -> Table:
         cells = [first.experiment, first.quantity, f"{printed} {first.unit}".strip(), first.where]
         for each in group:
             numbers = ["–", "–"]
-            if each.ours is not None:
+            if each.ours.size:
                 numbers = [mean_and_half(each.ours, each.decimals + 1), f"{each.ratio:.2f}"]
             cells += [*numbers, each.words]
         found.append(cells)

@@ -1,10 +1,11 @@
 """The page of a paper: its explanation with tables and figures, in one HTML file."""
 
-import csv
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 from agents.page import Block, markdown_table, write_page
 from agents.papers import read
@@ -26,8 +27,7 @@ def write_paper(name: str, values: Mapping[str, Any], out: Path) -> Path:
     (out / "tables").mkdir(parents=True, exist_ok=True)
     for table, rows in values["tables"].items():
         path = out / "tables" / f"{name}-{table}.csv"
-        with path.open("w", encoding="utf-8", newline="") as file:
-            csv.writer(file, lineterminator="\n").writerows(rows)
+        pd.DataFrame(rows).to_csv(path, header=False, index=False)
     figures = {}
     for described in values["figures"]:
         drawn, title = draw(described), f"Figure {described['number']}"

@@ -7,11 +7,12 @@ kinematics over the estimates, as in the papers on underwater vehicles.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
 
-from estimators import Filter, Gaussian, NonlinearModel, compiled
+from estimators import Filter, Gaussian, NonlinearModel, compiled, make
 from estimators.randomness import RandomKeys, key
 from vessel_gym.sensors import Sensor
 
@@ -90,10 +91,11 @@ class Experiment:
     @cached_property
     def planned(self) -> np.ndarray:
         """States ``(T + 1, n)`` without process noise: the planned path."""
-        states = [self.start]
-        for control in self.controls:
-            states.append(self.advance(states[-1], control))
-        return np.array(states)
+        return np.array([*accumulate(self.controls, self.advance, initial=self.start)])
+
+    def ensemble(self, members: int, name: str = "enkf", **options: Any) -> Filter:
+        """An ensemble filter with independent draws, as in the papers."""
+        return make(name, self.model, members=members, draws="independent", **options)
 
     def estimates(
         self, estimator: Filter, measurements: np.ndarray, seed: int = 0

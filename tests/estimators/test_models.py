@@ -108,10 +108,9 @@ def test_sizes_are_told_by_arrays_or_asked_for():
 
 def test_a_schedule_of_a_component_that_u_has_not_is_refused():
     filter = make("kf", LinearModel(Schedule(I2[None], 5, 1.0, 0.5), I2, I2, I2))
-    with pytest.raises(
-        ValueError, match=r"^matrices follow component 5 of the known input, but u has 2"
-    ):
-        filter.predict(filter.init(Gaussian(np.zeros(2), I2)), np.zeros(2))
+    for u in None, np.zeros(2):
+        with pytest.raises(ValueError, match=r"^matrices follow component 5 of the known input"):
+            filter.predict(filter.init(Gaussian(np.zeros(2), I2)), u)
 
 
 def test_lists_singular_covariances_and_half_an_input_are_taken():

@@ -11,16 +11,16 @@ from agents.papers.figures import figure, over_time
 from agents.papers.measures import EXPLORATORY, Comparison, comparison_table, means, row, rows
 from estimators import Gaussian, LinearModel, Series, make, run
 from vessel_gym.envs import ThesisCorvetteEnv
-from vessel_gym.tasks.turning import SAMPLES, SWITCH
-from vessel_gym.vehicles.corvette_thesis import NOISE, SIMULATIONS, A, B, Simulation
+from vessel_gym.tasks.turning import SAMPLES
+from vessel_gym.vehicles.corvette_thesis import SIMULATIONS, A, B, Simulation
 
 MODELS = ("as_printed", "corrected")
 WAYS = ("eq. 4.3", "corrected model", "eq. 4.3 and Table 2.5")
 """Filter models and, last, filter and model as printed with the believed choices."""
 QUANTITIES = ("heading", "unknown input")
 TRIAL: Any = ThesisCorvetteEnv.system.task
-PRIOR, RECORD = TRIAL.prior_sd[0] ** 2, TRIAL.record[:SAMPLES, 2]
-"""Variance of each state that the filter starts from; our ship's heading in the trial [rad]."""
+RECORD = TRIAL.record[:SAMPLES, 2]
+"""Our ship's heading in the trial [rad]."""
 RUDDER = np.deg2rad(35.0)
 """Constant rudder angle u [rad] of the thesis, Section 4.3.1."""
 C, G, H = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]), np.eye(3)[:, 2:], np.ones((2, 1))
@@ -37,16 +37,6 @@ def simulate(simulation: str, model: str, runs: int, seed: int) -> np.ndarray:
     seeds = range(seed, seed + runs)
     of = scores(rollout("constant-rudder", "ThesisCorvette-v0", seeds, options, asked))
     return 1e-3 * np.stack([of["heading_rmse"], of["input_rmse"]])
-
-
-def driven(simulation: str, runs: int, seed: int) -> np.ndarray:
-    """RMSE ``(2, runs)`` with eq. 4.3 where d drives the true heading, too (eq. 4.4)."""
-    s = SIMULATIONS[simulation]
-    d = np.where(np.arange(SAMPLES) < SWITCH, s.size, -s.size)
-    heading = RECORD + np.concatenate([[0.0], np.cumsum(d)[:-1]])
-    noise = NOISE * np.random.default_rng(seed).standard_normal((runs, SAMPLES, 2))
-    series = follow(s, PRIOR, np.zeros((runs, 3)), heading, d, noise)
-    return errors(series, heading, d)
 
 
 def follow(
@@ -69,7 +59,7 @@ def follow(
     return run(filter_, belief, y, np.full((SAMPLES, 1), RUDDER))
 
 
-def errors(series: Series, heading: np.ndarray, d: np.ndarray, scored: str = "updated") -> Any:
+def errors(series: Series, heading: np.ndarray, d: np.ndarray, scored: str) -> Any:
     """RMSE ``(2, runs)`` of heading and d; of the predicted heading the first is not counted."""
     estimate = series.mean if scored == "updated" else series.predicted.mean[1:]
     of_heading = estimate[..., 2] - heading[-len(estimate) :, None]
@@ -82,7 +72,8 @@ def simulated(
 ) -> dict[str, tuple[Any, np.ndarray, np.ndarray]]:
     """The five simulations under one combination of choices.
 
-    Of those that are the same before and after the search there is no alternative.
+    Of those that are the same before and after the search there is no alternative. With 1 for
+    ``drives`` d drives the true heading, too (eq. 4.4).
 
     Returns:
         The filter's series of all runs, and true heading and d ``(T,)`` [rad], by simulation.
@@ -93,11 +84,12 @@ def simulated(
     kind, scale = choices["noise"].split()
     noise = float(scale) * drawn[kind]
     start = float(choices["start_sd"]) * rng.standard_normal((runs, 3))
-    heading = RECORD if choices["record"] == "ship" else np.linspace(0.0, 2.0 * np.pi, SAMPLES)
+    turn = RECORD if choices["record"] == "ship" else np.linspace(0.0, 2.0 * np.pi, SAMPLES)
     switched = np.where(np.arange(SAMPLES) < choices["switch"], 1.0, choices["after_switch"])
     found = {}
     for name, s in SIMULATIONS.items():
         d = (s.size if name == "V" else choices["size"]) * switched
+        heading = turn + choices.get("drives", 0.0) * np.append(0.0, np.cumsum(d[:-1]))
         as_printed = choices["recursion"] == "Table 2.5"
         series = follow(s, choices["prior"], start, heading, d, noise, as_printed)
         found[name] = series, heading, d
@@ -118,11 +110,15 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Tables and measures."""
     sizes = settings["runs"], settings["seed"]
     rmse = {model: {s: simulate(s, model, *sizes) for s in SIMULATIONS} for model in MODELS}
-    choices = {name: choice["believed"] for name, choice in settings["open"].items()}
+    former, choices = (
+        {name: choice[way] for name, choice in settings["open"].items()}
+        for way in ("first", "believed")
+    )
     first = rmse[MODELS[0]]
     before = _comparisons(settings["printed"], first, circular=True)
     after = _comparisons(settings["printed"], explain(choices, *sizes))
     letter = explain(choices | {"recursion": "Table 2.5"}, *sizes)
+    driven = explain(former | {"drives": 1.0}, *sizes)
     tables: dict[str, Any] = {
         "published": comparison_table({"before the search": before, "believed": after}),
         "choices": [("choice", "before the search", "believed", "where")],
@@ -136,8 +132,7 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
         ways = *(rmse[model][s] for model in MODELS), letter[s]
         tables["models"].append((s, *means(np.concatenate(ways).T)))
     changes = {f"I, {s}": (first["I"], first[s]) for s in [*SIMULATIONS][1:]}
-    # d drives the heading, too
-    changes |= {f"driven, {s}": (first[s], driven(s, *sizes)) for s in ("I", "V")}
+    changes |= {f"driven, {s}": (first[s], driven[s]) for s in ("I", "V")}
     for label, (one, other) in changes.items():
         tables["changes"].append((label, *means(1e3 * (other - one).T, 3)))
     paper, combinations = settings["paper"], settings["search"]["combinations"]

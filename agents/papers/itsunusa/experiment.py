@@ -1,6 +1,6 @@
 """ITSUNUSA's dive to 20 m with ensembles of 200 to 400 members."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
@@ -18,12 +18,11 @@ from agents.papers.measures import (
     with_units,
 )
 from agents.papers.vehicle import Experiment, channel_sd, own_step
-from estimators import Filter, Model, make, rmse
+from estimators import Filter, make, rmse
 from vessel_gym.envs import ItsunusaAUVEnv
 from vessel_gym.system import Estimate
 from vessel_gym.vehicles.itsunusa import STATE, Itsunusa
 
-Form = Callable[[Model, int], Filter]
 QUANTITIES = {"surge": "m/s", "heave": "m/s", "pitch rate": "rad/s", "depth": "m"}
 _ESTIMATED = [STATE.index(name) for name in ("u", "w", "q", "theta")]
 _SCORED = [STATE.index(name) for name in ("u", "w", "q", "z")]
@@ -36,51 +35,27 @@ PROCESS_SD = np.append(ItsunusaAUVEnv.system.disturbances["moderate"].white.diag
 PRIOR_SD = np.array(ItsunusaAUVEnv.system.task.prior_sd)[[0, 1, 2, 5]]
 
 
-def estimate(
-    form: Form,
-    members: int,
-    runs: int,
-    seed: int,
-    trial: Mapping[str, float],
-    measured: int = 3,
-    process: float = 1.0,
-    measurement: float = 1.0,
-) -> np.ndarray:
-    """Errors in some dives; truth and measurements of the motions depend on the seed alone.
+def rms_errors(experiment: Experiment, filter_: Filter, runs: int, seed: int) -> np.ndarray:
+    """RMSE ``(runs, 4)`` of the `QUANTITIES` in some dives.
 
-    Args:
-        form: The filter of a model and a number of members.
-        members: N.
-        runs: Dives.
-        seed: Of truth, measurements and filter.
-        trial: Depth and distance ahead [m].
-        measured: How many of u, w, q and pitch.
-        process: Factor on the process noise.
-        measurement: Factor on the measurement noise.
-
-    Returns:
-        RMSE ``(runs, 4)`` of surge, heave [m/s], pitch rate [rad/s] and depth [m].
+    Truth and measurements of the motions depend on the seed alone.
     """
-    experiment = dive(trial, measured, process, measurement)
     truth, measurements = experiment.simulate(runs, np.random.default_rng([seed, 0]))
-    filter_ = form(experiment.model, members)
     found = scored(experiment, experiment.estimates(filter_, measurements, seed)[0])
     return rmse(found[1:], truth[1:, :, _SCORED], axis=0)
-
-
-def square_root(**options: Any) -> Form:
-    """A form of `enkf-sr`."""
-    return lambda model, n: make("enkf-sr", model, members=n, draws="independent", **options)
-
-
-printed, symmetric = square_root(as_printed=True), square_root()
-"""`enkf-sr` with the update of Table 1, and this package's, which keeps the members' mean."""
 
 
 def dive(
     trial: Mapping[str, float], measured: int = 3, process: float = 1.0, measurement: float = 1.0
 ) -> Experiment:
-    """The dive from rest under recorded controls, and the filter's assumptions; see `estimate`."""
+    """The dive from rest under recorded controls, and the filter's assumptions.
+
+    Args:
+        trial: Depth and distance ahead [m].
+        measured: How many of u, w, q and pitch.
+        process: Factor on the process noise.
+        measurement: Factor on the measurement noise.
+    """
     return Experiment(
         advance=_step,
         start=np.zeros(len(STATE)),
@@ -121,41 +96,37 @@ def recorded_controls(ahead: float, depth: float) -> np.ndarray:
 # --- tables ---------------------------------------------------------------------------------------
 
 
-FORMS: dict[str, tuple[Form, int]] = {
-    "as printed": (printed, 3),
-    "pitch measured": (symmetric, 4),
-    "symmetric": (symmetric, 3),
-}
-"""Form of the filter, and how many quantities are measured."""
+FORMS = {"as printed": (True, 3), "pitch measured": (False, 4), "symmetric": (False, 3)}
+"""Has the filter the update of Table 1, and how many quantities are measured?
+
+Otherwise it has this package's, which keeps the members' mean.
+"""
 
 
 def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Tables and measures."""
-    shared = settings["runs"], settings["seed"], settings["trial"]
+    trial, sizes = settings["trial"], (settings["runs"], settings["seed"])
     forms: list[Any] = [("form", "members", *with_units(QUANTITIES))]
     columns = {}
-    for label, (form, measured) in FORMS.items():
-        errors = {size: estimate(form, size, *shared, measured) for size in settings["members"]}
-        columns[label] = against_table("Table 2", settings["printed"], QUANTITIES, errors)
-        forms += by_members(label, errors)
+    for label, (as_printed, measured) in FORMS.items():
+        of = dive(trial, measured)
+        found = {
+            n: rms_errors(of, of.ensemble(n, "enkf-sr", as_printed=as_printed), *sizes)
+            for n in settings["members"]
+        }
+        columns[label] = against_table("Table 2", settings["printed"], QUANTITIES, found)
+        forms += by_members(label, found)
     names, process, measurement = (choice["believed"] for choice in settings["open"].values())
-    believed = estimate(
-        lambda model, _: make("ekf", model),
-        0,
-        *shared,
-        len(names.split(", ")),
-        process,
-        measurement,
-    )
-    forms.append(("believed: ekf", "none", *means(believed)))
-    (plain, as_printed), (pitched, other), _ = columns.items()
+    of = dive(trial, len(names.split(", ")), process, measurement)
+    forms.append(("believed: ekf", "none", *means(rms_errors(of, make("ekf", of.model), *sizes))))
+    del columns["symmetric"]  # the page has its errors alone
+    (_, plain), (pitched, other) = columns.items()
     paper = settings["paper"]
     way = f"{paper}, {pitched} ({EXPLORATORY})"
-    published = comparison_table({plain: as_printed, pitched: other})
     return {
-        "tables": {"published": published, "forms": forms},
-        "figures": _figures(settings["members"][-1], settings["seed"], settings["trial"]),
-        "rows": [*rows(paper, as_printed), *rows(way, other)],
+        "tables": {"published": comparison_table(columns), "forms": forms},
+        "figures": _figures(settings["members"][-1], settings["seed"], trial),
+        "rows": [*rows(paper, plain), *rows(way, other)],
     }
 
 
@@ -163,7 +134,8 @@ def _figures(members: int, seed: int, trial: Mapping[str, float]) -> list[Any]:
     """Figures 3 to 6: motions and depth in a dive with the update of Table 1."""
     experiment = dive(trial)
     truth, measurements = experiment.simulate(1, np.random.default_rng([seed, 0]))
-    estimates, sds = experiment.estimates(printed(experiment.model, members), measurements, seed)
+    printed = experiment.ensemble(members, "enkf-sr", as_printed=True)
+    estimates, sds = experiment.estimates(printed, measurements, seed)
     lines = {"real": truth[:, 0, _SCORED], "EnKF-SR": scored(experiment, estimates)[:, 0]}
     bands = [*sds[:, 0, :3].T, None]  # depth is integrated
     drawn = panels(VEHICLE.dt * np.arange(len(truth)), with_units(QUANTITIES), lines, bands)

@@ -23,8 +23,8 @@ from agents.papers.measures import (
 )
 from agents.papers.puna.model import PlanarPuna
 from agents.papers.vehicle import Experiment
-from estimators import make, rmse, wrap
-from vessel_gym.guidance.dubins import WORDS, lengths, shortest
+from estimators import rmse, wrap
+from vessel_gym.guidance.dubins import WORDS, Path, lengths, shortest
 from vessel_gym.guidance.planner import plan
 from vessel_gym.vehicles.files import load
 from vessel_gym.vehicles.puna import PunaParameters, trim
@@ -55,10 +55,10 @@ def poses(case: Mapping[str, Any], interpretation: str) -> tuple[np.ndarray, np.
     return np.array([*case["start"], start]), np.array([*case["goal"], goal])
 
 
-def string(
+def taut_string(
     start: Sequence[float], goal: Sequence[float], obstacle: Sequence[float], side: float
-) -> tuple[float, np.ndarray]:
-    """Length and headings at both ends of the taut string round a circle: straight, arc, straight.
+) -> Path:
+    """The taut string round a circle: straight, arc, straight.
 
     Args:
         start: x, y [m].
@@ -69,20 +69,22 @@ def string(
     centre, radius = np.array(obstacle[:2]), obstacle[2]
     ways = np.array([centre - start, np.array(goal) - centre])
     away = np.array([-side, side]) * np.arcsin(radius / np.hypot(*ways.T))
-    headings = np.arctan2(ways[:, 1], ways[:, 0]) + away
-    arc = radius * (side * (headings[1] - headings[0]) % (2.0 * np.pi))
-    return float(arc + np.sqrt((ways**2).sum(1) - radius**2).sum()), headings
+    first, last = headings = np.arctan2(ways[:, 1], ways[:, 0]) + away
+    touched = centre + radius * side * np.stack([np.sin(headings), -np.cos(headings)], -1)
+    before, after = np.sqrt((ways**2).sum(1) - radius**2)
+    arc = radius * (side * (last - first) % (2.0 * np.pi))
+    return Path(np.column_stack([
+        [start, *touched], [first, first, last], [0.0, side / radius, 0.0], [before, arc, after]
+    ]))  # fmt: skip
 
 
-def way_round(
-    start: Sequence[float], goal: Sequence[float], obstacle: Sequence[float], side: float
-) -> list[np.ndarray]:
-    """X and y ``(n,)`` of a `string` round a circle."""
-    first, last = string(start, goal, obstacle, side)[1]
-    turn = np.linspace(first, first + side * (side * (last - first) % (2.0 * np.pi)), 61)
-    around = obstacle[2] * side * np.array([np.sin(turn), -np.cos(turn)])
-    arc = np.array(obstacle[:2])[:, None] + around
-    return [*np.column_stack([start, arc, goal])]
+def strings(paths: Mapping[str, Any]) -> dict[str, Path]:
+    """Taut strings past both sides of the obstacle, by their words."""
+    case, sides = paths["obstructed"], {"SRS": -1.0, "SLS": 1.0}
+    return {
+        word: taut_string(case["start"], case["goal"], paths["obstacle"], side)
+        for word, side in sides.items()
+    }
 
 
 def open_case(paths: Mapping[str, Any]) -> dict[str, Any]:
@@ -106,51 +108,42 @@ def obstructed_case(paths: Mapping[str, Any]) -> dict[str, Any]:
     goal = np.array([paths["open"]["goal"][0], y + 2.0 * radius * (1.0 - np.sin(heading)), 0.0])
     ends = np.array([x, y, heading]), goal
     whole = shortest(*ends, radius)
-    found: dict[str, Any] = {}
-    for word, side in (("SRS", -1.0), ("SLS", 1.0)):
-        length, headings = string(case["start"], case["goal"], paths["obstacle"], side)
-        kinks = np.rad2deg(np.abs(wrap(headings - whole.segments[1, 2])))
-        found[f"{word}, string round it"] = length, paths["obstacle"][2], kinks.tolist()
-    flown = {
+    taut = {f"{word}, string round it": path for word, path in strings(paths).items()}
+    flown = taut | {
         f"{whole.word} from (−500, 100), through the obstacle": whole,
         "our plan from there, round it": plan(*ends, radius, obstacle),
     }
     for name in INTERPRETATIONS:
         path = shortest(*poses(case, name), radius)
         flown[f"{path.word}, printed points as poses, headings {name}"] = path
+    found = {}
     for way, path in flown.items():
-        found[way] = path.length, path.distance(obstacle[:, :2])[0], []
+        kinks = np.rad2deg(np.abs(wrap(path.segments[1:, 2] - whole.segments[1, 2])))
+        printed = kinks.tolist() if way in taut else []
+        found[way] = path.length, path.distance(obstacle[:, :2])[0], printed
     return found
 
 
 # --- estimation -----------------------------------------------------------------------------------
 
 
-def controls(kind: str, steps: int, swing: float, period: float) -> np.ndarray:
+def controls(settings: Mapping[str, Any], kind: str) -> np.ndarray:
     """Thrust [N] and angle of attack [rad] of level flight ``(steps, 2)``; the angle may swing."""
-    level = trim(START[1], load("puna", PunaParameters))
-    amplitude = np.deg2rad(swing) if kind == "varying" else 0.0
-    alpha = level.alpha + amplitude * np.sin(2.0 * np.pi * PLANE.dt * np.arange(steps) / period)
-    return np.stack([np.full(steps, level.thrust), alpha], -1)
+    level, steps = trim(START[1], load("puna", PunaParameters)), settings["steps"]
+    amplitude = np.deg2rad(settings["swing"]) if kind == "varying" else 0.0
+    phase = 2.0 * np.pi * PLANE.dt * np.arange(steps) / settings["period"]
+    return np.stack([np.full(steps, level.thrust), level.alpha + amplitude * np.sin(phase)], -1)
 
 
-def flight(known: np.ndarray, process: np.ndarray, measurement: np.ndarray) -> Experiment:
-    """A flight under known controls with variances ``(4,)`` of a step; every state is measured."""
-    every, noise, sd = MEASURED["all"], np.sqrt(process), np.sqrt(measurement)
-    return Experiment(PLANE.step, START, known, every, every, noise, sd, noise, angles=(0,))
+def flight(settings: Mapping[str, Any], level: str, control: str) -> Experiment:
+    """A flight with a level of noise under one of the `CONTROLS`; every state is measured."""
+    process, measurement = np.sqrt(np.outer(settings["levels"][level], settings["D"]))
+    known, every = controls(settings, control), MEASURED["all"]
+    return Experiment(PLANE.step, START, known, every, every, process, measurement, process, (0,))
 
 
-def estimate(
-    control: str,
-    measured: str,
-    process: np.ndarray,
-    measurement: np.ndarray,
-    members: int,
-    runs: int,
-    seed: int,
-    steps: int,
-    swing: float,
-    period: float,
+def rms_errors(
+    flown: Experiment, seen: list[int], members: int, runs: int, seed: int
 ) -> np.ndarray:
     """RMS errors of flights; truth and measurements depend neither on what is measured nor on N.
 
@@ -158,29 +151,21 @@ def estimate(
     step.
 
     Args:
-        control: One of `CONTROLS`.
-        measured: One of the sets `MEASURED`.
-        process: ``(4,)`` variances of the process noise of a step.
-        measurement: ``(4,)`` variances of the measurements.
+        flown: The flight.
+        seen: Indices of the states that the filter measures.
         members: N.
         runs: Flights.
         seed: Of truth, measurements and filters.
-        steps: Of a flight.
-        swing: Amplitude [deg] of a varying angle.
-        period: Of a varying angle [s].
 
     Returns:
         RMSE ``(runs, 4)`` over the steps of a flight.
     """
-    known, seen = controls(control, steps, swing, period), MEASURED[measured]
-    sd = np.sqrt(measurement)
-    flown, noise = flight(known, process, measurement), np.sqrt(process)
     rng = np.random.default_rng(seed)
-    start = START + noise * rng.standard_normal((runs, len(START)))
+    start = START + flown.process_sd * rng.standard_normal((runs, len(START)))
     truth, measurements = replace(flown, start=start).simulate(runs, rng)
-    assumed = replace(flown, measured=seen, measurement_sd=sd[seen])
-    enkf = make("enkf", assumed.model, members=members, draws="independent")
-    means, _ = assumed.estimates(enkf, np.ascontiguousarray(measurements[..., seen]), seed)
+    assumed = replace(flown, measured=seen, measurement_sd=flown.measurement_sd[seen])
+    measurements = np.ascontiguousarray(measurements[..., seen])
+    means, _ = assumed.estimates(assumed.ensemble(members), measurements, seed)
     return rmse(means[1:], truth[1:], angles=(0,), axis=0)
 
 
@@ -193,15 +178,14 @@ Errors = Callable[[str, str, str, int], np.ndarray]
 
 def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Tables and measures."""
-    shared = {key: settings[key] for key in ("runs", "seed", "steps", "swing", "period")}
+    sizes = settings["runs"], settings["seed"]
 
     @cache
-    def errors(level: str, control: str, measured: str, members: int) -> np.ndarray:
-        process, measurement = np.outer(settings["levels"][level], settings["D"])
-        return estimate(control, measured, process, measurement, members, **shared)
+    def found(level: str, control: str, measured: str, members: int) -> np.ndarray:
+        return rms_errors(flight(settings, level, control), MEASURED[measured], members, *sizes)
 
     columns = {
-        label: _comparisons(settings["printed"], errors, *of)
+        label: _comparisons(settings["printed"], found, *of)
         for label, *of in (
             ("noise of a flight", "flight", "all"),
             ("with x alone", "flight", "x"),
@@ -210,15 +194,16 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     }
     own: list[Any] = [("angle", "members", *with_units(QUANTITIES))]
     for control in CONTROLS:
-        sizes = {n: errors("flight", control, "all", n) for n in settings["members"]}
-        own += by_members(control, sizes)
-        every, x = (np.log(errors("flight", control, measured, 300)) for measured in MEASURED)
+        own += by_members(
+            control, {n: found("flight", control, "all", n) for n in settings["members"]}
+        )
+        every, x = (np.log(found("flight", control, measured, 300)) for measured in MEASURED)
         gains = (text(geometric(each), 2) for each in (x - every).T)
         own.append((control, "300, x alone / every state", *gains))
-    found = open_case(settings["paths"])
-    words: list[Any] = [("word", *(f"{interpretation} [m]" for interpretation in found))]
+    opened = open_case(settings["paths"])
+    words: list[Any] = [("word", *(f"{interpretation} [m]" for interpretation in opened))]
     for word in WORDS:
-        cells = (f"{of[word]:.1f}" if of[word] < np.inf else "–" for of in found.values())
+        cells = (f"{of[word]:.1f}" if of[word] < np.inf else "–" for of in opened.values())
         words.append((word, *cells))
     ways: list[Any] = [("way", "length [m]", "passes the centre at [m]", "kinks [deg]")]
     for way, (length, clearance, kinks) in obstructed_case(settings["paths"]).items():
@@ -227,38 +212,39 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     published = comparison_table(columns)
     return {
         "tables": {"published": published, "own": own, "words": words, "obstacle": ways},
-        "figures": _figures(settings),
+        "figures": [*_paths(settings["paths"]), *_flights(settings)],
         "rows": rows(settings["paper"], columns["noise of a flight"]),
     }
 
 
-def _figures(settings: Mapping[str, Any]) -> list[Any]:
-    """Figures 2 and 3, the paths, and both figures 4, a flight with each angle of attack."""
-    paths = settings["paths"]
+def _paths(paths: Mapping[str, Any]) -> list[Any]:
+    """Figures 2 and 3."""
     open_path = shortest(*poses(paths["open"], "from the x axis"), paths["radius"])
-    case, obstacle = paths["obstructed"], paths["obstacle"]
-    turn, radius = np.linspace(0.0, 2.0 * np.pi, 121), obstacle[2]
-    ways = {
-        "obstacle": [obstacle[0] + radius * np.cos(turn), obstacle[1] + radius * np.sin(turn)],
-        "SRS": way_round(case["start"], case["goal"], obstacle, -1.0),
-        "SLS": way_round(case["start"], case["goal"], obstacle, 1.0),
-    }
+    (x, y, radius), turn = paths["obstacle"], np.linspace(0.0, 2.0 * np.pi, 121)
+    lines = {"obstacle": [x + radius * np.cos(turn), y + radius * np.sin(turn)]}
+    ways = strings(paths) | {open_path.word: open_path}
+    lines |= {word: [*path.sample(5.0).T[:2]] for word, path in ways.items()}
+    alone = {open_path.word: lines.pop(open_path.word)}
     plane = {"x": "x [m]", "y": "y [m]", "equal": True}
-    lines = {open_path.word: [*open_path.sample(5.0).T[:2]]}
-    found = [
-        figure("2", "The path RSR without an obstacle.", plane | {"lines": lines}),
+    return [
+        figure("2", "The path RSR without an obstacle.", plane | {"lines": alone}),
         figure(
-            "3", "The path SRS round an obstacle, and the shorter SLS.", plane | {"lines": ways}
+            "3", "The path SRS round an obstacle, and the shorter SLS.", plane | {"lines": lines}
         ),
     ]
-    process, measurement = np.outer(settings["levels"]["flight"], settings["D"])
+
+
+def _flights(settings: Mapping[str, Any]) -> list[Any]:
+    """Both figures 4, a flight with each angle of attack."""
+    found = []
     for control in CONTROLS:
-        members = settings["printed"][control]["members"]
-        known = controls(control, *(settings[key] for key in ("steps", "swing", "period")))
-        flown = flight(known, process, measurement)
+        flown, members = (
+            flight(settings, "flight", control),
+            settings["printed"][control]["members"],
+        )
         truth, measured = flown.simulate(1, np.random.default_rng(settings["seed"]))
-        enkf = make("enkf", flown.model, members=members, draws="independent")
-        times, (mean, sd) = PLANE.dt * np.arange(len(truth)), flown.estimates(enkf, measured)
+        times = PLANE.dt * np.arange(len(truth))
+        mean, sd = flown.estimates(flown.ensemble(members), measured)
         flights = {"real": truth[:, 0], "EnKF": mean[:, 0]}
         drawn = panels(times, with_units(QUANTITIES), flights, sd[:, 0].T)
         caption = f"Estimates of angle, speed and position, {control} α, {members} members."

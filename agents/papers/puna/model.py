@@ -41,7 +41,6 @@ class PlanarPuna:
 
     body: PunaParameters = field(default_factory=lambda: load("puna", PunaParameters))
     dt: float = 0.01  # s, assumed: the paper prints none
-    as_printed: bool = False
 
     def step(self, state: np.ndarray, control: np.ndarray) -> np.ndarray:
         """Eqs. (19) and (21), forward Euler, with "+ v_k" for "+ gamma_k" in the second row.
@@ -50,5 +49,4 @@ class PlanarPuna:
             state: ``(..., 4)``.
             control: ``(..., 2)`` thrust [N] and angle of attack [rad].
         """
-        rates = planar_derivative(state, control, self.body.vector(), self.as_printed)
-        return state + self.dt * rates
+        return state + self.dt * planar_derivative(state, control, self.body.vector())

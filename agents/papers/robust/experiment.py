@@ -6,7 +6,7 @@ leading axes (system, 1), runs (system, run).
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -134,7 +134,7 @@ def least_favourable(model: Any, tolerance: float, steps: int) -> LeastFavourabl
     """The worst noise over a number of steps against ``robust-kf`` of that tolerance."""
     (W, D), A, C, eye = noise_roots(model), model.A, model.C, np.eye(model.n)
     unseen = np.zeros((steps + 1, *A.shape[:-2], model.p))
-    V = track({"kind": "robust-kf", "radius": tolerance}, model, unseen).predicted.cov
+    V = track(model, unseen, "robust-kf", radius=tolerance).predicted.cov
     V, after = V[:-1], V[1:]
     G = A @ V @ C.mT @ np.linalg.inv(C @ V @ C.mT + model.R)
     F, N = A - G @ C, W - G @ D
@@ -186,58 +186,49 @@ def simulate(
     return Record(np.array(xs), np.array(ys))
 
 
-def track(options: Mapping[str, Any], model: Any, y: np.ndarray) -> Series:
+def track(model: Any, y: np.ndarray, kind: str, **options: Any) -> Series:
     """Beliefs of a filter before and after each measurement of ``y (T, systems, runs, p)``."""
-    others = dict(options)
-    return run(make(others.pop("kind"), model, **others), PRIOR, y, known_input(len(y)))
+    return run(make(kind, model, **options), PRIOR, y, known_input(len(y)))
 
 
 def squared_errors(options: Mapping[str, Any], model: Any, record: Record) -> np.ndarray:
     """Squared error of the updated state at each time ``(T, systems, runs)``."""
-    return np.square(track(options, model, record.y).mean - record.x).sum(-1)
+    return np.square(track(model, record.y, **options).mean - record.x).sum(-1)
 
 
-def errors(
-    first: int,
-    systems: int,
-    runs: int,
-    noise_seed: int,
-    steps: int,
-    skipped: int,
-    condition: Condition,
-    filters: Mapping[str, Any],
+def rms_errors(
+    settings: Mapping[str, Any], population: str, condition: Condition
 ) -> dict[str, np.ndarray]:
-    """RMSE of the updated state ``(systems, runs)`` by filter on the same measurements."""
+    """RMSE of the updated state by filter on the same measurements.
+
+    It is that of every system over its runs ``(systems,)``, or of every run of the single system of
+    a population ``(runs,)``.
+    """
+    of, seed = settings["populations"][population], settings["noise_seed"]
+    first, systems, runs = (of[key] for key in ("first", "systems", "runs"))
     drawn = [draw(seed) for seed in range(first, first + systems)]
     model = world = discretised(drawn)
     if condition.parameters:
-        rng = np.random.default_rng([noise_seed, 2])
+        rng = np.random.default_rng([seed, 2])
         off = [mistaken(s, condition.parameters, rng) for s in drawn for _ in range(runs)]
         world = discretised(off, runs)
-    record = simulate(model, world, condition, steps, runs, noise_seed)
-    return {
-        name: np.sqrt(squared_errors(options, model, record)[skipped:].mean(0))
-        for name, options in filters.items()
-    }
+    record = simulate(model, world, condition, settings["steps"], runs, seed)
+    found = {}
+    for name, options in settings["filters"].items():
+        squares = squared_errors(options, model, record)[settings["skipped"] :].mean(0)
+        found[name] = np.sqrt(squares[0] if systems == 1 else squares.mean(1))
+    return found
 
 
 # --- the paper's own system -----------------------------------------------------------------------
 
 
-def example(first: int, runs: int, noise_seed: int, steps: int) -> tuple[Any, ...]:
-    """The Kalman filter on the system of a seed, with nothing wrong.
-
-    Returns:
-        RMSE ``(T,)`` over all runs; of the first run variances ``(T, n)``, the largest singular
-        value ``(T,)`` of ``K = P+ C' R^-1``, and the largest difference of `printed_estimates`.
-    """
-    model: Any = discretised([draw(first)])
-    record = simulate(model, model, Condition(), steps, runs, noise_seed)
-    of = track({"kind": "kf"}, model, record.y)
-    squares = np.square(of.mean - record.x).sum(-1)
-    variances, gains = first_run(model, of)
-    difference = np.abs(printed_estimates(model, record.y[:, 0, 0]) - of.mean[:, 0, 0]).max()
-    return np.sqrt(squares.mean((1, 2))), variances, np.linalg.norm(gains, 2, (-2, -1)), difference
+def kalman(settings: Mapping[str, Any], runs: int, condition: Condition) -> tuple[Any, Any, Series]:
+    """The system in the paper's place, a record of it, and the Kalman filter that follows it."""
+    model = discretised([draw(settings["populations"]["paper"]["first"])])
+    sizes = settings["steps"], runs, settings["noise_seed"]
+    record = simulate(model, model, condition, *sizes)
+    return model, record, track(model, record.y, "kf")
 
 
 def first_run(model: Any, of: Series) -> tuple[np.ndarray, np.ndarray]:
@@ -263,21 +254,10 @@ def printed_estimates(model: Any, y: np.ndarray) -> np.ndarray:
 
 def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Tables and measures."""
-    shared = {key: settings[key] for key in ("noise_seed", "steps", "skipped", "filters")}
-
-    @cache
-    def rmse(population: str, condition: Condition) -> dict[str, np.ndarray]:
-        found = errors(condition=condition, **settings["populations"][population], **shared)
-        return {name: of[0] if len(of) == 1 else np.sqrt(np.mean(of**2, axis=1))
-                for name, of in found.items()}  # fmt: skip
-
-    tables = {
-        "conditions": _conditions(settings, rmse),
-        "systems": _systems(settings, rmse),
-        "figures": _figures(settings, rmse),
-    }
+    rmse = cache(partial(rms_errors, settings))
+    made = {"conditions": _conditions, "systems": _systems, "figures": _figures}
     return {
-        "tables": tables,
+        "tables": {name: table(settings, rmse) for name, table in made.items()},
         "figures": _drawn(settings),
         "rows": [Row(settings["paper"], "no number is printed")],
     }
@@ -285,13 +265,8 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
 
 def _drawn(settings: Mapping[str, Any]) -> list[Any]:
     """Figures 1 to 5 in one run of the printed algorithm, the Kalman filter."""
-    model: Any = discretised([draw(settings["populations"]["paper"]["first"])])
-    sizes = settings["steps"], 1, settings["noise_seed"]
-    calm, hit = (
-        simulate(model, model, condition, *sizes)
-        for condition in (Condition(), Condition(**settings["outliers"]))
-    )
-    of, disturbed = (track({"kind": "kf"}, model, record.y) for record in (calm, hit))
+    model, calm, of = kalman(settings, 1, Condition())
+    _, _, disturbed = kalman(settings, 1, Condition(**settings["outliers"]))
     times, (variances, gain) = STEP * np.arange(len(calm.x)), first_run(model, of)
     real, estimate = {"real": calm.x[:, 0, 0]}, {"estimate": of.mean[:, 0, 0]}
     both = {"without disturbance": of.mean[:, 0, 0], "with disturbance": disturbed.mean[:, 0, 0]}
@@ -315,8 +290,7 @@ def ratio(ours: Any, other: Any, decimals: int) -> str:
 
 
 Errors = Callable[[str, Condition], dict[str, np.ndarray]]
-"""RMSE by filter, for a population and a condition: of every system over its runs, or of every run
-of the single system."""
+"""`rms_errors` for a population and a condition."""
 
 
 def _conditions(settings: Mapping[str, Any], rmse: Errors) -> list[Any]:
@@ -348,15 +322,18 @@ def _systems(settings: Mapping[str, Any], rmse: Errors) -> list[Any]:
 
 def _figures(settings: Mapping[str, Any], rmse: Errors) -> list[Any]:
     """The paper's figures, on the system in its place."""
-    paper, skipped = settings["populations"]["paper"], settings["skipped"]
-    sizes = (paper["first"], paper["runs"], settings["noise_seed"], settings["steps"])
-    error, variance, gain, printed = example(*sizes)
+    model, record, of = kalman(settings, settings["populations"]["paper"]["runs"], Condition())
+    error = np.sqrt(np.square(of.mean - record.x).sum(-1).mean((1, 2)))
+    late = np.sqrt(np.mean(error[settings["skipped"] :] ** 2))
+    variances, gains = first_run(model, of)
+    gain = np.linalg.norm(gains, 2, (-2, -1))
+    printed = np.abs(printed_estimates(model, record.y[:, 0, 0]) - of.mean[:, 0, 0]).max()
     found: list[Any] = [
         ("on the paper's system", "at the first measurement", "at the last"),
-        ("RMSE", f"{error[0]:.2f}", f"{np.sqrt(np.mean(error[skipped:] ** 2)):.2f}"),
+        ("RMSE", f"{error[0]:.2f}", f"{late:.2f}"),
         ("largest singular value of the gain", f"{gain[0]:.2f}", f"{gain[-1]:.2f}"),
         *((f"variance of x{i + 1}", f"{of[0]:.2f}", f"{of[-1]:.2f}")
-          for i, of in enumerate(variance.T)),
+          for i, of in enumerate(variances.T)),
         ("printed algorithm less kf, at most", f"{printed:.0e}", ""),
     ]  # fmt: skip
     hit, usual = rmse("paper", Condition(**settings["outliers"])), rmse("paper", Condition())

@@ -1,8 +1,8 @@
 """Segorogeni's dive in three dimensions with ensembles of 50 to 300 members."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cache
+from functools import cache, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -59,51 +59,41 @@ def read(values: dict[str, Any]) -> Trial:
     return Trial(**values | {"goal": tuple(values["goal"])})
 
 
-def estimate(
-    trial: Trial,
-    own: bool,
-    members: int,
-    runs: int,
-    seeds: tuple[int, ...] = (0,),
-    process: float = 1.0,
-) -> dict[str, np.ndarray]:
-    """Errors of the position in some dives; truth and measurements depend on the seeds alone.
+def rms_errors(
+    experiment: Experiment, members: Sequence[int], runs: int, seeds: Sequence[int] = (0,)
+) -> dict[int, dict[str, np.ndarray]]:
+    """Errors of the position in some dives by members; 0: of the extended Kalman filter.
 
     Args:
-        trial: The dive.
-        own: Runge-Kutta at the vehicle's step; else forward Euler at the paper's.
-        members: N; 0: the extended Kalman filter.
+        experiment: The dive.
+        members: N.
         runs: Dives of each seed.
         seeds: Of truth and measurements.
-        process: Factor on the process noise.
 
     Returns:
         ``planned path`` and ``true position``: RMSE ``(B, 4)`` of x, y, z [m] and yaw [rad] against
         each in all dives; ``final (B, 3)`` distances from the planned end [m].
     """
-    experiment, truth, measurements = _simulated(trial, own, runs, seeds, process)
-    options: dict[str, Any] = {"members": members, "draws": "independent"} if members else {}
-    filter_ = make("enkf" if members else "ekf", experiment.model, **options)
-    places = positions(experiment, experiment.estimates(filter_, measurements)[0])
-    plan = experiment.planned[:, None, _PLACE]
-    references = zip(REFERENCES, (plan, truth[..., _PLACE]), strict=True)
-    found = {name: rmse(places[1:], of[1:], axis=0) for name, of in references}
-    return found | {"final": np.abs(places - plan)[-1, :, :3]}
-
-
-@cache
-def _simulated(
-    trial: Trial, own: bool, runs: int, seeds: tuple[int, ...], process: float
-) -> tuple[Experiment, np.ndarray, np.ndarray]:
-    """The dive with the truth and the measurements of all runs, see `estimate`."""
-    experiment = dive(trial, own, process)
     dives = (experiment.simulate(runs, np.random.default_rng([seed, 0])) for seed in seeds)
     truth, measurements = (np.concatenate(each, 1) for each in zip(*dives, strict=True))
-    return experiment, truth, measurements
+    plan, found = experiment.planned[:, None, _PLACE], {}
+    for n in members:
+        filter_ = experiment.ensemble(n) if n else make("ekf", experiment.model)
+        places = positions(experiment, experiment.estimates(filter_, measurements)[0])
+        references = zip(REFERENCES, (plan, truth[..., _PLACE]), strict=True)
+        found[n] = {name: rmse(places[1:], of[1:], axis=0) for name, of in references}
+        found[n]["final"] = np.abs(places - plan)[-1, :, :3]
+    return found
 
 
 def dive(trial: Trial, own: bool, process: float = 1.0) -> Experiment:
-    """The dive from rest under constant controls, and the filter's assumptions; see `estimate`."""
+    """The dive from rest under constant controls, and the filter's assumptions.
+
+    Args:
+        trial: The dive.
+        own: Runge-Kutta at the vehicle's step; else forward Euler at the paper's.
+        process: Factor on the process noise.
+    """
     dt = OWN_STEP if own else trial.step
     share = OWN_STEP / dt  # the noise is stated for steps of the vehicle
     return Experiment(
@@ -135,10 +125,8 @@ def constant_controls(trial: Trial) -> np.ndarray:
     advance = own_step(trial.vehicle)
 
     def miss(constant: np.ndarray) -> np.ndarray:
-        state = np.zeros(len(STATE))
-        for control in _own_controls(trial, constant):
-            state = advance(state, control)
-        return state[_PLACE[:3]] - trial.goal
+        end = reduce(advance, _own_controls(trial, constant), np.zeros(len(STATE)))
+        return end[_PLACE[:3]] - trial.goal
 
     first = [0.4 * np.deg2rad(trial.rudder), 0.0, _SHIPPED.body.cruise_thrust]
     found = root(miss, first, tol=1e-10)
@@ -180,24 +168,22 @@ def report(settings: Mapping[str, Any]) -> dict[str, Any]:
     """Tables and measures."""
     members, runs = settings["members"], settings["own_runs"]
     trial, few = read(settings["trial"]), settings["runs_of_a_seed"]
-    euler = {n: estimate(trial, False, n, few, tuple(settings["seeds"])) for n in members}
-    own = {n: estimate(trial, True, n, runs) for n in (*members, 0)}
+    euler = rms_errors(dive(trial, False), members, few, settings["seeds"])
+    own = rms_errors(dive(trial, True), (*members, 0), runs)
     noise = settings["open"]["process_noise"]["believed"]
-    believed = estimate(trial, True, 0, runs, process=noise)
+    believed = rms_errors(dive(trial, True, noise), (0,), runs)[0]
     units = with_units(QUANTITIES)
     tables: dict[str, Any] = {
         "own": [("reference", "members", *units)], "believed": [("reference", *units)],
     }  # fmt: skip
     columns = {}
     for of in REFERENCES:
-        errors = {n: found[of] for n, found in euler.items()}
+        against = {n: found[of] for n, found in euler.items()}
         printed, averaged = settings["printed"], settings["averaged"]
-        found = against_table("Table III", printed, QUANTITIES, errors, averaged)
-        ends = zip("xyz", settings["end"], euler[members[-1]]["final"].T, strict=True)
-        found += [
-            Comparison("end of the dive", name, "m", text, "sec. III D", ours)
-            for name, text, ours in ends
-        ]
+        found = against_table("Table III", printed, QUANTITIES, against, averaged)
+        ends = "xyz", settings["end"], euler[members[-1]]["final"].T
+        for name, text, ours in zip(*ends, strict=True):
+            found.append(Comparison("end of the dive", name, "m", text, "sec. III D", ours))
         columns[f"against the {of}"] = found
         tables["own"] += by_members(of, {n: own[n][of] for n in members})
         tables["own"].append((of, "none: ekf", *means(own[0][of])))
@@ -215,8 +201,8 @@ def _dive_figure(trial: Trial, members: int) -> dict[str, Any]:
     """Figure 2: path and estimate of a dive in three dimensions, one of the table's."""
     experiment = dive(trial, own=False)
     truth, measurements = experiment.simulate(1, np.random.default_rng([0, 0]))
-    filter_ = make("enkf", experiment.model, members=members, draws="independent")
-    places = positions(experiment, experiment.estimates(filter_, measurements)[0])[:, 0]
+    enkf = experiment.ensemble(members)
+    places = positions(experiment, experiment.estimates(enkf, measurements)[0])[:, 0]
     every = round(OWN_STEP / trial.step)
     ways = {"path": experiment.planned[:, _PLACE], "real": truth[:, 0, _PLACE], "EnKF": places}
     lines = {name: [*way[::every, :3].T] for name, way in ways.items()}

@@ -6,7 +6,7 @@ import pytest
 from agents.papers import settings
 from agents.papers.itsunusa import experiment as itsunusa
 from agents.papers.segorogeni import experiment as segorogeni
-from estimators import Gaussian, LinearModel
+from estimators import Gaussian, LinearModel, make
 
 TRIAL = segorogeni.read(settings("segorogeni")["trial"])
 DIVE = settings("itsunusa")["trial"]
@@ -36,7 +36,10 @@ def test_truth_and_measurements_have_the_assumed_noise(case: str):
 def test_the_published_square_root_moves_the_mean():
     """By about a quarter of the spread at ten members, root mean square over runs and components."""
     model = LinearModel(A=np.eye(3), C=np.eye(2, 3), Q=np.eye(3), R=np.eye(2))
-    published, symmetric = (form(model, 10) for form in (itsunusa.printed, itsunusa.symmetric))
+    published, symmetric = (
+        make("enkf-sr", model, members=10, draws="independent", as_printed=way)
+        for way in (True, False)
+    )
     rng = np.random.default_rng(0)
     before = published.init(Gaussian(np.zeros((4000, 3)), np.eye(3)), rng=rng)
     after, expected = (each.update(before, np.zeros(2), rng=rng) for each in (published, symmetric))

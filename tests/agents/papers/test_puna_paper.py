@@ -6,16 +6,18 @@ import pytest
 from agents.papers import settings
 from agents.papers.puna import experiment as puna
 
-PATHS = settings("puna")["paths"]
+S = settings("puna")
+PATHS = S["paths"]
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_taut_string_has_the_length_and_headings_of_geometry(side: float):
-    length, headings = puna.string((-100.0, 0.0), (100.0, 0.0), (0.0, 0.0, 30.0), side)
+    path = puna.taut_string((-100.0, 0.0), (100.0, 0.0), (0.0, 0.0, 30.0), side)
     angle = np.arcsin(0.3)
-    assert length == pytest.approx(2.0 * np.sqrt(100.0**2 - 30.0**2) + 60.0 * angle)
+    assert path.length == pytest.approx(2.0 * np.sqrt(100.0**2 - 30.0**2) + 60.0 * angle)
     # a string that turns left passes with the obstacle on its left
-    np.testing.assert_allclose(headings, [-side * angle, side * angle])
+    ends = [-100.0, 0.0, -side * angle], [100.0, 0.0, side * angle]
+    np.testing.assert_allclose(path.pose(np.array([0.0, path.length])), ends, atol=1e-9)
 
 
 def test_words_of_figures_are_shortest_where_the_page_says():
@@ -33,11 +35,10 @@ def test_strings_round_the_obstacle_have_the_lengths_of_errata():
 
 
 def test_errors_scale_with_the_root_of_q_and_r():
-    process, measurement = np.outer([0.03, 1.5], [0.001, 3.0, 0.03, 0.03])
-    sizes = {"members": 50, "runs": 4, "seed": 0, "steps": 100, "swing": 2.0, "period": 1.0}
+    few = S | {"steps": 100, "levels": S["levels"] | {"small": [3e-6, 1.5e-4]}}
     whole, small, alone = (
-        puna.estimate("varying", measured, scale * process, scale * measurement, **sizes)
-        for measured, scale in (("all", 1.0), ("all", 1e-4), ("x", 1.0))
+        puna.rms_errors(puna.flight(few, level, "varying"), puna.MEASURED[seen], 50, 4, 0)
+        for level, seen in (("flight", "all"), ("small", "all"), ("flight", "x"))
     )
     np.testing.assert_allclose(small, 0.01 * whole, rtol=0.1)  # but for what is not linear
     assert (alone.mean(0) > whole.mean(0)).all()
