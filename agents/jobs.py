@@ -130,8 +130,9 @@ def run(
         processes: Processes on this machine, with one thread each; 1: this process.
         scheduler: Address of a Dask scheduler whose workers compute instead; they must see the
             folder.
-        progress: Called at the start and after every job with (jobs done, failed, in all). Jobs are
-            computed in random order, so the first of them take as long as others.
+        progress: Called at the start and after every job with (jobs done, failed, in all). Those
+            that others need come first. Otherwise jobs are computed in random order, so the first
+            of them take as long as others.
 
     Returns:
         Values of all jobs that have some, with what failed.
@@ -153,13 +154,14 @@ def run(
     left = [job for key, job in wanted.items() if key not in outcome.values]
     for first in (True, False):
         ready = []
-        for job in (job for job in left if (job.key in needed) == first):
+        for job in (job for job in left if (not job.needs) == first):
             if lost := [need.label for need in job.needs if need.key in outcome.failures]:
                 outcome.failures[job.key] = f"{job.label}: not tried, it needs {lost[0]}"
             else:
                 ready.append(job)
         progress(len(outcome.values), len(outcome.failures), len(wanted))
         random.shuffle(ready)
+        ready.sort(key=lambda job: job.key not in needed)
         for end in _compute_all(ready, folder, processes, scheduler):
             outcome.add(*end)
             progress(len(outcome.values), len(outcome.failures), len(wanted))

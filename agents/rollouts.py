@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +19,13 @@ from estimators.checks import short_repr
 from vessel_gym import checks
 from vessel_gym.checks import is_integer
 from vessel_gym.envs.vector import VesselVectorEnv
+from vessel_gym.simulation.core import Core
+from vessel_gym.simulation.state import in_rows
 
 Arrays = dict[str, np.ndarray]
 """Arrays with a row for each episode, by their key in ``info``."""
+
+_TOGETHER = 8  # a multiple of the rows that a processor computes side by side
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -39,8 +43,7 @@ class Rollout:
             environment without end reasons.
         history: arrays of ``info`` after reset and each step, ``(T + 1, N, ...)`` by key; rows
             after an episode's end repeat its last values. ``input_covariance (T + 1, N, q, q)`` is
-            that of ``input_estimate``, at an episode's end of the step before; without it for a
-            filter that estimates no unknown input.
+            that of ``input_estimate``, if the filter estimates an unknown input.
         env: The (closed) vector environment, for its system and spaces.
         scenario: ``(N, k)`` scenarios that the task has drawn; None for an environment of another
             package.
@@ -94,8 +97,7 @@ def rollout(
         env_options: Passed to `gymnasium.make_vec`.
         reset_options: Passed to ``reset``.
         record: Keep the history of every numeric array in ``info``.
-        ensembles: Keep the members of an ensemble estimator in the history, too; they are NaN at an
-            episode's end.
+        ensembles: Keep the members of an ensemble estimator in the history, too.
 
     Raises:
         ValueError: if there is no such environment or no seed, if the agent cannot act in the
@@ -113,67 +115,123 @@ def rollout(
         )
     with closing(batch(env_id, len(seeds), env_options)) as env:
         flyer = load_agent(agent, env) if isinstance(agent, str | Path) else agent
-        flyer.reset(len(seeds))
-        start = env.reset(seed=seeds, options=reset_options)  # type: ignore[arg-type]
-        core: Any = getattr(env.unwrapped, "core", None)
-        scenario = core and core.now.scenario
-        constants = core and core.now.episode_constants
-        frame: Any = partial(_frame, core, ensembles) if record else lambda info: {}
-        scored = not record and type(env).step is VesselVectorEnv.step
-        step = env.step_without_info if scored else env.step  # type: ignore[attr-defined]
-        flown = _flown(env, step, flyer, *start, frame)
+        return flown(flyer, env, seeds, reset_options, record, ensembles)
+
+
+def flown(
+    agent: Agent, env: Any, seeds: Sequence[int], reset_options: dict[str, Any] | None = None,
+    record: bool = True, ensembles: bool = False,
+) -> Rollout:  # fmt: skip
+    """The `rollout` of an agent in a batch of environments, one for each seed."""
+    agent.reset(len(seeds))
+    observations, info = env.reset(seed=seeds, options=reset_options)
+    core: Any = getattr(env.unwrapped, "core", None)
+    scenario, constants = core and core.now.scenario, core and core.now.episode_constants
+
+    def watch(rows: np.ndarray, alive: np.ndarray, _: Any) -> None:
+        frames.append(_changed(frames[-1], rows[alive], _frame(core, ensembles), alive))
+
+    if type(env).step is VesselVectorEnv.step:
+        frames = [_frame(core, ensembles) if record else {}]
+        ends = run_to_ends(core, agent, env.max_episode_steps, watch if record else None)
+    else:
+        frames = [_numeric(info) if record else {}]
+        ends = _run_others(env, agent, observations, frames)
+    reasons = getattr(env.unwrapped, "end_reasons", ())
+    ends["end"] = np.array([reasons[i] if reasons else "" for i in ends["end"]], object)
+    history = {key: np.stack([each[key] for each in frames]) for key in frames[0]}
     drawn = {"scenario": scenario, "constants": constants}
-    return Rollout(env_id, np.array(seeds), env=env, **drawn, **flown)
+    return Rollout(env.spec.id, np.array(seeds), **ends, history=history, env=env, **drawn)
 
 
-def _flown(
-    env: gym.vector.VectorEnv, step: Callable[[np.ndarray], Any], agent: Agent,
-    observations: np.ndarray, info: dict[str, Any], frame: Callable[[dict[str, Any]], Arrays],
-) -> dict[str, Any]:  # fmt: skip
-    """Fields of a `Rollout`: one episode in each environment."""
-    count, frames = env.num_envs, [frame(info)]
-    last = {key: values.copy() for key, values in frames[0].items()}
-    alive, ended = np.ones(count, bool), np.zeros(count, bool)
-    returns, length = np.zeros(count), np.zeros(count, int)
-    score, end = np.full(count, np.nan), np.full(count, "", object)
-    reasons = np.array(getattr(env.unwrapped, "end_reasons", ()), object)
+def run_to_ends(
+    core: Core,
+    agent: Agent,
+    horizon: int,
+    watch: Callable[[np.ndarray, np.ndarray, Any], None] | None = None,
+) -> Arrays:
+    """Step the B episodes that a core has begun, each up to its end.
+
+    Episodes that have ended leave the batch by and by. Afterwards the core is at the start again.
+
+    Args:
+        core: Environments whose episodes have begun.
+        agent: It has been reset. It always gets B observations, for an ended episode the last one.
+        horizon: Steps after which an episode ends.
+        watch: Called after each step with the indices ``(M,)`` of the episodes in the batch, some
+            perhaps twice, the mask ``(M,)`` of those that had not ended before the step, and the
+            core's ``last`` before it.
+
+    Returns:
+        Arrays ``(B,)``: score, returns, length, terminated, and the number of the end reason.
+    """
+    start, rows, observations = core.now, np.arange(core.num_envs), core.observe()
+    alive, ends = np.ones(len(rows), bool), _ends(core)
+    for step in range(1, horizon + 1):
+        before, every = core.last, acted(agent, observations, core.action_shape)
+        actions = np.take(every, rows, 0)
+        core.advance(actions, actions.shape, ~alive, info=False)
+        seen = core.observe()
+        observations = seen if len(rows) == len(every) else in_rows(observations, rows, seen)
+        if watch is not None:
+            watch(rows, alive, before)
+        done = alive & (core.last.end != 0) if step < horizon else alive
+        if np.count_nonzero(done):
+            ends, alive = _changed(ends, rows[done], _ends(core), done), alive & ~done
+            left = np.flatnonzero(alive)
+            if not len(left):
+                break
+            # Few rows would be another program, and each new size of a batch costs some time.
+            size = -(-len(left) // _TOGETHER) * _TOGETHER
+            if size < len(rows):
+                kept = np.resize(left, size)
+                rows, alive, core.now = rows[kept], alive[kept], core.now.take(kept)
+    core.now = start
+    return ends
+
+
+def _ends(core: Core) -> Arrays:
+    """Score, returns, length, termination and end reason of episodes that end at this step."""
+    last = core.last
+    return {
+        "score": core.score, "returns": last.total, "length": last.steps,
+        "terminated": last.end != 0, "end": last.end,
+    }  # fmt: skip
+
+
+def _run_others(
+    env: gym.vector.VectorEnv, agent: Agent, observations: np.ndarray, frames: list[Arrays]
+) -> Arrays:
+    """The ends, as of `run_to_ends`, in any batch, where another episode follows each.
+
+    A frame follows the last one after each step.
+    """
+    alive, ends = np.ones(env.num_envs, bool), Arrays()
+    length, returns = np.zeros(env.num_envs, int), np.zeros(env.num_envs)
     while alive.any():
         action = acted(agent, observations, env.action_space.shape)
-        observations, reward, terminated, truncated, info = step(action)
-        returns += np.where(alive, reward, 0.0)
-        length += alive
+        observations, reward, terminated, truncated, info = env.step(action)
+        length, returns = length + 1, returns + reward
         done = (terminated | truncated) & alive
-        if done.any():
-            ended |= terminated & done
-            final = info.get("final_info", {})
-            score[done] = final.get("score", score)[done]
-            if reasons.size:
-                end[done] = reasons[final["end"][done]]
-            for key, values in last.items():
-                values[done] = final.get(key, frames[-1][key])[done]
-            alive &= ~done
-        frames.append(frame(info))
-    return {
-        "score": np.where(np.isnan(score), returns, score),
-        "returns": returns,
-        "length": length,
-        "terminated": ended,
-        "end": end,
-        "history": _history(frames, last, length),
+        alive &= ~done
+        final = info.get("final_info", {})
+        values = {
+            "score": final.get("score", returns), "returns": returns, "length": length,
+            "terminated": terminated, "end": final.get("end", length),
+        }  # fmt: skip
+        ends = _changed(values | ends, done, values, done)
+        going = _changed(frames[-1], alive, _numeric(info), alive)
+        frames.append(_changed(going, done, _numeric(final), done))
+    return ends
+
+
+def _changed(arrays: Arrays, rows: np.ndarray, values: Arrays, own: np.ndarray) -> Arrays:
+    """Arrays whose rows have other values: the ``own`` rows of some values."""
+    return arrays | {
+        key: in_rows(array, rows, values[key][own])
+        for key, array in arrays.items()
+        if key in values
     }
-
-
-def _history(frames: list[Arrays], last: Arrays, length: np.ndarray) -> Arrays:
-    """History of episodes of these lengths, from the last values of each on.
-
-    An ensemble is by then that of another episode, so there is none.
-    """
-    over = np.arange(len(frames))[:, None] >= length
-    history = {}
-    for key, ends in last.items():
-        values = history[key] = np.stack([each[key] for each in frames])
-        values[over] = np.nan if key == "ensemble" else np.broadcast_to(ends, values.shape)[over]
-    return history
 
 
 def acted(agent: Agent, observations: np.ndarray, shape: tuple[int, ...] | None) -> np.ndarray:
@@ -191,18 +249,23 @@ def acted(agent: Agent, observations: np.ndarray, shape: tuple[int, ...] | None)
     return actions
 
 
-def _frame(core: Any, ensembles: bool, info: dict[str, Any]) -> Arrays:
-    """The numeric arrays of an ``info``, and the members of an ensemble if asked for."""
-    frame = {
+def _frame(core: Core, ensembles: bool) -> Arrays:
+    """The arrays of ``info``, the input's covariance, and an ensemble's members if asked for."""
+    frame, belief = core.info(), core.now.belief
+    if belief.input_cov is not None:
+        frame["input_covariance"] = belief.input_cov
+    if ensembles and belief.ensemble is not None:
+        frame["ensemble"] = belief.ensemble
+    return frame
+
+
+def _numeric(info: dict[str, Any]) -> Arrays:
+    """The numeric arrays of an ``info``."""
+    return {
         key: value
         for key, value in info.items()
         if isinstance(value, np.ndarray) and value.dtype != object and not key.startswith("_")
     }
-    if core and core.now.belief.input_cov is not None:
-        frame["input_covariance"] = core.now.belief.input_cov
-    if ensembles and core and core.now.belief.ensemble is not None:
-        frame["ensemble"] = core.now.belief.ensemble
-    return frame
 
 
 def batch(

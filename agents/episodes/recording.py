@@ -21,6 +21,7 @@ TYPICAL = 40
 """Episodes of which the most typical one is shown where no seed is asked for."""
 CLOUDS, MEMBERS = 300, 40
 """Moments at which an ensemble is kept at most, and how many of its members."""
+_BATCH = 8  # episodes of which the first is shown: one alone would need programs of its own
 CHARTS = 6
 """Charts of a page at most."""
 
@@ -112,7 +113,8 @@ def typical_page(
         ]
 
     if len(seeds) > 1:
-        seeds = [typical_seed(np.array([each.score for each in fly(seeds, False)]), seeds)]
+        typical = typical_seed(np.array([each.score for each in fly(seeds, False)]), seeds)
+        seeds = [typical, *seeds][:_BATCH]
     return page_of(fly(seeds, True), list(worlds))
 
 
@@ -123,7 +125,7 @@ def _name(estimator: Any) -> str:
 
 
 def page_of(flown: Sequence[Rollout], names: Sequence[str]) -> dict[str, Any]:
-    """Data of a page, from rollouts of one seed on estimators of these names.
+    """Data of a page of the first seed of rollouts on estimators of these names.
 
     An environment of others has no map; its page holds charts of truth and estimate.
     """
@@ -193,8 +195,7 @@ def _figures(flown: Rollout, name: str) -> dict[str, Any]:
 def _flight(flown: Rollout, name: str, scene: Scene) -> dict[str, Any]:
     """Data of a page about a rollout's episode."""
     position = scene.position
-    # of the end itself there are none
-    members = None if position.members is None else position.members[:-1]
+    members = position.members
     apart = 1 + len(scene.true) // CLOUDS
     moving = {
         "true": scene.true,

@@ -109,8 +109,8 @@ def _error(name: str) -> Metric:
     return Metric(f"{name.replace(' ', '_')}_rmse", name, "", "lower", 4, meaning, of=rmse(name))
 
 
-def scores(rollout: Rollout) -> dict[str, np.ndarray]:
-    """Every metric of every episode, ``(N,)`` by key.
+def scores(rollout: Rollout, *keys: str) -> dict[str, np.ndarray]:
+    """Metrics of every episode, ``(N,)`` by key: those of some keys, or else all.
 
     Times after the end of an episode do not count. A metric that does not exist for an episode or
     an estimator is NaN, such as NEES without a covariance.
@@ -123,6 +123,8 @@ def scores(rollout: Rollout) -> dict[str, np.ndarray]:
         raise ValueError("scores need the history of a rollout: fly it with record=True")
     found = {}
     for m in metrics(system):
+        if keys and m.key not in keys:
+            continue
         values = m.of(rollout)
         values = np.full(count, np.nan) if values is None else np.asarray(values, float)
         if values.shape != (count,):

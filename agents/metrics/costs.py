@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.metrics.metric import PerEpisode, described
+from agents.metrics.metric import PerEpisode, described, once
 from agents.rollouts import Rollout
 
 DEAD_BAND = float(np.deg2rad(0.1))
@@ -82,6 +82,7 @@ def tails(
         scale: Factor from the error's unit to the metric's unit.
     """
 
+    @once
     def size(rollout: Rollout) -> np.ndarray:
         return np.where(rollout.alive, np.abs(error(rollout)), np.nan)
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from agents.metrics import ended, register_metrics, rmse
 from agents.metrics.costs import tails
-from agents.metrics.metric import described, nees_in, rms_of
+from agents.metrics.metric import described, nees_in, once, rms_of
 from agents.rollouts import Rollout
 from vessel_gym.guidance.dive_path import follow
 from vessel_gym.tasks.dive import Dive
@@ -12,6 +12,7 @@ from vessel_gym.tasks.dive import Dive
 POSITION = ("x", "y", "z")
 
 
+@once
 def path_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
     """Distances [m] of the truth from the path ``(T + 1, N)``: in plan, and vertically."""
     position = rollout.config.system.task.position(rollout.history["truth"])

@@ -4,7 +4,7 @@ import numpy as np
 
 from agents.metrics import ended, register_metrics, rmse
 from agents.metrics.costs import tails
-from agents.metrics.metric import described, nees_in, rms_of
+from agents.metrics.metric import described, nees_in, once, rms_of
 from agents.rollouts import Rollout
 from vessel_gym.tasks.flight import ALTITUDE, LENGTH, Flight
 from vessel_gym.vehicles.puna import airspeed
@@ -12,6 +12,7 @@ from vessel_gym.vehicles.puna import airspeed
 POSITION = ("x", "y", "h")
 
 
+@once
 def path_errors(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
     """True cross-track error in plan and height above the commanded altitude [m], ``(T + 1, N)``.
 

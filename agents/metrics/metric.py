@@ -3,8 +3,10 @@
 import csv
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, wraps
 from importlib.resources import files
+from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -71,6 +73,20 @@ def described(task: str, **of: PerEpisode) -> tuple[Metric, ...]:
     )
 
 
+def once(function: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of a rollout and names that is evaluated once, since several metrics need it."""
+    results = WeakKeyDictionary[Rollout, dict[tuple[str, ...], Any]]()
+
+    @wraps(function)
+    def of(rollout: Rollout, *names: str) -> Any:
+        found = results.setdefault(rollout, {})
+        if names not in found:
+            found[names] = function(rollout, *names)
+        return found[names]
+
+    return of
+
+
 def rms_of(error: Callable[[Rollout], np.ndarray], scale: float = 1.0) -> PerEpisode:
     """RMS over each episode of an error ``(T + 1, N)``.
 
@@ -94,13 +110,17 @@ def rmse(*names: str, scale: float = 1.0) -> PerEpisode:
     def of(rollout: Rollout) -> np.ndarray | None:
         if not (chosen := components(rollout, *names)):
             return None
-        config, estimate = rollout.config, rollout.history["estimate"]
-        angles = config.estimation.filter.model.state_angles
-        truth = config.true_state.in_filter_order(rollout.history["truth"])
-        error = difference(estimate, truth, angles)[..., chosen]
-        return rms(np.sqrt((error**2).sum(-1)), rollout.alive) * scale
+        return rms(np.sqrt((_errors(rollout)[..., chosen] ** 2).sum(-1)), rollout.alive) * scale
 
     return of
+
+
+@once
+def _errors(rollout: Rollout) -> np.ndarray:
+    """Errors ``(T + 1, N, n)`` of the estimates."""
+    config, history = rollout.config, rollout.history
+    truth = config.true_state.in_filter_order(history["truth"])
+    return difference(history["estimate"], truth, config.estimation.filter.model.state_angles)
 
 
 def nees_in(*names: str) -> PerEpisode:
@@ -165,6 +185,7 @@ def rms(error: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return np.sqrt((error**2).mean(0, where=mask))
 
 
+@once
 def nees_of(rollout: Rollout, *names: str) -> np.ndarray | None:
     """NEES ``(T + 1, N)``, or None for an estimator without a covariance of its own.
 

@@ -11,6 +11,7 @@ from agents.metrics.metric import (
     described,
     input_errors,
     nees_in,
+    once,
     rms,
     rms_of,
 )
@@ -42,6 +43,7 @@ def _ahead(rollout: Rollout) -> np.ndarray:
     return ahead.sum(0, where=rollout.alive[1:]) * rollout.config.system.task.dt
 
 
+@once
 def _on_track(rollout: Rollout) -> tuple[np.ndarray, np.ndarray]:
     """Progress along the track and distance off it [m], ``(T + 1, N)``."""
     return rollout.config.system.task.on_track(rollout.scenario, rollout.history["truth"])

@@ -95,14 +95,17 @@ class Arm:
         return found
 
     @cached_property
-    def by_rows(self) -> bool:
-        """Can candidates share a batch? The filter's parameters are then data of its rows."""
-        if not self.configurations:
-            return False
-        filter = self.configurations[0].estimation.filter
-        ours = type(filter).__module__.startswith(("estimators.", "vessel_gym."))
-        plain = all(each.raw is None and not each.estimation.fuses for each in self.configurations)
-        return ours and filter.varies_by_row and plain
+    def by_rows(self) -> list[Configuration]:
+        """`Configuration` in each condition whose filter has its parameters as data of its rows.
+
+        Candidates then share programs. It is empty where they cannot.
+        """
+        for each in self.configurations:
+            filter, fuses = each.estimation.filter, each.estimation.fuses
+            ours = type(filter).__module__.startswith(("estimators.", "vessel_gym."))
+            if not ours or not filter.varies_by_row or fuses or each.raw is not None:
+                return []
+        return [Configuration(self.system, each.options, True) for each in self.configurations]
 
     @cached_property
     def every(self) -> dict[str, Parameter]:

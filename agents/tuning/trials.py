@@ -1,17 +1,15 @@
 """Scores of candidates on equal seeds; where the filter allows it, in batches made once."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from agents.rollouts import rollout
+from agents.rollouts import Rollout, batch, flown, rollout, run_to_ends
 from agents.studies.worlds import registered_id
 from agents.tuning.arm import LIKELIHOOD, Arm, Values
 from vessel_gym.simulation.configuration import Configuration
-from vessel_gym.simulation.core import Core
 
 
 class Trials:
@@ -20,44 +18,34 @@ class Trials:
     Args:
         arm: What is tuned.
         seeds: N seeds.
-        processes: Processes that share the seeds; the scores do not depend on their number.
     """
 
-    def __init__(self, arm: Arm, seeds: Sequence[int], processes: int = 1) -> None:
-        self.arm, self.seeds, self.processes = arm, list(seeds), min(processes, len(seeds))
+    def __init__(self, arm: Arm, seeds: Sequence[int]) -> None:
+        self.arm, self.seeds = arm, seeds
 
     def scores(self, candidates: Sequence[Values]) -> np.ndarray:
         """Scores ``(C, conditions * N)`` of C candidates; NaN for one that cannot be designed."""
-        found = self._shared(candidates) if self.processes > 1 else self.each(candidates)
-        return found.reshape(len(candidates), -1)
-
-    def each(self, candidates: Sequence[Values]) -> np.ndarray:
-        """Scores ``(C, conditions, N)``, computed in this process."""
-        return np.array([self._scores(values) for values in candidates])
-
-    def _shared(self, candidates: Sequence[Values]) -> np.ndarray:
-        """Scores ``(C, conditions, N)``, each process with its share of the seeds."""
-        from joblib import Parallel, delayed
-
-        shares, arm = np.array_split(self.seeds, self.processes), replace(self.arm)
-        jobs = (delayed(_share)(arm, share.tolist(), candidates) for share in shares)
-        return np.concatenate(Parallel(self.processes, inner_max_num_threads=1)(jobs), -1)
+        return np.array([self._scores(values).ravel() for values in candidates])
 
     def _scores(self, values: Values) -> np.ndarray:
         """Scores ``(conditions, N)`` of a candidate."""
-        arm, agent = self.arm, self._agent(values)
+        agent = self._agent(values)
         if agent is None:
-            return np.full((len(arm.conditions), len(self.seeds)), np.nan)
+            return np.full((len(self.arm.conditions), len(self.seeds)), np.nan)
+        if self.arm.by == LIKELIHOOD:
+            envs = self._with_parameters(values)
+            return np.array([_log_densities(env, agent, self.seeds) for env in envs])
+        return np.array([each.score for each in self.flown(values, agent, record=False)])
+
+    def flown(self, values: Values, agent: Any, record: bool) -> list[Rollout]:
+        """Rollouts of a candidate with its agent, one for each condition."""
+        arm, seeds = self.arm, self.seeds
         if arm.by_rows:
-            cores, by = self._cores, arm.by
-            return np.array([
-                _scored(core, agent, self.seeds, self._parameters(core, values), by)
-                for core in cores
-            ])  # fmt: skip
+            envs = self._with_parameters(values)
+            return [flown(agent, env, seeds, record=record) for env in envs]
         env_id, own = registered_id(arm.env_id), arm.estimator_options(values)
         worlds = [world | ({"estimator_options": own} if own else {}) for world in arm.worlds]
-        flown = [rollout(agent, env_id, self.seeds, each, record=False) for each in worlds]
-        return np.array([each.score for each in flown])
+        return [rollout(agent, env_id, seeds, each, record=record) for each in worlds]
 
     def _agent(self, values: Values) -> Any:
         """The agent of a candidate; None if its parameters allow no design."""
@@ -67,17 +55,24 @@ class Trials:
             return None
 
     @cached_property
-    def _cores(self) -> list[Core]:
-        """Cores for the seeds, one for each condition, whose filters have parameters by row."""
-        system = self.arm.system
-        cores = [Core(system, len(self.seeds), **world) for world in self.arm.worlds]
-        for core in cores:
-            core.config = Configuration(system, core.config.options, by_rows=True)
-        return cores
+    def _envs(self) -> list[Any]:
+        """Environments for the seeds, one for each condition, with filters of `Arm.by_rows`."""
+        env_id, count = registered_id(self.arm.env_id), len(self.seeds)
+        envs: list[Any] = [batch(env_id, count, world) for world in self.arm.worlds]
+        for env, config in zip(envs, self.arm.by_rows, strict=True):
+            env.core.config = config
+        return envs
 
-    def _parameters(self, core: Core, values: Values) -> np.ndarray:
+    def _with_parameters(self, values: Values) -> list[Any]:
+        """The environments, with the parameters of a candidate from their next start on."""
+        for env in self._envs:
+            config = env.core.config
+            config.estimators[0].parameters = self._parameters(config, values)
+        return self._envs
+
+    def _parameters(self, config: Configuration, values: Values) -> np.ndarray:
         """Parameters ``(N, k)`` of the filter in each row; its model has delivered factors."""
-        filter, sensors = core.config.estimation.filter, core.config.sensors
+        filter, sensors = config.estimation.filter, config.sensors
         delivered, every = self.arm.delivered, self.arm.delivered | values
         channels = [sensors.of_channel(i).name for i in range(sensors.size)]
         factors = ["estimator.Q", *(f"estimator.R.{name}" for name in channels)]
@@ -88,37 +83,16 @@ class Trials:
         return np.tile([*ratios, *own], (len(self.seeds), 1))
 
 
-_KEPT: dict[str, Trials] = {}
-"""Trials of a process, with their compiled programs, by arm and seeds."""
-
-
-def _share(arm: Arm, seeds: list[int], candidates: Sequence[Values]) -> np.ndarray:
-    """Scores ``(C, conditions, N)`` of a process's share of the seeds."""
-    return _KEPT.setdefault(repr((arm, seeds)), Trials(arm, seeds)).each(candidates)
-
-
-def _scored(
-    core: Core, agent: Any, seeds: Sequence[int], parameters: np.ndarray, by: str
-) -> np.ndarray:
-    """Scores ``(N,)`` of one episode for each seed.
-
-    By "likelihood" a score is the mean log-likelihood of the measurements of a step.
-    """
-    core.config.estimators[0].parameters = parameters
+def _log_densities(env: Any, agent: Any, seeds: Sequence[int]) -> np.ndarray:
+    """Mean log-likelihood ``(N,)`` of the measurements of a step, in an episode for each seed."""
+    core, total = env.core, np.zeros(len(seeds))
+    filter = core.config.estimation.filter
     core.start(seeds)
     agent.reset(len(seeds))
-    alive, score = np.ones(core.num_envs, bool), np.full(core.num_envs, np.nan)
-    density, filter = np.zeros(core.num_envs), core.config.estimation.filter
-    belief, horizon = core.now.belief, core.config.system.task.horizon
-    while alive.any():
-        actions = agent.act(core.observe())
-        core.advance(actions, core.action_shape, ended=~alive, info=False)
-        if by == LIKELIHOOD:
-            before, belief = belief, core.now.belief
-            predicted = belief if filter.random else filter.predict(before, belief.u)
-            density += np.where(alive, filter.log_likelihood(predicted, belief), 0.0)
-        done = alive & ((core.last.end != 0) | (core.last.steps >= horizon))
-        if done.any():
-            found = density / core.last.steps if by == LIKELIHOOD else core.score
-            score[done], alive = found[done], alive & ~done
-    return score
+
+    def watch(rows: np.ndarray, alive: np.ndarray, before: Any) -> None:
+        belief = core.now.belief  # for which the core makes a record, of which it goes on
+        predicted = belief if filter.random else filter.predict(before.belief, belief.u)
+        total[rows[alive]] += filter.log_likelihood(predicted, belief)[alive]
+
+    return total / run_to_ends(core, agent, env.max_episode_steps, watch)["length"]

@@ -1,7 +1,7 @@
 """Tune an arm: search on tuning seeds, set the scale of Q and R, compare on fresh seeds."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import astuple, replace
 from pathlib import Path
 from typing import Any
@@ -10,11 +10,10 @@ import numpy as np
 
 import vessel_gym
 from agents.metrics import scores
-from agents.rollouts import rollout
 from agents.seeds import tuning_seeds
 from agents.source import source_digest
 from agents.statistics import mean_interval
-from agents.studies.worlds import digests, registered_id
+from agents.studies.worlds import digests
 from agents.tuning.arm import LIKELIHOOD, SCORE, Arm, Values, is_noise
 from agents.tuning.search import Journal, search
 from agents.tuning.trials import Trials
@@ -38,7 +37,6 @@ def tune(
     seed: int = 0,
     fresh: int = 100,
     journal: Path | None = None,
-    processes: int = 1,
     progress: Callable[[int, float], None] = lambda done, best: None,
 ) -> Tuned:
     """Tune estimator and controller together for the highest mean score, in closed loop.
@@ -57,7 +55,6 @@ def tune(
         fresh: Seeds of the comparison, two or more.
         journal: File to which each evaluation is appended, and from which an interrupted tuning
             goes on; None: none.
-        processes: Processes that share the episodes of a candidate.
         progress: As for `agents.tuning.search.search`.
 
     Raises:
@@ -65,7 +62,7 @@ def tune(
             seeds that are not there.
     """
     evaluations, began = integer("evaluations", evaluations, 1), time.process_time()
-    trials = Trials(arm, seeds_of_tuning(episodes, seed), processes)
+    trials = Trials(arm, seeds_of_tuning(episodes, seed))
     others = tuning_seeds(integer("fresh", fresh, 2), first=FRESH)
     made_by = {
         "version": vessel_gym.__version__, "source": source_digest("agents.tuning.tune"),
@@ -79,16 +76,16 @@ def tune(
         lambda values: float(trials.scores([values]).mean()), arm.parameters, evaluations, seed,
         kept, progress,
     )  # fmt: skip
-    searched, (values, nees) = values, _scaled(arm, trials, values)
+    searched, (values, nees) = values, _scaled(trials, values)
     best = np.fmax.accumulate([score for _, score in kept.points]).tolist()
     if arm.by == LIKELIHOOD:
-        trials = Trials(replace(arm, by=SCORE), trials.seeds, processes)
+        trials = Trials(replace(arm, by=SCORE), trials.seeds)
     before, after = trials.scores([{}, values]).mean(1).tolist()
     found = {
         "before": before, "after": after, "best_so_far": best, "position_nees": nees,
         "at_bound": _at_bound(arm, searched),
     }  # fmt: skip
-    found |= _compared(arm, searched, values, others)
+    found |= _compared(Trials(trials.arm, others), searched, values)
     return Tuned(arm, values, made_by, found | {"cpu_seconds": time.process_time() - began})
 
 
@@ -107,35 +104,34 @@ def seeds_of_tuning(episodes: int, seed: int) -> list[int]:
     return tuning_seeds(episodes, first)
 
 
-def _scaled(arm: Arm, trials: Trials, values: Values) -> tuple[Values, float]:
+def _scaled(trials: Trials, values: Values) -> tuple[Values, float]:
     """Values with a common factor on Q and R, and the NEES of the position per component.
 
     The gain of a Kalman filter depends on the ratio of Q and R alone, and so does the score. The
     factor brings the NEES to 1 unless that changes the score by `MATTERS` or more.
     """
+    arm = trials.arm
     if arm.estimator in WITHOUT_COVARIANCE:
         return values, np.nan
-    nees, names = _nees(arm, trials.seeds, values), [n for n in arm.every if is_noise(n)]
+    nees, names = _nees(trials, values), [n for n in arm.every if is_noise(n)]
     if arm.picked or arm.by == LIKELIHOOD or not names or not np.isfinite(nees):
         return values, nees
     scaled, scaled_nees = values, nees
     for _ in range(_SCALINGS):  # the share of the prior and of biases does not scale
         scaled = scaled | {name: scaled_nees * (arm.delivered | scaled)[name] for name in names}
-        scaled_nees = _nees(arm, trials.seeds, scaled)
+        scaled_nees = _nees(trials, scaled)
     before, after = trials.scores([values, scaled]).mean(1)
     return (scaled, scaled_nees) if abs(after - before) < MATTERS else (values, nees)
 
 
-def _nees(arm: Arm, seeds: Sequence[int], values: Values) -> float:
+def _nees(trials: Trials, values: Values) -> float:
     """NEES of the position per component, in the median of the episodes.
 
     A mean would follow a single episode in which the filter diverges. NaN where there is none.
     """
-    own, env_id, found = arm.estimator_options(values), registered_id(arm.env_id), []
-    for world in arm.worlds:
-        flown = rollout(arm.made_agent(values), env_id, seeds, world | {"estimator_options": own})
-        found.append(scores(flown).get("position_nees", np.array([np.nan])))
-    return float(np.median(found))
+    agent, name = trials.arm.made_agent(values), "position_nees"
+    every = [scores(each, name) for each in trials.flown(values, agent, record=True)]
+    return float(np.median([each.get(name, [np.nan]) for each in every]))
 
 
 def _at_bound(arm: Arm, values: Values) -> list[str]:
@@ -144,20 +140,18 @@ def _at_bound(arm: Arm, values: Values) -> list[str]:
     return [name for name, share in shares.items() if not NEAR < share < 1.0 - NEAR]
 
 
-def _compared(arm: Arm, searched: Values, values: Values, seeds: Sequence[int]) -> dict[str, Any]:
+def _compared(trials: Trials, searched: Values, values: Values) -> dict[str, Any]:
     """Comparison of the scores of tuned and delivered parameters on other seeds.
 
     The gain of a parameter is that over all others as searched and this one as delivered. Q and R
     are not yet scaled there: a sensor's R as delivered beside the scaled R of the others would
     count the scale as its gain. A gain over parameters that fail is NaN.
     """
-    left_out = [{n: v for n, v in searched.items() if n != name} for name in arm.parameters]
-    candidates = [{}, values, searched, *left_out]
-    by_score = Trials(replace(arm, by=SCORE), seeds)
-    delivered, tuned, best, *others = by_score.scores(candidates)
+    left_out = [{n: v for n, v in searched.items() if n != name} for name in searched]
+    delivered, tuned, best, *others = trials.scores([{}, values, searched, *left_out])
     gains = [mean_interval(each) for each in (tuned - delivered, *(best - np.array(others)))]
     gain, *each = [[*astuple(g)] for g in gains]
     return {
         "fresh_delivered": float(delivered.mean()), "fresh_tuned": float(tuned.mean()),
-        "gain": gain, "gain_of": dict(zip(arm.parameters, each, strict=True)),
+        "gain": gain, "gain_of": dict(zip(searched, each, strict=True)),
     }  # fmt: skip

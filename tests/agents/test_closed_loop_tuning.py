@@ -240,13 +240,13 @@ def test_the_scale_of_Q_and_R_makes_NEES_one(tuned: Tuned):
 
 
 def test_an_episode_that_diverges_does_not_move_the_NEES(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(tuning, "rollout", lambda *_: None)
+    monkeypatch.setattr(Trials, "flown", lambda *_, **__: [None])
     usual = np.random.default_rng(0).chisquare(2, 41) / 2.0
     diverged = np.where(usual == usual.max(), 1e9, usual)
     found = []
     for values in (usual, diverged):
-        monkeypatch.setattr(tuning, "scores", lambda _, values=values: {"position_nees": values})
-        found.append(tuning._nees(Arm(CORVETTE), SEEDS, {}))
+        monkeypatch.setattr(tuning, "scores", lambda *_, values=values: {"position_nees": values})
+        found.append(tuning._nees(Trials(Arm(CORVETTE), SEEDS), {}))
     assert found[0] == found[1]
 
 
@@ -298,8 +298,8 @@ def test_all_others_as_searched_show_what_a_parameter_gains(tuned: Tuned):
     names = [*tuned.arm.parameters]
     searched = {name: tuned.arm.delivered[name] for name in names}
     scaled = {n: 100.0 * v if n.startswith("estimator") else v for n, v in searched.items()}
-    seeds = tuning_seeds(4, first=9)
-    found = _compared(tuned.arm, searched, scaled | {"estimator.Q": 100.0}, seeds)
+    trials = Trials(tuned.arm, tuning_seeds(4, first=9))
+    found = _compared(trials, searched, scaled | {"estimator.Q": 100.0})
     assert found["gain_of"] == {name: [0.0, 0.0, 0.0] for name in names}
 
 

@@ -173,6 +173,5 @@ def test_ensemble_is_kept_if_asked_for():
     world = {"max_episode_steps": 4, "estimator": "enkf"}
     flight = rollout("autopilot", ENV, [5], world, ensembles=True)
     members = flight.history["ensemble"]
-    assert np.isfinite(members[:4]).all()
-    assert np.isnan(members[4]).all()
+    assert np.isfinite(members).all()
     assert "ensemble" not in rollout("autopilot", ENV, [5], world).history

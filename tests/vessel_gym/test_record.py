@@ -100,14 +100,17 @@ def test_a_step_takes_few_calls_in_few_files():
 
 
 @pytest.mark.parametrize("rows", [1, 65])  # one program, and stages
-@pytest.mark.parametrize("env_id", OURS)
-def test_no_warm_step_takes_the_slow_call(env_id: str, rows: int):
-    batch: Any = make_batch(env_id, rows)
-    batch.reset(seed=0)
-    actions = np.zeros((rows, batch.unwrapped.core.config.action_size))
+@pytest.mark.parametrize(
+    ("env_id", "estimator"),
+    [*((each, None) for each in OURS), *((OURS[0], each) for each in ("truth", "measurement"))],
+)
+def test_no_warm_step_takes_the_slow_call(env_id: str, estimator: str | None, rows: int):
+    core = make_core(env_id, rows, estimator=estimator)
+    core.start(0)
+    actions = np.zeros(core.action_shape)
     for _ in range(4):
-        batch.unwrapped.core.step(actions)
+        core.step(actions)
     before = Function.computed
     for _ in range(4):
-        batch.unwrapped.core.step(actions)
+        core.step(actions)
     assert Function.computed == before

@@ -254,12 +254,17 @@ class Seaway(InWaves):
 
     @cached_property
     def _reflected(self) -> list[complex]:
-        """Moments [N] of the reflected energy's directions, of the orders `_ODD`."""
+        """Moments [N] of the reflected energy's directions, of the orders `_ODD`.
+
+        A part that rounds to 0 in some seas is made tiny instead, since programs of different
+        numbers share their machine code, but a 0 is a constant of that code.
+        """
         _, directions, energy = self.spectrum.cells
         by_energy = self.ship.water_density * GRAVITY * self.ship.length * _REFLECTED
         return [
             -8.0 / (np.pi * m * (m * m - 4)) * by_energy
             * (energy.sum(0) * np.exp(1j * m * directions)).sum()
+            + m * 1e-300j
             for m in _ODD
         ]  # fmt: skip
 

@@ -147,31 +147,6 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         info = self._masked(core.info(made))
         return core.observe(), reward, terminated, truncated, info | final
 
-    def step_without_info(
-        self, actions: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Advance by one step as `step`, up to the end of each environment's first episode.
-
-        In the step that ends an episode, ``info["final_info"]`` has ``"score"`` and ``"end"``;
-        otherwise info is empty. No episode follows: the environment goes on as a copy of one whose
-        episode is not over.
-
-        Raises:
-            ValueError: as `step`.
-            gymnasium.error.ResetNeeded: before the first reset.
-        """
-        core, info = self.core, {}
-        core.advance(actions, core.action_shape, info=False)
-        observations, last = core.observe(), core.last
-        reward, end = last.reward, last.end
-        terminated, truncated = end.astype(bool), last.steps >= self._limit
-        done = terminated | truncated
-        if done.any():
-            info = {"final_info": {"score": core.score, "end": end}}
-            rows = np.where(done, done.argmin(), np.arange(self.num_envs))
-            core.now, observations = core.now.take(rows), observations[rows]
-        return observations, reward, terminated, truncated, info
-
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Image ``(height, width, 3)`` of each environment's episode so far."""
         if self.render_mode is None:

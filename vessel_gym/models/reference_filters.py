@@ -136,8 +136,8 @@ class ZeroOrderHold(Filter[HeldBelief]):
         slope = np.where(available, np.where(belief.seen, slope, 0.0), belief.slope)
         derived, n = self._derived(held, slope), self.model.n
         return {
-            "mean": derived[..., :n],
-            "input_mean": derived[..., n:],
+            "mean": derived[..., :n].copy(),  # programs are slower for arrays in another order
+            "input_mean": derived[..., n:].copy(),
             "innovation_cov": R,
             "held": held,
             "slope": slope,

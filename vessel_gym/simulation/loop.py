@@ -150,7 +150,7 @@ class Estimator:
     def _measured(self, now: State) -> tuple[np.ndarray, np.ndarray | None]:
         """Measurements and their mask in the form for the filter."""
         if self._truth is not None:
-            return self._truth(now), None
+            return np.ascontiguousarray(self._truth(now)), None
         if now.arrived is None:
             return now.y, now.available
         y, available = now.arrived
