@@ -36,6 +36,7 @@ def main(
     episodes: int = 40,
     seed: int = 0,
     fresh: int = 100,
+    processes: int = 1,
     out: Path = Path("tuned.toml"),
     resume: bool = False,
     force: bool = False,
@@ -61,7 +62,7 @@ def main(
         def report(done: int, best: float) -> None:
             show(done, evaluations, f"best {by} {best:.4f}")
 
-        tuned = tune(arm, evaluations, episodes, seed, fresh, journal, report)
+        tuned = tune(arm, evaluations, episodes, seed, fresh, journal, processes, report)
     tuned.write(out)
     _print(tuned, out)
 

@@ -1,6 +1,7 @@
 """Scores of candidates on equal seeds; where the filter allows it, in batches made once."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
@@ -18,14 +19,28 @@ class Trials:
     Args:
         arm: What is tuned.
         seeds: N seeds.
+        processes: Processes that share the seeds; the scores do not depend on their number.
     """
 
-    def __init__(self, arm: Arm, seeds: Sequence[int]) -> None:
-        self.arm, self.seeds = arm, seeds
+    def __init__(self, arm: Arm, seeds: Sequence[int], processes: int = 1) -> None:
+        self.arm, self.seeds, self.processes = arm, list(seeds), min(processes, len(seeds))
 
     def scores(self, candidates: Sequence[Values]) -> np.ndarray:
         """Scores ``(C, conditions * N)`` of C candidates; NaN for one that cannot be designed."""
-        return np.array([self._scores(values).ravel() for values in candidates])
+        found = self._shared(candidates) if self.processes > 1 else self.each(candidates)
+        return found.reshape(len(candidates), -1)
+
+    def each(self, candidates: Sequence[Values]) -> np.ndarray:
+        """Scores ``(C, conditions, N)``, computed in this process."""
+        return np.array([self._scores(values) for values in candidates])
+
+    def _shared(self, candidates: Sequence[Values]) -> np.ndarray:
+        """Scores ``(C, conditions, N)``, each process with its share of the seeds."""
+        from joblib import Parallel, delayed
+
+        shares, arm = np.array_split(self.seeds, self.processes), replace(self.arm)
+        jobs = (delayed(_share)(arm, share.tolist(), candidates) for share in shares)
+        return np.concatenate(Parallel(self.processes, inner_max_num_threads=1)(jobs), -1)
 
     def _scores(self, values: Values) -> np.ndarray:
         """Scores ``(conditions, N)`` of a candidate."""
@@ -81,6 +96,15 @@ class Trials:
         ratios = np.ones(1 + filter.model.p)  # the oracle has no factors
         ratios[: len(known)] = known
         return np.tile([*ratios, *own], (len(self.seeds), 1))
+
+
+_KEPT: dict[str, Trials] = {}
+"""Trials of a process, with their compiled programs, by arm and seeds."""
+
+
+def _share(arm: Arm, seeds: list[int], candidates: Sequence[Values]) -> np.ndarray:
+    """Scores ``(C, conditions, N)`` of a process's share of the seeds."""
+    return _KEPT.setdefault(repr((arm, seeds)), Trials(arm, seeds)).each(candidates)
 
 
 def _log_densities(env: Any, agent: Any, seeds: Sequence[int]) -> np.ndarray:

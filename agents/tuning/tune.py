@@ -37,6 +37,7 @@ def tune(
     seed: int = 0,
     fresh: int = 100,
     journal: Path | None = None,
+    processes: int = 1,
     progress: Callable[[int, float], None] = lambda done, best: None,
 ) -> Tuned:
     """Tune estimator and controller together for the highest mean score, in closed loop.
@@ -55,6 +56,7 @@ def tune(
         fresh: Seeds of the comparison, two or more.
         journal: File to which each evaluation is appended, and from which an interrupted tuning
             goes on; None: none.
+        processes: Processes that share the episodes of a candidate.
         progress: As for `agents.tuning.search.search`.
 
     Raises:
@@ -62,7 +64,7 @@ def tune(
             seeds that are not there.
     """
     evaluations, began = integer("evaluations", evaluations, 1), time.process_time()
-    trials = Trials(arm, seeds_of_tuning(episodes, seed))
+    trials = Trials(arm, seeds_of_tuning(episodes, seed), processes)
     others = tuning_seeds(integer("fresh", fresh, 2), first=FRESH)
     made_by = {
         "version": vessel_gym.__version__, "source": source_digest("agents.tuning.tune"),
@@ -79,7 +81,7 @@ def tune(
     searched, (values, nees) = values, _scaled(trials, values)
     best = np.fmax.accumulate([score for _, score in kept.points]).tolist()
     if arm.by == LIKELIHOOD:
-        trials = Trials(replace(arm, by=SCORE), trials.seeds)
+        trials = Trials(replace(arm, by=SCORE), trials.seeds, processes)
     before, after = trials.scores([{}, values]).mean(1).tolist()
     found = {
         "before": before, "after": after, "best_so_far": best, "position_nees": nees,
