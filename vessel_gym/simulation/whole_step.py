@@ -263,11 +263,11 @@ class WholeStep:
         """Arrays that a step changes, and the arrays of ``info``."""
         fields, arrays = apart(given)
         row: Any = State(**{name: by_entries(array) for name, array in fields.items()})
-        begun = {
+        first = {
             "steps": row.steps + 1, "noise_before": row.noise, "exogenous_before": row.exogenous,
         }  # fmt: skip
-        world, filter = self._world.step.function(row.but(**begun)), self._filter
-        row = row.but(**begun, **world)
+        world, filter = self._world.step.function(row.but(**first)), self._filter
+        row = row.but(**first, **world)
         rng = RandomKeys(row.filtering, row.steps) if filter.random else None
         data = *map(_whole, (row.u, row.y, row.available)), None, rng
         belief = filter.record.of(arrays | {"u": data[0]})
@@ -276,7 +276,7 @@ class WholeStep:
         scored = self._mission.step.function(row)
         row = row.but(**scored)
         named = {f"belief.{name}": array for name, array in changed.items()}
-        every = begun | world | scored | named
+        every = first | world | scored | named
         return every, [*self._info(row).values()] if self._info else []
 
 
