@@ -47,6 +47,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     gc.freeze()  # imported modules and tests live to the end
 
 
+def pytest_sessionfinish() -> None:
+    """Leave memory to the system: to free it takes seconds."""
+    gc.freeze()
+
+
 def covering(cases: Sequence[Mapping[str, Any]], names: Sequence[str]) -> set[int]:
     """Indices of few cases that hold every value of every parameter, but for those in turns.
 

@@ -76,7 +76,8 @@ def test_random_keys_that_filter_keeps_stay_those_of_their_step() -> None:
 # --- a vehicle of one's own equations -------------------------------------------------------------
 
 
-@pytest.mark.parametrize("env_id", [pytest.param("USV-v0", marks=pytest.mark.nightly), "Route-v0"])
+@pytest.mark.slow
+@pytest.mark.parametrize("env_id", ["Route-v0", "USV-v0"])
 def test_a_vehicle_follows_the_waypoints_of_the_page_on_a_filter(env_id: str) -> None:
     shares = {}
     for estimator in ("truth", "ekf", "dead-reckoning"):

@@ -1,4 +1,4 @@
-"""What the jobs of the tests compute."""
+"""Jobs of the tests, and what they compute."""
 
 import os
 import signal
@@ -8,6 +8,23 @@ from time import sleep
 import numpy as np
 
 from agents.files import replacing
+from agents.jobs import Job
+
+
+def job(name: str, needs: tuple[Job, ...] = (), artifact: str = "", **arguments) -> Job:
+    return Job(f"job_functions:{name}", arguments, name, needs, artifact)
+
+
+def study(seconds: float = 0.0, draws: int = 8) -> list[Job]:
+    """Twelve jobs, or more, in two waves, three of them with artifacts."""
+    written = tuple(job("write", artifact=".bin", seed=seed, seconds=seconds) for seed in range(3))
+    drawn = [job("draw", seed=seed, seconds=seconds) for seed in range(draws)]
+    return [*drawn, job("read", needs=written)]
+
+
+def long_study() -> list[Job]:
+    """44 jobs that take two seconds in all."""
+    return study(0.05, draws=40)
 
 
 def draw(seed, seconds=0.0):

@@ -92,8 +92,9 @@ def test_factors_given_to_the_environment_are_delivered():
 def test_sensors_that_are_not_tuned_keep_their_factor_on_R():
     given = {"estimator_options": {"assume": {"R": 4.0}}}
     arm = Arm(CORVETTE, options={"estimator": "ekf"} | given)
-    R = arm.estimator_options({"estimator.R.receiver": 9.0})["assume"]["R"]
-    assert R == {"gyro compass": 4.0, "rate gyro": 4.0, "receiver": 9.0}
+    assume = arm.estimator_options({"estimator.Q": 2.0, "estimator.R.receiver": 9.0})["assume"]
+    R = {"gyro compass": 4.0, "rate gyro": 4.0, "receiver": 9.0}
+    assert assume == {"Q": 2.0, "R": R}
 
 
 @pytest.mark.parametrize("estimator", ["ekf", "kf-umv-ui"])

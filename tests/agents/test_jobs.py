@@ -13,6 +13,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from job_functions import job, long_study, study
 
 from agents import jobs
 from agents.jobs import Job, compute, run
@@ -20,22 +21,6 @@ from agents.jobs import Job, compute, run
 HERE = Path(__file__).parent
 ENVIRONMENT = os.environ | {"PYTHONPATH": os.pathsep.join([str(HERE), str(HERE.parents[1])])}
 PATIENCE = 60  # seconds that a process may take for what takes it one
-
-
-def job(name: str, needs: tuple[Job, ...] = (), artifact: str = "", **arguments) -> Job:
-    return Job(f"job_functions:{name}", arguments, name, needs, artifact)
-
-
-def study(seconds: float = 0.0, draws: int = 8) -> list[Job]:
-    """Twelve jobs, or more, in two waves, three of them with artifacts."""
-    written = tuple(job("write", artifact=".bin", seed=seed, seconds=seconds) for seed in range(3))
-    drawn = [job("draw", seed=seed, seconds=seconds) for seed in range(draws)]
-    return [*drawn, job("read", needs=written)]
-
-
-def long_study() -> list[Job]:
-    """44 jobs that take two seconds in all."""
-    return study(0.05, draws=40)
 
 
 def names(folder: Path) -> set[str]:
@@ -176,7 +161,7 @@ import signal
 import sys
 from pathlib import Path
 from agents.jobs import run
-from test_jobs import long_study
+from job_functions import long_study
 signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in a shell's background
 show = lambda done, failed, total: print(done, flush=True)
 run(long_study(), Path(sys.argv[1]), processes=2, progress=show)

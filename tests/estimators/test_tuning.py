@@ -120,10 +120,9 @@ def profile(found: Fit, name: str, value: float, y: np.ndarray) -> float:
 
 
 @pytest.mark.nightly
-@pytest.mark.parametrize("count", [2, 69])
-def test_what_is_said_of_a_variance_is_true_of_its_profile(count: int):
+def test_what_is_said_of_a_variance_is_true_of_its_profile():
     rng, said = np.random.default_rng(0), 0
-    for _ in range(count):
+    for _ in range(69):
         q, r, steps = (rng.choice(each) for each in ([0, 1e-4, 1e-2, 1], [1e-4, 1e-2, 1], [20, 50]))
         y = random_walk(rng.integers(1000), steps, q, r)
         found = fit(lambda q, r: level(q, r, 1.0), {"q": 1.0, "r": 1.0}, y)
@@ -174,7 +173,8 @@ def test_a_start_in_other_units_finds_the_same(unit: float, known: float):
     assert one.estimates == pytest.approx(other.estimates, rel=0.02)
 
 
-@pytest.mark.parametrize("unit", [1e-6, pytest.param(1e9, marks=pytest.mark.nightly)])
+@pytest.mark.slow
+@pytest.mark.parametrize("unit", [1e-6, 1e9])
 def test_a_start_without_likelihood_may_be_in_other_units(unit: float):
     """Two sensors of one state agree to the last digit, as seen from far away."""
     rng = np.random.default_rng(0)
