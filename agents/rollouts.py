@@ -167,26 +167,28 @@ def run_to_ends(
     """
     start, rows, observations = core.now, np.arange(core.num_envs), core.observe()
     alive, ends = np.ones(len(rows), bool), _ends(core)
-    for step in range(1, horizon + 1):
-        before, every = core.last, acted(agent, observations, core.action_shape)
-        actions = np.take(every, rows, 0)
-        core.advance(actions, actions.shape, ~alive, info=False)
-        seen = core.observe()
-        observations = seen if len(rows) == len(every) else in_rows(observations, rows, seen)
-        if watch is not None:
-            watch(rows, alive, before)
-        done = alive & (core.last.end != 0) if step < horizon else alive
-        if np.count_nonzero(done):
-            ends, alive = _changed(ends, rows[done], _ends(core), done), alive & ~done
-            left = np.flatnonzero(alive)
-            if not len(left):
-                break
-            # Few rows would be another program, and each new size of a batch costs some time.
-            size = -(-len(left) // _TOGETHER) * _TOGETHER
-            if size < len(rows):
-                kept = np.resize(left, size)
-                rows, alive, core.now = rows[kept], alive[kept], core.now.take(kept)
-    core.now = start
+    try:
+        for step in range(1, horizon + 1):
+            before, every = core.last, acted(agent, observations, core.action_shape)
+            actions = np.take(every, rows, 0)
+            core.advance(actions, actions.shape, ~alive, info=False)
+            seen = core.observe()
+            observations = seen if len(rows) == len(every) else in_rows(observations, rows, seen)
+            if watch is not None:
+                watch(rows, alive, before)
+            done = alive & (core.last.end != 0) if step < horizon else alive
+            if np.count_nonzero(done):
+                ends, alive = _changed(ends, rows[done], _ends(core), done), alive & ~done
+                left = np.flatnonzero(alive)
+                if not len(left):
+                    break
+                # Few rows would be another program, and each new size of a batch costs time.
+                size = -(-len(left) // _TOGETHER) * _TOGETHER
+                if size < len(rows):
+                    kept = np.resize(left, size)
+                    rows, alive, core.now = rows[kept], alive[kept], core.now.take(kept)
+    finally:  # also after Ctrl-C
+        core.now = start
     return ends
 
 

@@ -12,6 +12,7 @@ from refusals import refused
 
 from agents import RandomAgent, load_agent, rollout
 from agents.metrics import scores
+from agents.rollouts import run_to_ends
 from vessel_gym.envs import SigmaCorvetteVectorEnv
 from vessel_gym.sensor_faults import SensorFault
 
@@ -94,6 +95,18 @@ def test_a_rollout_without_a_record_has_the_same_results(world: dict[str, Any]):
         scores(scored)
 
 
+def test_an_interrupted_run_leaves_the_core_at_the_start():
+    env = rollout(HARD_OVER, ENV, range(12), ROUGH, record=False).env
+
+    def stop(rows: np.ndarray, *_: Any) -> None:
+        if len(rows) < 12:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_to_ends(env.core, HARD_OVER, env.max_episode_steps, stop)
+    np.testing.assert_array_equal(env.core.now.steps, np.zeros(12))
+
+
 def test_a_step_of_ones_own_is_flown_with_and_without_a_record():
     class Halved(SigmaCorvetteVectorEnv):
         def step(self, actions: np.ndarray) -> Any:
@@ -167,11 +180,3 @@ def test_what_cannot_be_flown_is_refused_in_one_sentence(agent: Any, env_id: str
         assert rollout("random", "Endless-v0", [0], {"max_episode_steps": 5}).length == [5]
     finally:
         del gym.registry["Endless-v0"]
-
-
-def test_ensemble_is_kept_if_asked_for():
-    world = {"max_episode_steps": 4, "estimator": "enkf"}
-    flight = rollout("autopilot", ENV, [5], world, ensembles=True)
-    members = flight.history["ensemble"]
-    assert np.isfinite(members).all()
-    assert "ensemble" not in rollout("autopilot", ENV, [5], world).history
