@@ -43,9 +43,9 @@ def sensors_of(env_id: str, suite: str = "nominal", **late: float) -> list[Senso
     return [replace(sensor, **late) for sensor in in_quality(each, **SUITES[suite])]
 
 
-def late_fix(suite: str = "nominal", **late: float) -> list[Sensor]:
+def late_fix(**late: float) -> list[Sensor]:
     """ITSUNUSA's sensors, whose fix alone is late by so many seconds."""
-    each = in_quality(single_class(VERTICAL).system.vehicle.sensors, **SUITES[suite])
+    each = in_quality(single_class(VERTICAL).system.vehicle.sensors, **SUITES["nominal"])
     return [replace(sensor, **late) if sensor.name == FIX else sensor for sensor in each]
 
 
