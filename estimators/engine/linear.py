@@ -2,7 +2,8 @@
 
 Those of small matrices are unrolled, scalar by scalar, without what is known to be zero: a
 covariance is computed in its lower half, and quotients by one number are products with its
-reciprocal. Those of large ones are single instructions.
+reciprocal. Those of large ones are single instructions, and products with matrices of many known
+zeros loops over the columns of the other matrix.
 """
 
 from collections.abc import Iterable
@@ -11,8 +12,17 @@ from typing import Any
 import numpy as np
 
 from estimators.engine.arrays import TracedArray
-from estimators.engine.matrices import PRODUCTS, is_small, loop, matrix
-from estimators.engine.tracer import Tracer, known, operation, where
+from estimators.engine.matrices import (
+    PRODUCTS,
+    by_entries,
+    columnwise,
+    is_small,
+    is_sparse,
+    is_zero,
+    loop,
+    matrix,
+)
+from estimators.engine.tracer import Tracer, operation, where
 
 
 def product(a: Any, b: Any) -> Any:
@@ -22,6 +32,10 @@ def product(a: Any, b: Any) -> Any:
         return _array((_inner(row, column) for row in a for column in b.T), (rows, columns))
     if inner != length:
         raise ValueError(f"matrices of shapes {a.shape} and {b.shape} a row have no product")
+    if is_sparse(a):
+        return columnwise(lambda x: TracedArray.of([_inner(row, x) for row in by_entries(a)]), b)
+    if is_sparse(b):
+        return product(b.mT, a.mT).mT
     return loop("matmul", (rows, columns), a, b)
 
 
@@ -111,7 +125,7 @@ def _symmetric(n: int, entry: Any) -> Any:
 
 def _inner(x: Any, y: Any) -> Any:
     """The inner product of two vectors."""
-    terms = [a * b for a, b in zip(x, y, strict=True) if not (_is_zero(a) or _is_zero(b))]
+    terms = [a * b for a, b in zip(x, y, strict=True) if not (is_zero(a) or is_zero(b))]
     return sum(terms[1:], terms[0]) if terms else 0.0
 
 
@@ -123,12 +137,7 @@ def _mean(x: Any, y: Any) -> Any:
 
 def _divided(x: Any, y: Any) -> Any:
     """``x / y`` by the reciprocal of y, which a program computes once."""
-    return 0.0 if _is_zero(x) else x * (1.0 / y)
-
-
-def _is_zero(x: Any) -> bool:
-    """Is a number known to be 0?"""
-    return bool((known(x) if isinstance(x, Tracer) else x) == 0.0)
+    return 0.0 if is_zero(x) else x * (1.0 / y)
 
 
 PRODUCTS |= {

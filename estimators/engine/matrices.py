@@ -13,9 +13,10 @@ import numpy as np
 
 from estimators.engine.arrays import SCALAR_FUNCTIONS, TracedArray, entries
 from estimators.engine.program import NotTraceable, Program, View
-from estimators.engine.tracer import Tracer, cast, constant, program_of
+from estimators.engine.tracer import Tracer, cast, constant, known, program_of
 
 _FEW = 10  # rows or columns of a matrix up to which its operations are unrolled
+_MANY = 2000  # entries of a matrix from which its known zeros are not looked for
 
 
 class TracedMatrix(TracedArray):
@@ -29,7 +30,7 @@ class TracedMatrix(TracedArray):
         return matrix(super().__array_ufunc__(ufunc, method, *operands, **others))
 
     def __array_function__(self, function: Any, types: Any, args: Any, kwargs: Any) -> Any:
-        if function is np.where and not is_small(*args):
+        if function is np.where and not (is_small(*args) or is_sparse(args[1])):
             return _each("where", *args)
         if function is np.concatenate and not is_small(*args[0]):
             return _joined(*args, **kwargs)
@@ -89,6 +90,19 @@ def stored(program: Program, value: int, shape: tuple[int, ...], kind: str = "f"
 def is_small(*operands: Any) -> bool:
     """Are operations of these unrolled? They are of matrices with few rows and columns."""
     return all(max(getattr(each, "shape", ()), default=1) <= _FEW for each in operands)
+
+
+def is_sparse(value: Any) -> bool:
+    """Are a third of the entries of a matrix, or more, known to be zero?"""
+    size = np.size(value) if np.ndim(value) == 2 else _MANY
+    return size < _MANY and 3 * sum(map(is_zero, np.asarray(value).flat)) >= size
+
+
+def is_zero(x: Any) -> bool:
+    """Is a number known to be 0?"""
+    if isinstance(x, Entry):
+        return False
+    return bool((known(x) if isinstance(x, Tracer) else x) == 0.0)
 
 
 def view(program: Program, array: Any) -> View:

@@ -9,7 +9,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from estimators import linalg
 from estimators.engine import trace
+from estimators.engine.arrays import TracedArray
 from estimators.engine.function import Argument
+from estimators.engine.matrices import matrix
 from tests.estimators.cases import random_covariance
 
 ROWS = (1, 2, 7, 8, 9, 64, 70, 200)
@@ -110,6 +112,26 @@ def test_a_matrix_that_is_no_covariance_is_lost_and_no_other(name: str):
     lost = np.isin(np.arange(70), (4, 5, 66))
     assert np.isnan(found[lost]).any((-2, -1)).all()
     assert_array_equal(found[~lost], expected[~lost])
+
+
+def test_products_without_known_zeros_have_equal_bits():
+    n, rng = 12, np.random.default_rng(0)
+    here, x, S = rng.random((n, n)) < 0.3, rng.normal(size=(9, n)), rng.normal(size=(9, n, n))
+
+    def sparse(x: Any) -> Any:
+        return matrix(TracedArray.of([[x[i] * x[j] if here[i, j] else 0.0
+                                       for j in range(n)] for i in range(n)]))  # fmt: skip
+
+    def products(A: Any, S: Any) -> list[Any]:
+        return [A @ S, S @ A.mT, np.matvec(A, S[..., 0])]
+
+    rows = [Argument((n,), whole=True), Argument((n, n), whole=True)]
+    found = trace(lambda x, S: products(sparse(x), S), rows)
+    assert all(each.opcode != "matmul" for each in found.instructions)
+    dense = here * (x[:, :, None] * x[:, None, :])
+    expected = trace(products, [rows[1]] * 2).compute(dense, S)
+    for one, other in zip(found.compute(x, S), expected, strict=True):
+        assert_array_equal(one, other)
 
 
 def test_large_matrices_are_loops_and_empty_ones_are_zero():
