@@ -18,6 +18,7 @@ from estimators.engine.matrices import (
     columnwise,
     is_small,
     is_sparse,
+    is_traced,
     is_zero,
     loop,
     matrix,
@@ -32,9 +33,9 @@ def product(a: Any, b: Any) -> Any:
         return _array((_inner(row, column) for row in a for column in b.T), (rows, columns))
     if inner != length:
         raise ValueError(f"matrices of shapes {a.shape} and {b.shape} a row have no product")
-    if is_sparse(a):
+    if is_sparse(a) and is_traced(b):
         return columnwise(lambda x: TracedArray.of([_inner(row, x) for row in by_entries(a)]), b)
-    if is_sparse(b):
+    if is_sparse(b) and is_traced(a):
         return product(b.mT, a.mT).mT
     return loop("matmul", (rows, columns), a, b)
 

@@ -123,7 +123,7 @@ def test_products_without_known_zeros_have_equal_bits():
                                        for j in range(n)] for i in range(n)]))  # fmt: skip
 
     def products(A: Any, S: Any) -> list[Any]:
-        return [A @ S, S @ A.mT, np.matvec(A, S[..., 0])]
+        return [A @ S, S @ A.mT, np.matvec(A, S[..., 0]), A @ here, here @ A.mT]
 
     rows = [Argument((n,), whole=True), Argument((n, n), whole=True)]
     found = trace(lambda x, S: products(sparse(x), S), rows)
