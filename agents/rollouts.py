@@ -128,8 +128,8 @@ def flown(
     core: Any = getattr(env.unwrapped, "core", None)
     scenario, constants = core and core.now.scenario, core and core.now.episode_constants
 
-    def watch(rows: np.ndarray, alive: np.ndarray, _: Any) -> None:
-        frames.append(_changed(frames[-1], rows[alive], _frame(core, ensembles), alive))
+    def watch(rows: np.ndarray, _: Any) -> None:
+        frames.append(_changed(frames[-1], rows, _frame(core, ensembles), slice(None)))
 
     if type(env).step is VesselVectorEnv.step:
         frames = [_frame(core, ensembles) if record else {}]
@@ -148,45 +148,43 @@ def run_to_ends(
     core: Core,
     agent: Agent,
     horizon: int,
-    watch: Callable[[np.ndarray, np.ndarray, Any], None] | None = None,
+    watch: Callable[[np.ndarray, Any], None] | None = None,
 ) -> Arrays:
     """Step the B episodes that a core has begun, each up to its end.
 
-    Episodes that have ended leave the batch by and by. Afterwards the core is at the start again.
+    Episodes that have ended leave the batch. Afterwards the core is at the start again.
 
     Args:
         core: Environments whose episodes have begun.
         agent: It has been reset. It always gets B observations, for an ended episode the last one.
         horizon: Steps after which an episode ends.
         watch: Called after each step with the indices ``(M,)`` of the episodes in the batch, some
-            perhaps twice, the mask ``(M,)`` of those that had not ended before the step, and the
-            core's ``last`` before it.
+            perhaps several times, and the core's ``last`` before the step.
 
     Returns:
         Arrays ``(B,)``: score, returns, length, terminated, and the number of the end reason.
     """
     start, rows, observations = core.now, np.arange(core.num_envs), core.observe()
-    alive, ends = np.ones(len(rows), bool), _ends(core)
+    ends = _ends(core)
     try:
         for step in range(1, horizon + 1):
             before, every = core.last, acted(agent, observations, core.action_shape)
             actions = np.take(every, rows, 0)
-            core.advance(actions, actions.shape, ~alive, info=False)
-            seen = core.observe()
-            observations = seen if len(rows) == len(every) else in_rows(observations, rows, seen)
+            core.advance(actions, actions.shape, info=False)
+            observations = in_rows(observations, rows, core.observe())
             if watch is not None:
-                watch(rows, alive, before)
-            done = alive & (core.last.end != 0) if step < horizon else alive
+                watch(rows, before)
+            done = (core.last.end != 0) | (step == horizon)
             if np.count_nonzero(done):
-                ends, alive = _changed(ends, rows[done], _ends(core), done), alive & ~done
-                left = np.flatnonzero(alive)
+                ends = _changed(ends, rows[done], _ends(core), done)
+                left = np.flatnonzero(~done)
                 if not len(left):
                     break
-                # Few rows would be another program, and each new size of a batch costs time.
+                # Copies of others take the places of ended episodes, since each new size of a batch
+                # costs time, and few rows would be another program.
                 size = -(-len(left) // _TOGETHER) * _TOGETHER
-                if size < len(rows):
-                    kept = np.resize(left, size)
-                    rows, alive, core.now = rows[kept], alive[kept], core.now.take(kept)
+                kept = np.resize(left, min(size, len(rows)))
+                rows, core.now = rows[kept], core.now.take(kept)
     finally:  # also after Ctrl-C
         core.now = start
     return ends
@@ -216,24 +214,24 @@ def _run_others(
         length, returns = length + 1, returns + reward
         done = (terminated | truncated) & alive
         alive &= ~done
-        final = info.get("final_info", {})
+        final = _numeric(info.get("final_info", {}))
         values = {
             "score": final.get("score", returns), "returns": returns, "length": length,
             "terminated": terminated, "end": final.get("end", length),
         }  # fmt: skip
         ends = _changed(values | ends, done, values, done)
         going = _changed(frames[-1], alive, _numeric(info), alive)
-        frames.append(_changed(going, done, _numeric(final), done))
+        frames.append(_changed(going, done, final, done))
     return ends
 
 
-def _changed(arrays: Arrays, rows: np.ndarray, values: Arrays, own: np.ndarray) -> Arrays:
-    """Arrays whose rows have other values: the ``own`` rows of some values."""
-    return arrays | {
-        key: in_rows(array, rows, values[key][own])
-        for key, array in arrays.items()
-        if key in values
-    }
+def _changed(arrays: Arrays, rows: np.ndarray, values: Arrays, own: Any) -> Arrays:
+    """Arrays whose rows have other values, perhaps of a wider type: the ``own`` rows of some."""
+    changed = {}
+    for key in arrays.keys() & values.keys():
+        array = arrays[key].astype(np.result_type(arrays[key], values[key]), copy=False)
+        changed[key] = in_rows(array, rows, values[key][own])
+    return arrays | changed
 
 
 def acted(agent: Agent, observations: np.ndarray, shape: tuple[int, ...] | None) -> np.ndarray:

@@ -11,8 +11,8 @@ _EPS = float(np.finfo(float).eps)
 
 
 def central_differences(
-    name: str, function: Function, x: np.ndarray, u: np.ndarray | None, angles: tuple[int, ...],
-    step: np.ndarray,
+    name: str, function: Function, x: np.ndarray, u: np.ndarray | None, size: int,
+    angles: tuple[int, ...], step: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """``f(x)`` and ``df/dx`` by fourth-order differences of ``step (..., n)``, in one call.
 
@@ -21,7 +21,7 @@ def central_differences(
     matter where ``f`` wraps them.
 
     Raises:
-        ValueError: if ``f`` returns fewer digits than float64 has.
+        ValueError: if ``f`` returns other than ``size`` values, or fewer digits than float64 has.
     """
     n = x.shape[-1]
     points = x[..., None, :] + _offsets(n) * step[..., None, :]
@@ -32,8 +32,7 @@ def central_differences(
             " rounding: compute it in float64, give its Jacobian, or use ukf"
         )
     values = values.astype(float, copy=False)
-    # near, far; above, below
-    sides = values[..., 1:, :].reshape(*x.shape[:-1], 2, 2, n, values.shape[-1])
+    sides = values[..., 1:, :].reshape(*x.shape[:-1], 2, 2, n, size)  # near, far; above, below
     change = sides[..., 0, :, :] - sides[..., 1, :, :]
     for i in angles:
         change[..., i] = short_way(change[..., i])

@@ -235,9 +235,11 @@ class NonlinearModel(_Model):
         if slopes is None and is_compiled(function):
             return _in_form(linearise, function)(x, u)
         if slopes is None:
-            angles = self.state_angles if name == "transition" else self.measurement_angles
+            size, angles = self.p, self.measurement_angles
+            if name == "transition":
+                size, angles = self.n, self.state_angles
             step = steps(x, cov, self.state_angles)
-            return central_differences(name, function, x, u, angles, step)
+            return central_differences(name, function, x, u, size, angles, step)
         value = np.asarray(function(x, u), float)
         return value, np.broadcast_to(np.asarray(slopes(x, u), float), (*value.shape, self.n))
 

@@ -13,6 +13,7 @@ import numpy as np
 from agents.rollouts import Rollout
 from estimators import nees
 from estimators.angles import difference
+from estimators.checks import frozen
 from vessel_gym.models.estimation import WITHOUT_COVARIANCE
 
 PerEpisode = Callable[[Rollout], np.ndarray | None]
@@ -74,7 +75,10 @@ def described(task: str, **of: PerEpisode) -> tuple[Metric, ...]:
 
 
 def once(function: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of a rollout and names that is evaluated once, since several metrics need it."""
+    """A function of a rollout and names that is evaluated once, since several metrics need it.
+
+    Who asks for its arrays shares them with others, and must not write into them.
+    """
     results = WeakKeyDictionary[Rollout, dict[tuple[str, ...], Any]]()
 
     @wraps(function)
@@ -187,7 +191,7 @@ def rms(error: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 @once
 def nees_of(rollout: Rollout, *names: str) -> np.ndarray | None:
-    """NEES ``(T + 1, N)``, or None for an estimator without a covariance of its own.
+    """NEES ``(T + 1, N)``, read-only, or None for an estimator without a covariance of its own.
 
     Args:
         rollout: Rollout with a history.
@@ -201,7 +205,7 @@ def nees_of(rollout: Rollout, *names: str) -> np.ndarray | None:
     turning = config.estimation.filter.model.state_angles
     angles = tuple(chosen.index(i) for i in turning if i in chosen)
     cov = h["covariance"][..., np.array(chosen)[:, None], chosen]
-    return nees(h["estimate"][..., chosen], cov, state[..., chosen], angles)
+    return frozen(nees(h["estimate"][..., chosen], cov, state[..., chosen], angles))
 
 
 def _known(rollout: Rollout, names: tuple[str, ...]) -> tuple[int, ...]:

@@ -114,9 +114,9 @@ def _log_densities(env: Any, agent: Any, seeds: Sequence[int]) -> np.ndarray:
     core.start(seeds)
     agent.reset(len(seeds))
 
-    def watch(rows: np.ndarray, alive: np.ndarray, before: Any) -> None:
+    def watch(rows: np.ndarray, before: Any) -> None:
         belief = core.now.belief  # for which the core makes a record, of which it goes on
         predicted = belief if filter.random else filter.predict(before.belief, belief.u)
-        total[rows[alive]] += filter.log_likelihood(predicted, belief)[alive]
+        total[rows] += filter.log_likelihood(predicted, belief)
 
     return total / run_to_ends(core, agent, env.max_episode_steps, watch)["length"]

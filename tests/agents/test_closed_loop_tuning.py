@@ -4,6 +4,7 @@ import json
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium as gym
@@ -82,6 +83,16 @@ def test_candidates_side_by_side_score_as_alone(estimator: Any, own: dict[str, f
     np.testing.assert_allclose(found, by_environments(arm, candidates), rtol=0.0, atol=atol)
 
 
+@pytest.mark.slow
+def test_scores_do_not_depend_on_the_number_of_processes():
+    arm = Arm(
+        "brief:" + BRIEF, options={"estimator": "ekf"}, conditions=({}, {"sensors": "budget"})
+    )
+    one, two = (Trials(arm, SEEDS, processes).scores(CANDIDATES) for processes in (1, 2))
+    assert one.shape == (3, 6)
+    np.testing.assert_array_equal(one, two)
+
+
 def test_factors_given_to_the_environment_are_delivered():
     given = {"assume": {"Q": 3.0, "R": {"gyro compass": 5.0}}}
     plain, own = Arm(BRIEF, options={"estimator": "ekf"}), {"estimator_options": given}
@@ -98,21 +109,26 @@ def test_sensors_that_are_not_tuned_keep_their_factor_on_R():
 
 
 @pytest.mark.parametrize("estimator", ["ekf", "kf-umv-ui"])
-def test_likelihood_is_that_of_the_prediction_s_measurement(estimator: str):
-    options = {"estimator": estimator}
-    env: Any = gym.make(BRIEF, **options)
-    agent, (observation, _) = load_agent("autopilot", env), env.reset(seed=SEEDS[0])
+def test_likelihood_is_that_of_the_prediction_s_measurement(
+    estimator: str, monkeypatch: pytest.MonkeyPatch
+):
+    """In an episode that goes on when others have ended, as the rudder is hard over in all."""
+    hard_over = SimpleNamespace(reset=lambda rows: None, act=lambda seen: np.ones((len(seen), 1)))
+    monkeypatch.setattr(Trials, "_agent", lambda *_: hard_over)
+    options = {"estimator": estimator, "disturbance": "rough"}
+    env: Any = gym.make(CORVETTE, **options)
+    env.reset(seed=SEEDS[-1])
     core, densities, over = env.unwrapped.core, list[float](), False
     filter, belief = core.config.estimation.filter, core.now.belief
     while not over:
-        observation, _, terminated, truncated, _ = env.step(agent.act(observation[None])[0])
+        _, _, terminated, truncated, _ = env.step(np.ones(1))
         now = core.now
         predicted = filter.predict(belief, now.belief.u)
         belief = filter.update(predicted, now.y, available=now.available, u=now.belief.u)
         densities.append(filter.log_likelihood(predicted, belief).item())
         over = terminated or truncated
-    found = Trials(Arm(BRIEF, options=options, by="likelihood"), SEEDS[:1]).scores([{}])
-    assert found.item() == pytest.approx(np.mean(densities), rel=1e-6)
+    found = Trials(Arm(CORVETTE, options=options, by="likelihood"), SEEDS).scores([{}])
+    assert found[0, -1] == pytest.approx(np.mean(densities), rel=1e-6)
 
 
 @pytest.mark.nightly

@@ -91,6 +91,11 @@ def test_only_missing_jobs_are_computed(tmp_path):
     ]
 
 
+def test_what_others_need_is_computed_first(tmp_path):
+    *_, last = wanted = study()
+    assert {*[*at_once(wanted, tmp_path).values][:3]} == {need.key for need in last.needs}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("processes", [1, 2])
 def test_a_job_that_fails_stops_no_other_and_is_tried_again(tmp_path, processes):

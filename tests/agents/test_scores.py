@@ -133,9 +133,11 @@ def test_nees_is_squared_error_in_units_of_covariance():
     np.testing.assert_allclose(scores(claimed)["nees"], 4.0)
     assert consistency(claimed) == 0.0
     noise = sd * np.random.default_rng(0).standard_normal(truth.shape)
-    share = consistency(changed(kept, covariance=covariance, estimate=truth + noise))
-    assert share is not None
-    assert 0.92 < share < 0.98
+    noisy = changed(kept, covariance=covariance, estimate=truth + noise)
+    for names in (), ("psi",):
+        share = consistency(noisy, *names)
+        assert share is not None
+        assert 0.92 < share < 0.98
 
 
 def test_only_steps_that_an_episode_lived_through_count():

@@ -63,6 +63,10 @@ def test_gaps_in_the_measurements_are_no_sign_of_inconsistency():
     data = data._replace(available=_rng(9).random(data.y.shape) >= 0.4)
     assert _p_values(data)["all"] > 0.01
     assert _p_values(data, dataclasses.replace(MODEL, R=3.0 * MODEL.R))["all"] < 1e-3
+    every_other = np.broadcast_to(np.arange(40)[:, None, None] % 2 == 0, data.y.shape)
+    report = assess(make("kf", MODEL), PRIOR, _rng(0), data._replace(available=every_other))
+    assert report.whiteness is not None
+    assert np.isnan(report.whiteness.found[0]).all()  # no pair is one step apart
 
 
 @pytest.mark.parametrize(

@@ -104,6 +104,7 @@ BUILT: list[tuple[str, Any, dict[str, Any], str]] = [
     ("ukf-umv", _linear(G=FIRST, H=lambda u: np.zeros((2, 1))), {}, r"needs H = 0 \(no feed"),
     *((name, HIDDEN, {}, RANK.format("C G", 1, 0)) for name in ("kf-umv-ui-wdf", "ekf-ui-wdf")),
     ("ukf-umv", _nonlinear(G=ALIKE), {}, RANK.format("C G", 2, 1)),
+    ("ukf-umv", _nonlinear(G=I2, R=[[1.0]]), {}, RANK.format("C G", 2, 1)),
     ("ulise", HIDDEN, {}, RANK.format(r"H\) \+ rank\(C2 G2", 1, 0) + ADVICE),
     # One input is fed through; in the second row the other drives just the state that this hides.
     ("ulise", _linear(G=np.stack([I2 * SECOND, I2[::-1] * FIRST]), H=I2 * FIRST), {},

@@ -173,7 +173,7 @@ def scribble(tree: Any) -> None:
             scribble(value)
     elif isinstance(tree, np.ndarray) and tree.ndim:
         assert tree.flags.writeable
-        tree[...] = True if tree.dtype == bool else 77
+        tree[...] = ~tree if tree.dtype == bool else 77
 
 
 @pytest.mark.slow

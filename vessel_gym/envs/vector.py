@@ -77,7 +77,6 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._every = np.ones(num_envs, bool)
-        self._limit = np.array(max_episode_steps or sys.maxsize)  # an array compares faster
         self._renderers: list[Any] = []
 
     @property
@@ -135,7 +134,7 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         else:
             made = core.advance(actions, core.action_shape)
         reward, terminated = core.last.reward.copy(), core.last.end.astype(bool)  # 0 at a start
-        truncated = core.last.steps >= self._limit
+        truncated = core.last.steps >= (self.max_episode_steps or sys.maxsize)
         done = terminated | truncated
         if restarting or np.count_nonzero(done):
             if self.autoreset_mode is not AutoresetMode.SAME_STEP:

@@ -94,7 +94,7 @@ def linearised_model(space: StateSpace, trims: Trims) -> LinearModel:
         return model.transition(np.broadcast_to(x[:, None, :], u.shape[:-1] + (model.n,)), u)
 
     spacing = steps(np.zeros(u.shape), None)
-    B = central_differences("transition", moved, u, None, model.state_angles, spacing)[1]
+    B = central_differences("transition", moved, u, None, model.n, model.state_angles, spacing)[1]
     B[..., -1] += after - np.matvec(A, x) - np.matvec(B, u)
 
     def scheduled(table: np.ndarray) -> Schedule:

@@ -288,7 +288,7 @@ class StateSpace:
             )
 
         none, angles = np.zeros((*x.shape[:-1], q)), self.angles
-        slopes = central_differences("drift", drift, none, u, angles, steps(none, None))[1]
+        slopes = central_differences("drift", drift, none, u, n, angles, steps(none, None))[1]
         rest = np.zeros((*x.shape[:-1], len(self.G) - n, q))
         return self.G + np.concatenate([slopes, rest], -2)
 

@@ -88,10 +88,10 @@ def root(
         guess: Start ``(..., n)``.
         held: Vectors ``(..., m)`` that are not changed.
     """
-    x = guess
+    x, n = guess, guess.shape[-1]
     for _ in range(30):
         step = steps(x, None)
-        values, jacobian = central_differences("residual", residual, x, held, (), step)
+        values, jacobian = central_differences("residual", residual, x, held, n, (), step)
         change = np.linalg.solve(jacobian, values[..., None])[..., 0]
         x = x - change
         converged = (np.abs(change) <= 1e-12 * (1.0 + np.abs(x))).all(-1, keepdims=True)
