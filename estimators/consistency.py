@@ -154,9 +154,10 @@ def whiteness_test(innovation: np.ndarray, innovation_cov: np.ndarray, lags: int
     Raises:
         ValueError: if the innovations have no spread in some direction.
     """
+    innovation, cov = np.asarray(innovation, float), np.asarray(innovation_cov, float)
     arrived = ~np.isnan(innovation)
     mask, innovation = 1.0 * arrived, np.where(arrived, innovation, 0.0)
-    white = _standardised(_solve_root(masked(innovation_cov, arrived), innovation), mask)
+    white = _standardised(_solve_root(masked(cov, arrived), innovation), mask)
     products, counts = (
         np.array([np.einsum("tmi,tmj->ij", a[lag:], a[:-lag]) for lag in range(1, lags + 1)])
         for a in (white, mask)

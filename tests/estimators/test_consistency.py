@@ -141,7 +141,7 @@ def test_whiteness_of_one_series_is_the_test_of_ljung_and_box():
     e, lags = _rng(0).normal(size=80), np.arange(1, 13)
     r = np.array([(e[lag:] * e[:-lag]).sum() for lag in lags]) / (e**2).sum()
     statistic = 80 * 82 * (r**2 / (80 - lags)).sum()
-    found = whiteness_test(e[:, None, None], np.ones((80, 1, 1, 1)), lags=12)
+    found = whiteness_test(e[:, None, None].tolist(), [[[[1.0]]]] * 80, lags=12)
     assert found.p_value == pytest.approx(chi2.sf(statistic, 12), rel=1e-10)
     np.testing.assert_allclose(found.high, norm.ppf(0.975) / np.sqrt(80 - lags), rtol=1e-12)
     np.testing.assert_allclose(found.found[:, 0], r * 80 / (80 - lags), rtol=1e-12)
