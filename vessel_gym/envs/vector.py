@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Sequence
+from functools import cache
 from typing import Any, ClassVar
 
 import gymnasium as gym
@@ -217,4 +218,9 @@ class VesselVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if rows is not None:
             for values in info.values():
                 values[~rows] = 0
-        return info | dict.fromkeys([f"_{key}" for key in info], mask)
+        return info | dict.fromkeys(_mask_names(*info), mask)
+
+
+@cache
+def _mask_names(*keys: str) -> list[str]:
+    return [f"_{key}" for key in keys]

@@ -20,6 +20,8 @@ from vessel_gym.simulation.world import World
 
 _FIXED = "parameters", "scenario", "episode_constants"
 """Floats of the record that no step changes."""
+_SEEN = "observation", "reward", "total", "end", "steps"
+"""Fields that are asked for after each step: arrays of their own."""
 _ROW = itemgetter((0, ...))  # of one environment, also of one number an environment
 
 
@@ -46,27 +48,24 @@ class Moment(NamedTuple):
 
     def seen(self) -> tuple[np.ndarray, float]:
         """Observation and reward of one environment."""
-        numbers, places = self.found[0], self.program.places
-        return numbers[places.observation], numbers.item(places.reward)
-
-    @property
-    def _numbers(self) -> np.ndarray:
-        return self.found[0].reshape(-1, self.program.layout.size)
+        places = self.program.places
+        return self.found[places.observation], self.found[places.reward].item()
 
     @property
     def observation(self) -> np.ndarray:
         """Observations ``(B, k)``."""
-        return self._numbers[:, self.program.places.observation]
+        observation = self.found[self.program.places.observation]
+        return observation.reshape(-1, observation.shape[-1])
 
     @property
     def reward(self) -> np.ndarray:
         """Rewards ``(B,)``."""
-        return self._numbers[:, self.program.places.reward]
+        return self.found[self.program.places.reward].reshape(-1)
 
     @property
     def total(self) -> np.ndarray:
         """Sums of rewards ``(B,)``."""
-        return self._numbers[:, self.program.places.total]
+        return self.found[self.program.places.total].reshape(-1)
 
     def end_of(self, row: int) -> int:
         """Number of the end reason of one environment."""
@@ -102,9 +101,9 @@ class Moment(NamedTuple):
 
 
 class _Places(NamedTuple):
-    """Places among the numbers, and of ends and steps among the results."""
+    """Places of `_SEEN` among the results."""
 
-    observation: slice
+    observation: int
     reward: int
     total: int
     end: int
@@ -231,9 +230,8 @@ class WholeStep:
         """Trace the stages for rows of the record."""
         arrays = arrays_of(last).items()
         rows = {name: Argument(a.shape[1:], a.dtype.kind, "." in name) for name, a in arrays}
-        alone = "action", *_FIXED
+        alone = "action", *_FIXED, *_SEEN
         numbers = [n for n, row in rows.items() if row.kind == "f" and n not in alone]
-        (self._observed,) = rows["observation"].shape
         layout = self.layout = Layout({name: rows.pop(name).shape for name in numbers})
 
         def function(block: Any, *tracers: Any) -> list[Any]:
@@ -253,9 +251,7 @@ class WholeStep:
         self._fixed = [name for name in apart if name not in {*self.others, "action"}]
         self._end_of_fixed, self._first_info = 1 + len(self._fixed), 1 + len(self.others)
         self._healthy = 1 + self.others.index("belief.healthy")
-        first, end, steps = self.layout.first, *map(self.others.index, ("end", "steps"))
-        observation = slice(first["observation"], first["observation"] + self._observed)
-        self.places = _Places(observation, first["reward"], first["total"], 1 + end, 1 + steps)
+        self.places = _Places(*(1 + self.others.index(name) for name in _SEEN))
         values = ["action", *self._fixed, "", *self.others]
         self._read = itemgetter(*map(values.index, ["", *apart]))
 
