@@ -77,7 +77,7 @@ def described(task: str, **of: PerEpisode) -> tuple[Metric, ...]:
 def once(function: Callable[..., Any]) -> Callable[..., Any]:
     """A function of a rollout and names that is evaluated once, since several metrics need it.
 
-    Who asks for its arrays shares them with others, and must not write into them.
+    Its callers share the arrays that it returns, so they must not write into them.
     """
     results = WeakKeyDictionary[Rollout, dict[tuple[str, ...], Any]]()
 

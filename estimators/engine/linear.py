@@ -2,8 +2,8 @@
 
 Those of small matrices are unrolled, scalar by scalar, without what is known to be zero: a
 covariance is computed in its lower half, and quotients by one number are products with its
-reciprocal. Those of large ones are single instructions, and products with matrices of many known
-zeros loops over the columns of the other matrix.
+reciprocal. Those of large ones are single instructions; a product with a matrix of many known zeros
+is a loop over the columns of the other matrix.
 """
 
 from collections.abc import Iterable

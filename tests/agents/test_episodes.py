@@ -90,6 +90,15 @@ def test_a_page_holds_what_was_flown(flown: tuple[str, Episode]):
     assert page["flights"][0]["members"]["shape"][2] == len(page["focus"])
 
 
+def test_a_task_that_nobody_has_drawn_has_its_page(flown: tuple[str, Episode]):
+    from pages import OWN
+
+    flight = episode("Docking-v0", ["ekf"], seed=1, env_options={"max_episode_steps": 20})
+    assert "Docking-v0" in OWN
+    assert set(flight.scores) == {"ekf"}
+    assert data(flight.html())["flights"][0]["charts"]
+
+
 @pytest.mark.parametrize("env_id", [SHIP, "SegorogeniAUV-v0"])
 def test_window_and_page_show_same_charts_tracks_and_fixes(env_id: str):
     pytest.importorskip("pygame")

@@ -193,3 +193,10 @@ def test_what_cannot_be_flown_is_refused_in_one_sentence(agent: Any, env_id: str
         assert rollout("random", "Endless-v0", [0], {"max_episode_steps": 5}).length == [5]
     finally:
         del gym.registry["Endless-v0"]
+
+
+def test_ensemble_is_kept_if_asked_for():
+    world = {"max_episode_steps": 4, "estimator": "enkf"}
+    members = rollout("autopilot", ENV, [5], world, ensembles=True).history["ensemble"]
+    assert members.shape[:2] == (5, 1)
+    assert np.isfinite(members).all()

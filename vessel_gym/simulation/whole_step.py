@@ -20,8 +20,6 @@ from vessel_gym.simulation.world import World
 
 _FIXED = "parameters", "scenario", "episode_constants"
 """Floats of the record that no step changes."""
-_SEEN = "observation", "reward", "total", "end", "steps"
-"""Fields that are asked for after each step: arrays of their own."""
 _ROW = itemgetter((0, ...))  # of one environment, also of one number an environment
 
 
@@ -101,7 +99,7 @@ class Moment(NamedTuple):
 
 
 class _Places(NamedTuple):
-    """Places of `_SEEN` among the results."""
+    """Places among the results of what is asked for after each step: arrays of their own."""
 
     observation: int
     reward: int
@@ -230,7 +228,7 @@ class WholeStep:
         """Trace the stages for rows of the record."""
         arrays = arrays_of(last).items()
         rows = {name: Argument(a.shape[1:], a.dtype.kind, "." in name) for name, a in arrays}
-        alone = "action", *_FIXED, *_SEEN
+        alone = "action", *_FIXED, *_Places._fields
         numbers = [n for n, row in rows.items() if row.kind == "f" and n not in alone]
         layout = self.layout = Layout({name: rows.pop(name).shape for name in numbers})
 
@@ -251,7 +249,7 @@ class WholeStep:
         self._fixed = [name for name in apart if name not in {*self.others, "action"}]
         self._end_of_fixed, self._first_info = 1 + len(self._fixed), 1 + len(self.others)
         self._healthy = 1 + self.others.index("belief.healthy")
-        self.places = _Places(*(1 + self.others.index(name) for name in _SEEN))
+        self.places = _Places(*(1 + self.others.index(name) for name in _Places._fields))
         values = ["action", *self._fixed, "", *self.others]
         self._read = itemgetter(*map(values.index, ["", *apart]))
 

@@ -238,10 +238,8 @@ def _flights(settings: Mapping[str, Any]) -> list[Any]:
     """Both figures 4, a flight with each angle of attack."""
     found = []
     for control in CONTROLS:
-        flown, members = (
-            flight(settings, "flight", control),
-            settings["printed"][control]["members"],
-        )
+        flown = flight(settings, "flight", control)
+        members = settings["printed"][control]["members"]
         truth, measured = flown.simulate(1, np.random.default_rng(settings["seed"]))
         times = PLANE.dt * np.arange(len(truth))
         mean, sd = flown.estimates(flown.ensemble(members), measured)
