@@ -1,7 +1,7 @@
 """Controllers of dives: course and flight-path loops designed from the linearised vehicle."""
 
 from collections import defaultdict
-from functools import cache
+from functools import cache, partialmethod
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +12,7 @@ from estimators import Log, wrap
 from estimators.engine import compiled
 from vessel_gym.processes import interpolated
 from vessel_gym.system import System
-from vessel_gym.tasks.dive import Dive
+from vessel_gym.tasks.dive import Dive, VerticalDive
 from vessel_gym.vehicles.auv import AUV
 from vessel_gym.vehicles.simulated import root
 
@@ -134,11 +134,11 @@ class DiveAutopilot(Controller):
 
     kind, vehicle = Dive, AUV
     tunable = {
-        "direction": Log(6e-4, 6.0), "rate": Log(0.004, 40.0), "ahead": Log(0.01, 100.0)
+        "direction": Log(0.003, 30.0), "rate": Log(0.05, 500.0), "ahead": Log(0.01, 100.0)
     }  # fmt: skip
 
     def __init__(
-        self, system: System, direction: float = 0.06, rate: float = 0.4, ahead: float = 1.0
+        self, system: System, direction: float = 0.42, rate: float = 6.0, ahead: float = 1.1
     ) -> None:
         super().__init__(system)
         planes = [False, True] if _turns(self._vehicle) else [False]
@@ -169,6 +169,13 @@ class DiveAutopilot(Controller):
         shares = [fin / body.fin_limit for fin in fins]
         actions = np.stack([*shares, 2.0 * thrust / body.thrust_limit - 1.0], -1)
         return np.clip(actions, -1.0, 1.0), state
+
+
+@register_controller(VerticalDive, AUTOPILOT)
+class VerticalDiveAutopilot(DiveAutopilot):
+    """The autopilot with the tolerances that score best in the vertical plane."""
+
+    __init__ = partialmethod(DiveAutopilot.__init__, direction=0.22, rate=4.0, ahead=0.7)
 
 
 def _turns(vehicle: AUV) -> bool:

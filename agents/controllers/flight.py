@@ -98,13 +98,14 @@ class FlightAutopilot(Controller):
 
     kind, vehicle = Flight, Puna
     tunable = {
-        "cross_track": Log(0.02, 200.0), "course": Log(0.0015, 15.0), "altitude": Log(0.01, 100.0),
-        "climb": Log(0.007, 70.0), "airspeed": Log(0.01, 100.0), "thrust": Log(0.03, 300.0),
+        "cross_track": Log(0.013, 130.0), "course": Log(0.0037, 37.0),
+        "altitude": Log(0.0021, 21.0), "climb": Log(0.018, 180.0),
+        "airspeed": Log(0.058, 580.0), "thrust": Log(0.0046, 46.0),
     }  # fmt: skip
 
     def __init__(
-        self, system: System, cross_track: float = 2.0, course: float = 0.15,
-        altitude: float = 1.0, climb: float = 0.7, airspeed: float = 1.0, thrust: float = 3.0,
+        self, system: System, cross_track: float = 1.3, course: float = 0.37,
+        altitude: float = 0.21, climb: float = 1.8, airspeed: float = 5.8, thrust: float = 0.46,
     ) -> None:  # fmt: skip
         super().__init__(system)
         lateral = lateral_gains(self._vehicle, cross_track, course)

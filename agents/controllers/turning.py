@@ -20,6 +20,7 @@ from agents.controllers.loops import (
 from estimators import Log
 from estimators.engine import compiled
 from vessel_gym.system import System
+from vessel_gym.tasks.channel import Channel
 from vessel_gym.tasks.track import Steering, Track
 from vessel_gym.tasks.turning import TurningTrial
 from vessel_gym.vehicles.corvette import secant_models, steady_turns
@@ -173,7 +174,7 @@ class TrackAutopilot(_Regulator):
     Args:
         system: The environment's system.
         yaw_rate: Tolerance [rad/s].
-        heading: Tolerance [rad], by default the task's own.
+        heading: Tolerance [rad].
         distance: Tolerance from the track, in `Track.track_scale`; at most six count.
         integral: Tolerance of the integral of the distance, in `Track.track_scale` seconds; it
             stays within two.
@@ -181,17 +182,24 @@ class TrackAutopilot(_Regulator):
 
     kind = Track
     tunable = {
-        "yaw_rate": Log(2e-4, 2.0), "heading": Log(5e-4, 5.0), "distance": Log(0.005, 50.0),
+        "yaw_rate": Log(1e-3, 10.0), "heading": Log(5e-3, 50.0), "distance": Log(0.01, 100.0),
         "integral": Log(0.5, 5000.0),
     }  # fmt: skip
 
     def __init__(
-        self, system: System, yaw_rate: float = 0.02, heading: float = 0.05, distance: float = 0.5,
-        integral: float = 50.0,
+        self, system: System, yaw_rate: float = 0.05, heading: float = 0.12, distance: float = 0.75,
+        integral: float = 80.0,
     ) -> None:  # fmt: skip
         super().__init__(system)
         scale = self._task.track_scale
         self._design(2.0, yaw_rate, heading, scale * distance, scale * integral, 0.7)
+
+
+@register_controller(Channel, AUTOPILOT)
+class ChannelAutopilot(TrackAutopilot):
+    """The autopilot of a track with the tolerances that score best in a channel."""
+
+    __init__ = partialmethod(TrackAutopilot.__init__, yaw_rate=0.3, heading=0.9, distance=2.0)
 
 
 @register_controller(Track, "lqg")
@@ -263,6 +271,7 @@ class TrackPID(TurningPID):
 
     kind = Track
     tunable = TurningPID.tunable | {"ahead": Log(0.02, 200.0)}
+    __init__ = partialmethod(TurningPID.__init__, integral=0.2, damping=0.2, ahead=4.0)
 
 
 @register_controller(TurningTrial, "constant-rudder")

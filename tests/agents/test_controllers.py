@@ -199,7 +199,7 @@ def observing(system: System, values: dict[str, float]) -> np.ndarray:
 
 # positive stern plane dives
 DIVE_ACTIONS: list[Any] = [
-    ({"path below": 0.3}, -2, 0.05), ({"path below": -0.3}, -2, -0.05), ({"heave": 0.1}, -2, -0.02),
+    ({"path below": 0.3}, -2, 0.05), ({"path below": -0.3}, -2, -0.05), ({"heave": 0.1}, -2, -0.01),
     ({"pitch error": 0.1}, -2, -0.05),  # the path climbs more
     ({"pitch rate": 0.2}, -2, 0.05), ({"surge error": -0.2}, -1, 0.02),
     ({"surge error": 0.2}, -1, -0.02),
@@ -212,7 +212,7 @@ FLIGHT_ACTIONS: list[Any] = [
     ({"cross-track": 5.0}, 2, -0.05),  # to starboard of the path: turn to port
     ({"course sine": 0.1}, 2, 0.05), ({"bank of the path": 0.2}, 2, 0.05),
     ({"altitude error": 1.0}, 1, -0.02), ({"climb": 1.0}, 1, -0.02),
-    ({"airspeed error": -1.0}, 0, 0.02),  # less than at cruising speed
+    ({"airspeed error": -1.0}, 0, 0.005),  # less than at cruising speed
 ]  # fmt: skip
 
 

@@ -77,7 +77,8 @@ def scored(experiment: Experiment, estimates: np.ndarray) -> np.ndarray:
 @cache
 def recorded_controls(ahead: float, depth: float) -> np.ndarray:
     """Actuators before and after each step ``(T, 4)`` of the autopilot's dive in still water."""
-    task, autopilot = ItsunusaAUVEnv.system.task, DiveAutopilot(ItsunusaAUVEnv.system)
+    system = ItsunusaAUVEnv.system
+    task, autopilot = system.task, DiveAutopilot(system, direction=0.06, rate=0.4, ahead=1.0)
     scenario = task.scenario(np.zeros((1, task.uniforms)), {"goal": (ahead, 0.0, depth)})
     truth, actuators = np.zeros((1, len(STATE))), np.zeros((1, len(VEHICLE.action_names)))
     controls: list[np.ndarray] = []
