@@ -184,7 +184,7 @@ def run_to_ends(
                 # costs time, and few rows would be another program.
                 size = -(-len(left) // _TOGETHER) * _TOGETHER
                 kept = np.resize(left, min(size, len(rows)))
-                rows, core.now = rows[kept], core.now.take(kept)
+                rows, core.last = rows[kept], core.last.take(kept)
     finally:  # also after Ctrl-C
         core.now = start
     return ends

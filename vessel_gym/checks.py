@@ -167,7 +167,8 @@ def checked_action(
     # time of checking each number.
     if not math.isfinite(np.vdot(checked, checked)) and not np.isfinite(checked).all():
         raise ValueError("action must be finite, got NaN or infinity")
-    return checked.clip(*_BOUNDS)
+    np.maximum(checked, _BOUNDS[0], out=checked)  # these take half the time of `numpy.clip`
+    return np.minimum(checked, _BOUNDS[1], out=checked)
 
 
 _ORDINARY = 1e9

@@ -93,6 +93,11 @@ class Moment(NamedTuple):
         """The results with other values in some fields that no step changes."""
         return self._replace(base=self.base.but(**changes))
 
+    def take(self, rows: np.ndarray) -> "Moment":
+        """The results in the environments of some indices ``(B',)``, of two or more."""
+        given, found = (tuple(each[rows] for each in part) for part in (self.given, self.found))
+        return self._replace(base=self.base.take(rows), given=given, found=found)
+
     def merged(self, rows: np.ndarray, some: State) -> "Moment":
         """The results with the values of episodes that start in the rows of some indices."""
         return self.program.merged(self, rows, some)
