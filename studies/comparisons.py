@@ -14,10 +14,8 @@ import numpy as np
 from agents import Rollout, rollout
 from agents.metrics import components, nees_of, scores
 from agents.page import mean_and_half, number
-from agents.policies.checkpoint import description, packaged
 from agents.seeds import evaluation_seeds
 from agents.studies.worlds import system_of
-from agents.tuning.tuned import SHIPPED, load_tuned
 from estimators import nees
 from studies.markdown import NONE, ROOT, table
 from vessel_gym.disturbances import Fault
@@ -239,27 +237,3 @@ def compass() -> str:
         for time in (10.0, 30.0, 300.0, 3000.0)
     ]
     return comparison("compass", rows=rows)
-
-
-def packaged_agents() -> str:
-    """The trained agents of the package beside the autopilots, as delivered and tuned."""
-    rows = []
-    for env_id in (CORVETTE, "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"):
-        tuned = load_tuned(env_id)
-        plain, ppo = (arm_metrics("default", env_id, agent=name) for name in ("autopilot", "ppo"))
-        best = arm_metrics("default", env_id, agent=str(SHIPPED[env_id]), **tuned.env_options)
-        pairs = [ppo["score"] - other["score"] for other in (plain, best)]
-        told, made = description(packaged(env_id)) or {}, tuned.made_by
-        flown = made["evaluations"] * made["episodes"] * len(tuned.arm.conditions)
-        horizon = system_of(env_id).task.horizon
-        rows.append((
-            f"`{env_id}`", f"`{system_of(env_id).estimator}`",
-            *(mean_and_half(values) for values in (plain["score"], best["score"], ppo["score"])),
-            *map(mean_and_half, pairs), f"{plain['arrived']}; {best['arrived']}; {ppo['arrived']}",
-            f"{1e-6 * flown * horizon:.1f}; {1e-6 * told['trained_steps']:.1f}",
-        ))  # fmt: skip
-    header = (
-        "", "estimates", "`autopilot`", "tuned", "`ppo`", "`ppo` − `autopilot`", "`ppo` − tuned",
-        f"reached the end, of {EPISODES}", "10⁶ steps at most: tuning; training",
-    )  # fmt: skip
-    return table(header, rows)

@@ -1,9 +1,8 @@
 """Tables of ``studies/tuned.toml``, in which every estimator is tuned with its controller.
 
 They are read from ``results``, where ``vessel-gym ablate tuned`` leaves them, and ``ablate`` of
-``tuned_each``, in which arms are tuned for each condition, of ``tuned_twice``, with twice as many
-candidates, and of ``likelihood``. The files that come with the package are made by
-``python -m studies.tuned``.
+``tuned_each``, in which arms are tuned for each condition, and of ``likelihood``. ``python -m
+studies.tuned`` tunes the autopilots for their defaults.
 """
 
 from itertools import groupby
@@ -12,11 +11,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from agents import rollout
 from agents.commands.ablate import STUDIES
 from agents.jobs import load
-from agents.page import text
-from agents.seeds import tuning_seeds
-from agents.statistics import crossed_interval, mean_interval
+from agents.page import mean_and_half, text
+from agents.policies.checkpoint import description, packaged
+from agents.statistics import crossed_interval
 from agents.studies.plan import plan
 from agents.studies.records import ORACLE
 from agents.studies.study import read_study
@@ -24,16 +24,19 @@ from agents.studies.tables import tuning_findings
 from agents.studies.worlds import system_of
 from agents.tuning.arm import Arm
 from agents.tuning.trials import Trials
-from agents.tuning.tune import FRESH, tune
-from agents.tuning.tuned import SHIPPED, load_tuned
+from agents.tuning.tune import tune
+from agents.tuning.tuned import load_tuned
+from studies.comparisons import arm_metrics
 from studies.markdown import NONE, ROOT, table
 from studies.results import episodes
 
 Episodes = dict[tuple[str, str], np.ndarray]
 
-STUDY, EACH, LIKELIHOOD, TWICE = "tuned", "tuned_each", "likelihood", "tuned_twice"
+STUDY, EACH, LIKELIHOOD = "tuned", "tuned_each", "likelihood"
 AGENT = "autopilot"
 TUNED = f"{AGENT}, tuned"
+PACKAGED = "SigmaCorvette-v0", "SegorogeniAUV-v0", "ItsunusaAUV-v0", "PunaUAV-v0"
+"""Environments with a trained agent in the package."""
 
 
 def arms(environment: str) -> pd.DataFrame:
@@ -96,30 +99,49 @@ MIX = {
     "SigmaCorvette-v0": SHIPS, "SigmaChannel-v0": SHIPS, "SegorogeniAUV-v0": SUITES,
     "ItsunusaAUV-v0": SUITES, "PunaUAV-v0": SUITES,
 }  # fmt: skip
-"""Conditions for whose mean score the files that come with the package are tuned."""
+"""Conditions for whose mean score the defaults of the autopilots are tuned."""
 
 
-def ship() -> None:
-    """Tune the default estimator and the autopilot of each environment anew, for the package."""
+def tune_defaults() -> None:
+    """Tune the autopilot of each environment on its default filter, into ``results/defaults``."""
+    folder = ROOT / "results" / "defaults"
+    folder.mkdir(parents=True, exist_ok=True)
     for environment, mix in MIX.items():
         own = {"estimator": system_of(environment).estimator}  # which may have another default
-        tune(Arm(environment, options=own, conditions=tuple(mix.values()))).write(
-            SHIPPED[environment]
-        )
+        arm = Arm(environment, options=own, conditions=tuple(mix.values()), picked=("agent",))
+        tune(arm, 60, 200, fresh=200).write(folder / f"{environment}.toml")
 
 
-def shipped() -> str:
-    """Scores with the files that come with the package, on seeds that no tuning has used."""
-    rows, seeds = [], tuning_seeds(200, first=FRESH + 2000)
-    for environment in MIX:
-        tuned = load_tuned(environment)
-        count = len(tuned.arm.conditions)
-        before, after = Trials(tuned.arm, seeds).scores([{}, tuned.values])
-        gains = np.split(after - before, count)
-        cells = [*(text(mean_interval(gain, count)) for gain in gains), *[NONE] * len(SHIPS)]
-        nees = f"{tuned.found['position_nees']:.2f}"
-        rows.append([f"`{environment}`", f"`{tuned.arm.estimator}`", *cells[: len(SHIPS)], nees])
-    return table(["gain of score", "estimator", *SHIPS, "NEES of the position"], rows)
+def defaults() -> str:
+    """Score of each environment's defaults in each condition, and NEES/n of the position."""
+    rows = []
+    for environment, mix in MIX.items():
+        cells = [NONE] * len(SHIPS)
+        for i, options in enumerate(mix.values()):
+            of = arm_metrics("default", environment, **options)
+            nees = np.median(of["position_nees"])
+            cells[i] = f"{mean_and_half(of['score'])}; {nees:.2f}"
+        rows.append([f"`{environment}`", f"`{system_of(environment).estimator}`", *cells])
+    return table(["score; NEES/n of the position", "estimator", *SHIPS], rows)
+
+
+def packaged_agents() -> str:
+    """The trained agents of the package beside the autopilots, as delivered and tuned."""
+    rows, study = [], read_study(STUDIES[STUDY])
+    for environment in PACKAGED:
+        name, first = system_of(environment).estimator, study.conditions[0].name
+        plain, tuned = (episodes(STUDY, environment, of)[first, name] for of in (AGENT, TUNED))
+        ppo = rollout("ppo", environment, study.seeds, record=False).score
+        told, tuning = description(packaged(environment)) or {}, study.tune
+        most = tuning.evaluations * tuning.episodes * system_of(environment).task.horizon
+        cells = map(mean_and_half, (plain, tuned, ppo, ppo - plain, ppo - tuned))
+        steps = f"{1e-6 * most:.1f}; {1e-6 * told['trained_steps']:.1f}"
+        rows.append((f"`{environment}`", f"`{name}`", *cells, steps))
+    header = (
+        "", "estimates", "`autopilot`", "tuned", "`ppo`", "`ppo` − `autopilot`", "`ppo` − tuned",
+        "10⁶ steps at most: tuning; training",
+    )  # fmt: skip
+    return table(header, rows)
 
 
 def _file(name: str, found: pd.DataFrame) -> str:
@@ -165,8 +187,8 @@ def tunings() -> str:
 
     The cost is the loss under the truth's tuned controller minus what the arm's own controller wins
     back. Overfitting is the gain on tuning seeds minus the gain on other seeds. The scatter is the
-    largest difference between the mean scores of two tunings. The last gain is that of the first
-    tuning, on equal seeds.
+    largest difference between the mean scores of two tunings. What the second half of the
+    candidates gained is a mean over the tunings, on their own seeds.
     """
     folder, study = ROOT / "results" / STUDY / "jobs", read_study(STUDIES[STUDY])
     first, rows = study.conditions[0].name, list[dict[str, str]]()
@@ -186,18 +208,19 @@ def tunings() -> str:
         under = Trials(mine[0].arm, study.seeds).scores(
             [fit.values | truth.values for fit, truth in zip(mine, truths, strict=True)]
         )
-        twice, means = episodes(TWICE, environment, TUNED)[first, estimator], own.mean(1)
+        means, curves = own.mean(1), [np.array(fit.found["best_so_far"]) for fit in mine]
+        late = np.mean([curve[-1] - curve[len(curve) // 2 - 1] for curve in curves])
         rows.append({
             "environment": environment, "estimator": estimator,
             "loss under the truth's controller": text(crossed_interval(best - under)),
             "won back": text(crossed_interval(own - under)),
             "overfitting": text(over),
             "scatter": text(crossed_interval(own[[means.argmax()]] - own[[means.argmin()]])),
-            "gain of twice as many candidates": text(crossed_interval(twice - own[:1])),
+            "gain of the second half of the candidates": f"{late:.3f}",
             "NEES of the position": nees, "at a bound": bounds,
         })  # fmt: skip
     return _file("tunings.csv", pd.DataFrame(rows))
 
 
 if __name__ == "__main__":
-    ship()
+    tune_defaults()

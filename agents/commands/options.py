@@ -15,11 +15,7 @@ from agents.refusal import Refusal
 
 def acting(agent: str, options: dict[str, Any]) -> str:
     """The agent of a command: with a tuned file its controller, unless another one is named."""
-    if agent != "autopilot" or "tuned" not in options:
-        return agent
-    from agents.tuning.tuned import SHIPPED  # late, as --help answers at once
-
-    return str(SHIPPED.get(options["tuned"], options["tuned"]))
+    return options.get("tuned", agent) if agent == "autopilot" else agent
 
 
 def _assignment(word: str) -> tuple[str, Any]:

@@ -101,22 +101,17 @@ class Tuned:
         write_tables(Path(path), comment, vars(self) | {"arm": arm})
 
 
-SHIPPED = {path.stem: path for path in Path(__file__).with_name("shipped").glob("*.toml")}
-"""Files that come with the package, by the name of their environment."""
-
-
 def load_tuned(path: str | Path) -> Tuned:
     """The tuned parameters in a file that `vessel-gym tune` has written.
 
     Args:
-        path: File, or the name of an environment in `SHIPPED`: its default estimator and
-            autopilot, tuned together for a mix of sensor suites, seas and model errors.
+        path: File.
 
     Raises:
         ValueError: for a file that is no such file, or is of an environment that is not there.
         OSError: if it cannot be read.
     """
-    file = TomlFile(SHIPPED.get(str(path), Path(path)))
+    file = TomlFile(Path(path))
     tables: list[Any] = [file.data.get(name) for name in ("arm", "values", "made_by", "found")]
     whole = all(isinstance(each, dict) for each in tables)
     arm, values, *rest = tables
