@@ -199,7 +199,9 @@ class TrackAutopilot(_Regulator):
 class ChannelAutopilot(TrackAutopilot):
     """The autopilot of a track with the tolerances that score best in a channel."""
 
-    __init__ = partialmethod(TrackAutopilot.__init__, yaw_rate=0.3, heading=0.9, distance=2.0)
+    __init__ = partialmethod(
+        TrackAutopilot.__init__, yaw_rate=0.2, heading=0.6, distance=1.0, integral=55.0
+    )
 
 
 @register_controller(Track, "lqg")
