@@ -131,15 +131,16 @@ def defaults() -> str:
 
 def packaged_agents() -> str:
     """The trained agents of the package beside the autopilots, as delivered and tuned."""
-    rows, study = [], read_study(STUDIES[STUDY])
+    study, rows = read_study(STUDIES[STUDY]), []
+    tuning: Any = study.tune
+    most = 1e-6 * tuning.evaluations * tuning.episodes
     for environment in PACKAGED:
         name, first = system_of(environment).estimator, study.conditions[0].name
         plain, tuned = (episodes(STUDY, environment, of)[first, name] for of in (AGENT, TUNED))
         ppo = rollout("ppo", environment, study.seeds, record=False).score
-        told, tuning = description(packaged(environment)) or {}, study.tune
-        most = tuning.evaluations * tuning.episodes * system_of(environment).task.horizon
+        told, horizon = description(packaged(environment)) or {}, system_of(environment).task.horizon
         cells = map(mean_and_half, (plain, tuned, ppo, ppo - plain, ppo - tuned))
-        steps = f"{1e-6 * most:.1f}; {1e-6 * told['trained_steps']:.1f}"
+        steps = f"{most * horizon:.1f}; {1e-6 * told['trained_steps']:.1f}"
         rows.append((f"`{environment}`", f"`{name}`", *cells, steps))
     header = (
         "", "estimates", "`autopilot`", "tuned", "`ppo`", "`ppo` − `autopilot`", "`ppo` − tuned",
