@@ -135,10 +135,11 @@ def packaged_agents() -> str:
     tuning: Any = study.tune
     most = 1e-6 * tuning.evaluations * tuning.episodes
     for environment in PACKAGED:
-        name, first = system_of(environment).estimator, study.conditions[0].name
+        system, first = system_of(environment), study.conditions[0].name
+        name, horizon = system.estimator, system.task.horizon
         plain, tuned = (episodes(STUDY, environment, of)[first, name] for of in (AGENT, TUNED))
         ppo = rollout("ppo", environment, study.seeds, record=False).score
-        told, horizon = description(packaged(environment)) or {}, system_of(environment).task.horizon
+        told = description(packaged(environment)) or {}
         cells = map(mean_and_half, (plain, tuned, ppo, ppo - plain, ppo - tuned))
         steps = f"{most * horizon:.1f}; {1e-6 * told['trained_steps']:.1f}"
         rows.append((f"`{environment}`", f"`{name}`", *cells, steps))
