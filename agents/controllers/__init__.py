@@ -21,7 +21,7 @@ from vessel_gym.system import System
 AUTOPILOT = "autopilot"
 """The controller of every task that others are measured by.
 
-Its defaults score best on the environment's default filter, over a mix of conditions.
+Those of the package, but for trials, have defaults that were tuned on the default filters.
 """
 RANDOM = "random"
 """The name of `agents.agent.RandomAgent`, for any task."""

@@ -173,7 +173,7 @@ class DiveAutopilot(Controller):
 
 @register_controller(VerticalDive, AUTOPILOT)
 class VerticalDiveAutopilot(DiveAutopilot):
-    """The autopilot with the tolerances that score best in the vertical plane."""
+    """The autopilot with tolerances that were tuned in the vertical plane."""
 
     __init__ = partialmethod(DiveAutopilot.__init__, direction=0.22, rate=4.0, ahead=0.7)
 

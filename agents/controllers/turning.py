@@ -197,7 +197,7 @@ class TrackAutopilot(_Regulator):
 
 @register_controller(Channel, AUTOPILOT)
 class ChannelAutopilot(TrackAutopilot):
-    """The autopilot of a track with the tolerances that score best in a channel."""
+    """The autopilot of a track, with tolerances that were tuned in channels."""
 
     __init__ = partialmethod(
         TrackAutopilot.__init__, yaw_rate=0.2, heading=0.6, distance=1.0, integral=55.0
@@ -206,7 +206,7 @@ class ChannelAutopilot(TrackAutopilot):
 
 @register_controller(Track, "lqg")
 class TrackRegulator(TrackAutopilot):
-    """The autopilot's regulator without its integral: no memory, and a bias under steady loads."""
+    """A `TrackAutopilot` without its integral: no memory, and a bias under steady loads."""
 
     tunable = {name: TrackAutopilot.tunable[name] for name in ("yaw_rate", "heading", "distance")}
     __init__ = partialmethod(TrackAutopilot.__init__, integral=np.inf)
@@ -272,7 +272,10 @@ class TrackPID(TurningPID):
     """A heading PID behind a line of sight (Fossen 2021, ch. 12)."""
 
     kind = Track
-    tunable = TurningPID.tunable | {"ahead": Log(0.02, 200.0)}
+    tunable = {
+        "proportional": Log(0.01, 100.0), "integral": Log(0.002, 20.0), "damping": Log(0.02, 2.0),
+        "ahead": Log(0.04, 400.0),
+    }  # fmt: skip
     __init__ = partialmethod(TurningPID.__init__, integral=0.2, damping=0.2, ahead=4.0)
 
 
