@@ -272,9 +272,8 @@ class TrackPID(TurningPID):
     """A heading PID behind a line of sight (Fossen 2021, ch. 12)."""
 
     kind = Track
-    tunable = {
-        "proportional": Log(0.01, 100.0), "integral": Log(0.002, 20.0), "damping": Log(0.02, 2.0),
-        "ahead": Log(0.04, 400.0),
+    tunable = TurningPID.tunable | {
+        "integral": Log(0.002, 20.0), "damping": Log(0.02, 2.0), "ahead": Log(0.04, 400.0)
     }  # fmt: skip
     __init__ = partialmethod(TurningPID.__init__, integral=0.2, damping=0.2, ahead=4.0)
 
