@@ -1,9 +1,10 @@
 """Scores of candidates on equal seeds; where the filter allows it, in batches made once."""
 
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -20,7 +21,12 @@ class Trials:
         arm: What is tuned.
         seeds: N seeds.
         processes: Processes that share the seeds; the scores do not depend on their number.
+
+    Attributes:
+        elsewhere: CPU seconds that other processes have spent on scores, of all trials.
     """
+
+    elsewhere: ClassVar[float] = 0.0
 
     def __init__(self, arm: Arm, seeds: Sequence[int], processes: int = 1) -> None:
         self.arm, self.seeds, self.processes = arm, list(seeds), min(processes, len(seeds))
@@ -40,7 +46,10 @@ class Trials:
 
         shares, arm = np.array_split(self.seeds, self.processes), replace(self.arm)
         jobs = (delayed(_share)(arm, share.tolist(), candidates) for share in shares)
-        return np.concatenate(Parallel(self.processes, inner_max_num_threads=1)(jobs), -1)
+        found: Any = Parallel(self.processes, inner_max_num_threads=1)(jobs)
+        scores, seconds = zip(*found, strict=True)
+        Trials.elsewhere += sum(seconds)
+        return np.concatenate(scores, -1)
 
     def _scores(self, values: Values) -> np.ndarray:
         """Scores ``(conditions, N)`` of a candidate."""
@@ -102,9 +111,11 @@ _KEPT: dict[str, Trials] = {}
 """Trials of a process, with their compiled programs, by arm and seeds."""
 
 
-def _share(arm: Arm, seeds: list[int], candidates: Sequence[Values]) -> np.ndarray:
-    """Scores ``(C, conditions, N)`` of a process's share of the seeds."""
-    return _KEPT.setdefault(repr((arm, seeds)), Trials(arm, seeds)).each(candidates)
+def _share(arm: Arm, seeds: list[int], candidates: Sequence[Values]) -> tuple[np.ndarray, float]:
+    """Scores ``(C, conditions, N)`` of a process's share of the seeds, and its CPU seconds."""
+    began = time.process_time()
+    scores = _KEPT.setdefault(repr((arm, seeds)), Trials(arm, seeds)).each(candidates)
+    return scores, time.process_time() - began
 
 
 def _log_densities(env: Any, agent: Any, seeds: Sequence[int]) -> np.ndarray:

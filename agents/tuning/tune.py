@@ -63,7 +63,7 @@ def tune(
         ValueError: for an arm without parameters, a damaged journal or one of another tuning, or
             seeds that are not there.
     """
-    evaluations, began = integer("evaluations", evaluations, 1), time.process_time()
+    evaluations, began = integer("evaluations", evaluations, 1), _cpu_seconds()
     trials = Trials(arm, seeds_of_tuning(episodes, seed), processes)
     others = tuning_seeds(integer("fresh", fresh, 2), first=FRESH)
     made_by = {
@@ -88,7 +88,12 @@ def tune(
         "at_bound": _at_bound(arm, searched),
     }  # fmt: skip
     found |= _compared(Trials(trials.arm, others), searched, values)
-    return Tuned(arm, values, made_by, found | {"cpu_seconds": time.process_time() - began})
+    return Tuned(arm, values, made_by, found | {"cpu_seconds": _cpu_seconds() - began})
+
+
+def _cpu_seconds() -> float:
+    """CPU seconds of this process, and of others for its trials."""
+    return time.process_time() + Trials.elsewhere
 
 
 def seeds_of_tuning(episodes: int, seed: int) -> list[int]:
