@@ -14,10 +14,10 @@ import numpy as np
 from agents.files import write_text
 from agents.tuning.arm import Parameter, Values
 
-RADIUS = 0.15
-"""First radius of the trust region, as a share of each range."""
-FIRST = 0.6
-"""Share of the evaluations after which the trust region is as wide as at first, about the best."""
+RADIUS = 0.3
+"""Radius of the trust region at the start, as a share of each range."""
+SHRUNK = 0.1
+"""Share of its first radius at which a trust region has done its work."""
 SPREAD = 0.05
 """Standard deviation of the start of all searches but the first, as a share of each range."""
 
@@ -99,6 +99,10 @@ def search(
 ) -> Values:
     """The best values of parameters that a search has seen.
 
+    Whenever the trust region has shrunk, another one begins about the best so far: the second with
+    half of the first radius, the third with a third of it. A score that is rough in the small, as
+    where episodes end in a hit or a miss, makes a region shrink before its time.
+
     Args:
         score: Score of some values, to be maximised; not finite for values that fail. To the
             search these score 1 less than the worst so far; they are never the best.
@@ -132,14 +136,14 @@ def search(
     start = np.array([r.to_unit(parameters[name].value) for name, r in ranges.items()])
     if seed:
         start = start + np.random.default_rng(seed).normal(0.0, SPREAD, len(start))
+    region = 0
     try:
-        for end in (math.ceil(FIRST * evaluations), evaluations):
-            if left := end - len(journal.points):
-                minimize(
-                    loss, np.clip(start, 0.0, 1.0), method="COBYQA",
-                    bounds=[(0.0, 1.0)] * len(start),
-                    options={"maxfev": left, "initial_tr_radius": RADIUS, "final_tr_radius": 1e-3},
-                )  # fmt: skip
+        while left := evaluations - len(journal.points):
+            region += 1
+            first = RADIUS / region
+            ends = {"initial_tr_radius": first, "final_tr_radius": SHRUNK * first, "maxfev": left}
+            bounds = [(0.0, 1.0)] * len(start)
+            minimize(loss, np.clip(start, 0.0, 1.0), method="COBYQA", bounds=bounds, options=ends)
             start = _best(journal)
     except KeyboardInterrupt:
         if not journal.finite:

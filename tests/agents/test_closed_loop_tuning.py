@@ -88,9 +88,10 @@ def test_scores_do_not_depend_on_the_number_of_processes():
     arm = Arm(
         "brief:" + BRIEF, options={"estimator": "ekf"}, conditions=({}, {"sensors": "budget"})
     )
-    one, two = (Trials(arm, SEEDS, processes).scores(CANDIDATES) for processes in (1, 2))
+    one, before = Trials(arm, SEEDS).scores(CANDIDATES), Trials.elsewhere
     assert one.shape == (3, 6)
-    np.testing.assert_array_equal(one, two)
+    np.testing.assert_array_equal(one, Trials(arm, SEEDS, 2).scores(CANDIDATES))
+    assert Trials.elsewhere > before  # their CPU seconds count
 
 
 def test_factors_given_to_the_environment_are_delivered():
@@ -181,6 +182,15 @@ def hill(values: dict[str, float]) -> float:
 def test_a_search_finds_the_top_of_a_smooth_hill(seed: int):
     found = search(hill, PARAMETERS, 100, seed, Journal(None, {}))
     assert {name: pytest.approx(best, rel=0.1) for name, best in OPTIMUM.items()} == found
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_search_goes_on_where_one_trust_region_gets_stuck(seed: int):
+    def rough(values: dict[str, float]) -> float:
+        return hill(values) + 0.1 * sum(np.sin(9.0 * np.log(each)) for each in values.values())
+
+    found = search(rough, PARAMETERS, 150, seed, Journal(None, {}))
+    assert rough(found) > 1.2  # one region ends at .27 and .21
 
 
 def test_an_interrupted_search_ends_at_the_same_bits(tmp_path: Path):
