@@ -1,5 +1,6 @@
 """Scores of candidates on equal seeds; where the filter allows it, in batches made once."""
 
+import os
 import time
 from collections.abc import Sequence
 from dataclasses import replace
@@ -47,8 +48,9 @@ class Trials:
         shares, arm = np.array_split(self.seeds, self.processes), replace(self.arm)
         jobs = (delayed(_share)(arm, share.tolist(), candidates) for share in shares)
         found: Any = Parallel(self.processes, inner_max_num_threads=1)(jobs)
-        scores, seconds = zip(*found, strict=True)
-        Trials.elsewhere += sum(seconds)
+        scores, seconds, where = zip(*found, strict=True)
+        here = os.getpid()  # joblib may run jobs in this process
+        Trials.elsewhere += sum(s for s, pid in zip(seconds, where, strict=True) if pid != here)
         return np.concatenate(scores, -1)
 
     def _scores(self, values: Values) -> np.ndarray:
@@ -111,11 +113,13 @@ _KEPT: dict[str, Trials] = {}
 """Trials of a process, with their compiled programs, by arm and seeds."""
 
 
-def _share(arm: Arm, seeds: list[int], candidates: Sequence[Values]) -> tuple[np.ndarray, float]:
-    """Scores ``(C, conditions, N)`` of a process's share of the seeds, and its CPU seconds."""
+def _share(
+    arm: Arm, seeds: list[int], candidates: Sequence[Values]
+) -> tuple[np.ndarray, float, int]:
+    """Scores ``(C, conditions, N)`` of a process's share of the seeds, its CPU seconds and id."""
     began = time.process_time()
     scores = _KEPT.setdefault(repr((arm, seeds)), Trials(arm, seeds)).each(candidates)
-    return scores, time.process_time() - began
+    return scores, time.process_time() - began, os.getpid()
 
 
 def _log_densities(env: Any, agent: Any, seeds: Sequence[int]) -> np.ndarray:
