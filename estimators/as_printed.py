@@ -14,7 +14,6 @@ from estimators.filter import Changes
 from estimators.linalg import all_finite, cholesky, congruence, solve, symmetrise
 from estimators.models import LinearModel
 from estimators.unknown_input import UMVFilter
-from estimators.varying import resolve
 
 
 class PrintedSquareRootFilter(EnsembleTransformFilter):
@@ -81,7 +80,7 @@ class PrintedUMVFilter(UMVFilter):
 
     def _predict(self, belief: Any, u: Any, mean: Any, A: Any, Q: Any, *more: Any) -> Changes:
         model: Any = self.model
-        B, C, H, R = (resolve(each, u) for each in (model.B, model.C, model.H, model.R))
+        B, C, H, R = (model.value(each, u) for each in "BCHR")
         B = B[..., : model.q]
         cross = A @ C.mT @ solve(R, H) @ B.mT
         cov = congruence(A, belief.cov) + cross + cross.mT + congruence(B, belief.input_cov) + Q

@@ -52,7 +52,7 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
         return np.concatenate([moved, np.zeros(moved.shape[:-1] + (q,))], -1)
 
     def measurement(z: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        return model.measurement(z[..., :n], u) + np.matvec(resolve(model.H, u), z[..., n:])
+        return model.measurement(z[..., :n], u) + np.matvec(model.value("H", u), z[..., n:])
 
     return NonlinearModel(
         _function(transition, model.transition, model.G),

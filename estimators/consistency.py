@@ -27,7 +27,6 @@ from estimators.linalg import diagonal, masked, semidefinite_cholesky
 from estimators.metrics import nees, nis
 from estimators.models import Gaussian
 from estimators.series import run
-from estimators.varying import resolve
 
 _ENDS = 0.025, 0.975
 """Probabilities below the lower and the upper end of a band."""
@@ -72,14 +71,14 @@ def simulate(
     xs, ys = [], []
     for k in range(steps):
         now = None if u is None else u[k]
-        y = model.measurement(x, now) + _noise(resolve(model.R, now), rng, runs)
-        following = model.transition(x, now) + _noise(resolve(model.Q, now), rng, runs)
+        y = model.measurement(x, now) + _noise(model.value("R", now), rng, runs)
+        following = model.transition(x, now) + _noise(model.value("Q", now), rng, runs)
         if d is not None:
             assert model.q, "the model has no unknown input"
             following = following + np.matvec(model.input_matrix(x, now), d[k])
             observed = k - model.delayed_feedthrough
             if observed >= 0:  # nothing has acted before the first
-                y = y + np.matvec(resolve(model.H, now), d[observed])
+                y = y + np.matvec(model.value("H", now), d[observed])
         xs.append(x)
         ys.append(y)
         x = following

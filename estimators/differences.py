@@ -31,13 +31,23 @@ def central_differences(
             f"{name} returns numbers of few digits (float32?), whose differences are mostly"
             " rounding: compute it in float64, give its Jacobian, or use ukf"
         )
-    values = values.astype(float, copy=False)
+    values = sized(name, values.astype(float, copy=False), size)
     sides = values[..., 1:, :].reshape(*x.shape[:-1], 2, 2, n, size)  # near, far; above, below
     change = sides[..., 0, :, :] - sides[..., 1, :, :]
     for i in angles:
         change[..., i] = short_way(change[..., i])
     columns = (8.0 * change[..., 0, :, :] - change[..., 1, :, :]) / (12.0 * step[..., None])
     return values[..., 0, :], columns.mT
+
+
+def sized(name: str, values: np.ndarray, size: int) -> np.ndarray:
+    """Values ``(..., size)`` of a function, which are refused if they are of another size."""
+    if values.shape[-1:] != (size,):
+        raise ValueError(
+            f"{name} must return arrays (..., {size}), for any leading axes, but it returned one of"
+            f" shape {values.shape}"
+        )
+    return values
 
 
 @cache

@@ -21,7 +21,7 @@ from estimators.linalg import diagonal, lacks_rank, masked, semidefinite, semide
 from estimators.models import Gaussian, LinearModel, NonlinearModel
 from estimators.randomness import RandomKeys
 from estimators.stepping import in_numpy, in_program
-from estimators.varying import StateNoise, resolve
+from estimators.varying import StateNoise
 
 Rng = RandomKeys | np.random.Generator | None
 """`RandomKeys` with a key a row, or a Generator for the whole batch; None for no random numbers."""
@@ -86,7 +86,7 @@ class Filter(ABC, Generic[Record]):
         if self.model_per_row:  # a program has one model for all rows
             self.compiled = False  # type: ignore[misc]
         self._inside = {step: model.is_compiled(step) for step in ("predict", "update")}
-        self._exact_channels = not callable(model.R) and lacks_rank(resolve(model.R)).any()
+        self._exact_channels = not callable(model.R) and lacks_rank(model.R).any()
         # With exact channels an update is checked against its prediction.
         self._inside["step"] = not self._exact_channels and all(self._inside.values())
 
@@ -165,8 +165,8 @@ class Filter(ABC, Generic[Record]):
         """R ``(..., p, p)``: the one that is given, or the model's."""
         if R is not None:
             return R
-        R, p = self.model.R, self.model.p
-        R = resolve(R.function, belief.mean, u) if isinstance(R, StateNoise) else resolve(R, u)
+        state = (belief.mean,) if isinstance(self.model.R, StateNoise) else ()
+        R, p = self.model.value("R", *state, u), self.model.p
         if belief.parameters is None:
             return R
         scale = np.sqrt(belief.parameters[..., 1 : 1 + p])
@@ -174,7 +174,7 @@ class Filter(ABC, Generic[Record]):
 
     def _process_noise(self, belief: Record, u: np.ndarray | None) -> Any:
         """Q ``(..., n, n)``."""
-        Q = resolve(self.model.Q, u)
+        Q = self.model.value("Q", u)
         return Q if belief.parameters is None else belief.parameters[..., 0, None, None] * Q
 
     def _option(self, name: str, belief: Record) -> Any:

@@ -15,13 +15,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimators.checks import as_covariance, finite_array, frozen, short_repr
-from estimators.differences import central_differences, steps
+from estimators.differences import central_differences, sized, steps
 from estimators.engine import Compiled, columnwise, compiled, is_traced, linearise, matrix
 from estimators.varying import (
     Frozen,
     Function,
     Matrix,
     StateMatrix,
+    StateNoise,
     check_matrices,
     is_compiled,
     resolve,
@@ -63,12 +64,35 @@ class _Model(Frozen):
     n: int
     p: int
     q: int
+    shapes: ClassVar[dict[str, str]]
+    """Letters of rows and columns of each matrix, in the order in which sizes are sought."""
     parts: ClassVar[dict[str, tuple[str, ...]]]
     """Names of the matrices and functions that a "predict" and an "update" use."""
 
     def is_compiled(self, step: str) -> bool:
         """Are all functions of a "predict" or an "update" compiled? Arrays count as compiled."""
         return all(is_compiled(getattr(self, name)) for name in self.parts[step])
+
+    def size(self, name: str) -> int:
+        """Number of values of the "transition" or the "measurement"."""
+        return self.n if name == "transition" else self.p
+
+    def value(self, name: str, *arguments: Any) -> Any:
+        """A matrix, or the value of its function, which is refused if it is of another size."""
+        part = getattr(self, name)
+        if not callable(part):
+            return part
+        if isinstance(part, StateNoise) and len(arguments) > 1:
+            part = part.function
+        value = resolve(part, *arguments)
+        rows, columns = (getattr(self, each, None) for each in self.shapes[name])  # m is any
+        shape = np.shape(value)
+        if len(shape) < 2 or shape[-2] != rows or columns not in (shape[-1], None):
+            raise ValueError(
+                f"{name} must return matrices (..., {rows}, {columns or 'm'}), not one of shape"
+                f" {shape}"
+            )
+        return value
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +124,7 @@ class LinearModel(_Model):
         ValueError: naming the argument whose shape or definiteness is wrong.
     """
 
+    shapes = {"A": "nn", "Q": "nn", "C": "pn", "R": "pp", "G": "nq", "H": "pq", "B": "nm"}
     parts = {"predict": ("A", "B", "Q", "G"), "update": ("C", "R", "H")}
     A: Matrix
     C: Matrix
@@ -113,9 +138,7 @@ class LinearModel(_Model):
     delayed_feedthrough: bool = False
 
     def __post_init__(self) -> None:
-        check_matrices(
-            self, {"A": "nn", "Q": "nn", "C": "pn", "R": "pp", "G": "nq", "H": "pq", "B": "nm"}
-        )
+        check_matrices(self)
 
     def check_known_input(self, u: np.ndarray | None) -> None:
         """Refuse a ``u`` of the wrong size, one that nothing uses, and a missing one that B needs.
@@ -139,27 +162,27 @@ class LinearModel(_Model):
 
     def measurement(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """``C x``: the measurement expected without unknown input and noise."""
-        return np.matvec(resolve(self.C, u), x)
+        return np.matvec(self.value("C", u), x)
 
     def input_matrix(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """G ``(..., n, q)``: how the unknown input moves the next state."""
-        return resolve(self.G, u)
+        return self.value("G", u)
 
     def linearise_transition(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Next state ``(..., n)`` and Jacobian A ``(..., n, n)``; the covariance is not used."""
-        A = resolve(self.A, u)
+        A = self.value("A", u)
         mean = np.matvec(A, x)
         if self.B is not None and u is not None:
-            mean = mean + np.matvec(resolve(self.B, u), u)
+            mean = mean + np.matvec(self.value("B", u), u)
         return mean, A
 
     def linearise_measurement(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Expected measurement ``(..., p)`` and Jacobian C; the covariance is not used."""
-        C = resolve(self.C, u)
+        C = self.value("C", u)
         return np.matvec(C, x), C
 
 
@@ -193,6 +216,7 @@ class NonlinearModel(_Model):
         ValueError: naming the argument whose shape or definiteness is wrong.
     """
 
+    shapes = {"Q": "nn", "R": "pp", "G": "nq", "H": "pq"}
     parts = {
         "predict": ("transition", "transition_jacobian", "Q", "G"),
         "update": ("measurement", "measurement_jacobian", "R", "H"),
@@ -212,9 +236,8 @@ class NonlinearModel(_Model):
     delayed_feedthrough: bool = False
 
     def __post_init__(self) -> None:
-        shapes = {"Q": "nn", "R": "pp", "G": "nq", "H": "pq"}
         sizes = {"n": ("states", self.states), "p": ("measurements", self.measurements)}
-        check_matrices(self, shapes, **sizes)
+        check_matrices(self, **sizes)
         for name in "transition", "measurement":
             if not callable(function := getattr(self, name)):
                 raise ValueError(f"{name} must be a function of (x, u), got {short_repr(function)}")
@@ -224,24 +247,24 @@ class NonlinearModel(_Model):
 
     def input_matrix(self, x: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         """G ``(..., n, q)``: how the unknown input moves the next state from ``x (..., n)``."""
-        return resolve(self.G, x, u)
+        return self.value("G", x, u)
 
     def _linearise(
         self, name: str, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
         function, slopes = getattr(self, name), getattr(self, f"{name}_jacobian")
         if is_traced(x):
-            return matrix(linearise(function, x, u, slopes=slopes))
-        if slopes is None and is_compiled(function):
-            return _in_form(linearise, function)(x, u)
-        if slopes is None:
-            size, angles = self.p, self.measurement_angles
-            if name == "transition":
-                size, angles = self.n, self.state_angles
+            value, jacobian = matrix(linearise(function, x, u, slopes=slopes))
+        elif slopes is None and is_compiled(function):
+            value, jacobian = _in_form(linearise, function)(x, u)
+        elif slopes is None:
+            angles = self.state_angles if name == "transition" else self.measurement_angles
             step = steps(x, cov, self.state_angles)
-            return central_differences(name, function, x, u, size, angles, step)
-        value = np.asarray(function(x, u), float)
-        return value, np.broadcast_to(np.asarray(slopes(x, u), float), (*value.shape, self.n))
+            return central_differences(name, function, x, u, self.size(name), angles, step)
+        else:
+            value, jacobian = np.asarray(function(x, u), float), np.asarray(slopes(x, u), float)
+            jacobian = np.broadcast_to(jacobian, (*value.shape, self.n))
+        return sized(name, value, self.size(name)), jacobian
 
     def linearise_transition(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
@@ -261,30 +284,35 @@ def at_columns(
 ) -> np.ndarray:
     """A model's transition or measurement at columns ``(..., n, N)``: values ``(..., k, N)``."""
     if isinstance(model, LinearModel):
-        values = resolve(model.A if name == "transition" else model.C, u) @ points
+        values = model.value("A" if name == "transition" else "C", u) @ points
         if name == "measurement" or model.B is None or u is None:
             return values
-        return values + np.matvec(resolve(model.B, u), u)[..., None]
+        return values + np.matvec(model.value("B", u), u)[..., None]
     function = getattr(model, name)
     if is_traced(points):
-        return columnwise(function, points, u)
+        return sized(name, columnwise(function, points, u).mT, model.size(name)).mT
     if is_compiled(function):
-        return _in_form(columnwise, function)(points, u)
-    return np.ascontiguousarray(at_points(function, points.mT, u).mT)
+        values = _in_form(columnwise, function)(points, u)
+        return sized(name, values.mT, model.size(name)).mT
+    return np.ascontiguousarray(at_points(model, name, points.mT, u).mT)
 
 
-def at_points(function: Function, points: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-    """A model's function at several points of every row.
+def at_points(
+    model: LinearModel | NonlinearModel, name: str, points: np.ndarray, u: np.ndarray | None
+) -> np.ndarray:
+    """A model's transition or measurement at several points of every row.
 
     Args:
-        function: ``f(x, u)``.
+        model: The model.
+        name: "transition" or "measurement".
         points: ``(..., k, n)``.
         u: ``(..., m)``, shared by the points of a row.
 
     Returns:
         The values ``(..., k, size)``.
     """
-    return np.asarray(function(points, None if u is None else u[..., None, :]), float)
+    values = getattr(model, name)(points, None if u is None else u[..., None, :])
+    return sized(name, np.asarray(values, float), model.size(name))
 
 
 @lru_cache(1000)

@@ -138,7 +138,7 @@ class ParticleFilter(Filter[ParticleBelief]):
     def expect(self, belief: Any, u: np.ndarray | None, R: Any = None) -> tuple[Any, ...]:
         """Weighted mean ``(..., p)`` and deviations ``(..., p, N)`` of measurements, and R."""
         model, weights = self.model, np.exp(belief.log_weights)
-        expected = at_points(model.measurement, belief.particles, u)
+        expected = at_points(model, "measurement", belief.particles, u)
         shares = weights[..., None] * np.isfinite(expected)
         shares = shares / shares.sum(-2, keepdims=True)
         mean, anomalies = _about(shares, expected, model.measurement_angles)
@@ -147,7 +147,7 @@ class ParticleFilter(Filter[ParticleBelief]):
     def _predict(self, belief: Any, u: Any, *moved: Any) -> Changes:
         (root, rng), model, batch = moved, self.model, belief.mean.shape[:-1]
         before, log_weights = self._resampled(belief, rng)
-        after = np.array(at_points(model.transition, before, u))
+        after = np.array(at_points(model, "transition", before, u))
         after += (root @ draw(rng, batch, self.particles, root.shape[-1], DIFFUSION)).mT
         gone = ~np.isfinite(after).all(-1)
         after = np.where(gone[..., None], before, after)

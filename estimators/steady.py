@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimators.checks import indices, shaped_array
+from estimators.differences import sized
 from estimators.discretisation import RiccatiMap, matrices, riccati_composition
 from estimators.engine import compiled
 from estimators.filter import Changes, Model
@@ -197,7 +198,8 @@ class SteadyKalmanFilter(ExtendedKalmanFilter):
     def propagate(self, belief: Any, u: np.ndarray | None) -> tuple[Any, ...]:
         """Next mean ``(..., n)``."""
         function, linear = self.model.transition, isinstance(self.model, LinearModel)
-        return (function(belief.mean, u) if linear else resolve(function, belief.mean, u),)
+        mean = function(belief.mean, u) if linear else resolve(function, belief.mean, u)
+        return (sized("transition", mean, self.model.n),)
 
     def _noise(self, belief: Any, u: np.ndarray | None, R: Any) -> Any:
         """R ``(..., p, p)``: the one that is given, or the design's."""

@@ -11,7 +11,6 @@ from estimators.belief import Belief
 from estimators.engine import Compiled
 from estimators.linalg import congruence, diagonal, masked, rescuing
 from estimators.randomness import RandomKeys
-from estimators.varying import resolve
 
 _GIVEN = 1, 1, 1, 2
 """Axes of rows of u, y, available and R."""
@@ -133,7 +132,7 @@ def _answers(filter: Any, step: str, belief: Any, data: Any) -> Sequence[Any]:
     if filter.input_delay is None:
         return answer
     model: Any = filter.model
-    return *answer, resolve(model.H, u) if update else model.input_matrix(belief.mean, u)
+    return *answer, model.value("H", u) if update else model.input_matrix(belief.mean, u)
 
 
 def is_healthy(belief: Any, changed: dict[str, Any], shrinks: bool, R: Any = None) -> Any:

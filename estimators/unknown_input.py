@@ -21,7 +21,6 @@ from estimators.linalg import (
     symmetrise,
 )
 from estimators.models import LinearModel
-from estimators.varying import resolve
 
 OBSERVABLE = 0.1
 """Ratio of prior to remaining variance above which a direction of the input is observable."""
@@ -154,7 +153,7 @@ class UnknownInputFilter(Filter[Any]):
         Source: de Jong (1991), The diffuse Kalman filter.
         """
         e, S, q = updated.innovation, updated.innovation_cov, self.model.q
-        effects = self.expect(predicted, updated.u)[1], resolve(self.model.H, updated.u)
+        effects = self.expect(predicted, updated.u)[1], self.model.value("H", updated.u)
         C, H = (np.where(updated.available[..., None], each, 0.0) for each in effects)
         observable = self._observable_input(predicted, C, H)
         # S may be singular: a share of the input's prior is added, which the integral takes out

@@ -108,20 +108,19 @@ class StateNoise:
         return StateNoise(lambda x, u: factor * self.function(x, u), factor * self.nominal)
 
 
-def check_matrices(model: Any, shapes: dict[str, str], **options: tuple[str, int | None]) -> None:
+def check_matrices(model: Any, **options: tuple[str, int | None]) -> None:
     """Check a model's matrices and indices of angles, and set its sizes n, p and q.
 
     Arrays are kept as read-only copies. If only one of G and H is given, the other is 0.
 
     Args:
         model: `LinearModel` or `NonlinearModel`.
-        shapes: Letters of rows and columns of each matrix, in the order in which sizes are sought;
-            m is any size.
         **options: For the letter of a size, the name of the argument that gives it, and its value.
 
     Raises:
         ValueError: naming the matrix that does not fit.
     """
+    shapes = model.shapes
     for name in shapes:
         value = getattr(model, name)
         if not callable(value) and (value is not None or name in "ACQR"):

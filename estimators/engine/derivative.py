@@ -142,5 +142,5 @@ def linearise(
     if len({*own} - program.constants.keys()) < len(own):
         # Derivatives are by values: entries that are constant or share one get their own.
         x = by_entries(stored(program, program.add("pack", tuple(own), "f", len(own)), x.shape))
-    value = function(x, u)
+    value = TracedArray.of(function(x, u)).reshape(-1)
     return value, jacobian(value, x) if slopes is None else slopes(x, u)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimators import Gaussian, LinearModel, NonlinearModel, make
+from estimators import Gaussian, LinearModel, NonlinearModel, compiled, make
 
 I2, I4 = np.eye(2), np.eye(4)
 
@@ -28,8 +28,8 @@ def test_an_option_without_meaning_is_refused_by_its_name(name: str, option: str
             make(name, model, **{option: value})
 
 
-def _one_step(name: str, model: Any, rows: tuple[int, ...]) -> None:
-    filter, rng = make(name, model), np.random.default_rng(0)
+def _one_step(name: str, model: Any, rows: tuple[int, ...], **options: Any) -> None:
+    filter, rng = make(name, model, **options), np.random.default_rng(0)
     belief = filter.init(Gaussian(np.full((*rows, 2), 0.5), I2), rng=rng)
     u, y = np.full((*rows, 2), 0.7), np.zeros((*rows, 2))
     for _ in range(2):
@@ -41,3 +41,34 @@ def test_constant_matrices_and_few_digits_are_taken():
         _one_step("kf", LinearModel(lambda u: I2, I2, lambda u: I2, R), (4,))
     single = NonlinearModel(lambda x, u: np.sin(x.astype(np.float32)), lambda x, u: x, I2, I2)
     _one_step("ukf", single, (4,))
+
+
+@pytest.mark.parametrize("name", ["ekf", "ukf", "enkf", "etkf", "pf", "huber-kf", "steady-kf"])
+@pytest.mark.parametrize("form", [lambda function: function, compiled])
+def test_a_function_of_another_size_is_refused_by_its_name(name: str, form: Any):
+    def twice(x: Any, u: Any) -> Any:
+        return np.concatenate([x, x], -1)
+
+    functions = {"transition": lambda x, u: x, "measurement": lambda x, u: x}
+    design = {"design": LinearModel(0.9 * I2, I2, I2, I2)} if name == "steady-kf" else {}
+    for wrong in functions:
+        for few in (1, 3):  # one value would broadcast
+            given = functions | {wrong: lambda x, u, few=few: twice(x, u)[..., :few]}
+            model = NonlinearModel(*map(form, given.values()), I2, I2)
+            for rows in (), (4,):
+                with pytest.raises(ValueError, match=f"^{wrong} must return arrays"):
+                    _one_step(name, model, rows, **design)
+
+
+@pytest.mark.parametrize("form", [lambda function: function, compiled])
+@pytest.mark.parametrize("wrong", "ABCQRGH")
+def test_a_matrix_of_another_size_is_refused_by_its_name(wrong: str, form: Any):
+    matrices, sizes = {name: I2 for name in "ABCQR"}, [(1, 1), (2, 3), (2,)]
+    if wrong in "GH":
+        matrices |= {"G": I2, "H": I2}
+    for few in sizes[:1] if wrong == "B" else sizes:
+        function = form(lambda u, few=few: np.ones(few))
+        model = LinearModel(**matrices | {wrong: function})
+        for rows in (), (4,):
+            with pytest.raises(ValueError, match=f"^{wrong} must return matrices"):
+                _one_step("kf-umv-ui" if wrong in "GH" else "kf", model, rows)

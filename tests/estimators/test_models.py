@@ -241,12 +241,6 @@ def test_continuous_models_are_lists_too_and_no_step_goes_back():
             step(-0.1)
 
 
-def test_differences_need_as_many_values_as_there_are_variances():
-    filter = make("ekf", NonlinearModel(lambda x, u: x, lambda x, u: x[..., :1], I2, I2))
-    with pytest.raises(ValueError, match="reshape"):
-        filter.update(filter.init(Gaussian(np.zeros(2), I2)), np.zeros(2))
-
-
 def test_differences_of_few_digits_need_a_jacobian():
     """Of float32 they would be off by 40 %."""
 

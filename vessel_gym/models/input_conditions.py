@@ -10,7 +10,6 @@ import numpy as np
 
 from estimators import Filter, Gaussian, LinearModel, NonlinearModel
 from estimators.unknown_input import UnknownInputFilter
-from estimators.varying import resolve
 from vessel_gym.models.state_space import StateSpace
 from vessel_gym.models.structure import refuse_readers
 from vessel_gym.vehicles.vehicle import Vehicle
@@ -87,9 +86,9 @@ def _undetermined(space: StateSpace, model: LinearModel | NonlinearModel) -> str
     own, u = nominal_flight(space.vehicle, space.vehicle_states)
     x = np.zeros((len(own), model.n))
     x[:, : own.shape[-1]] = own
-    Q, R = (resolve(matrix, u[0]) for matrix in (model.Q, model.R))
+    Q, R = (model.value(name, u[0]) for name in "QR")
     A, C = model.linearise_transition(x, u)[1], model.linearise_measurement(x, u)[1]
-    G, H = model.input_matrix(x, u), resolve(model.H, u)
+    G, H = model.input_matrix(x, u), model.value("H", u)
     given = (A, C, A @ G, C @ G + H) if model.delayed_feedthrough else (A, C, G, H)
     along = (np.broadcast_to(each, (len(x), *each.shape[-2:])) for each in given)
     noise = Q, R[np.ix_(often, often)]

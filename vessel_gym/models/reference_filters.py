@@ -16,7 +16,6 @@ from estimators import (
 )  # fmt: skip
 from estimators.filter import Changes
 from estimators.kalman import unseen_input
-from estimators.varying import resolve
 from vessel_gym.models.state_space import StateSpace
 
 
@@ -90,7 +89,7 @@ class ZeroOrderHold(Filter[HeldBelief]):
             if rate not in given and of in given
         ]
         # variances of the derived state and d, of a measurement and the one before
-        noise, eye = np.diagonal(resolve(model.R, vehicle.cruise[1])), np.eye(model.p)
+        noise, eye = np.diagonal(model.value("R", vehicle.cruise[1])), np.eye(model.p)
         now, before = (self._derived(each, eye / self._dt) for each in (eye, 0.0 * eye))
         self._variance = noise @ (now**2 + before**2)
 

@@ -10,7 +10,6 @@ import numpy as np
 from estimators import LinearModel, Model
 from estimators.engine import sincos
 from estimators.linalg import congruence, identity
-from estimators.varying import resolve
 from vessel_gym.caching import cached
 from vessel_gym.disturbances import Disturbance
 from vessel_gym.models.assumed import assumed_space
@@ -36,14 +35,14 @@ def steady_options(space: StateSpace, model: Model) -> dict[str, Any]:
     parts: Any = space.vehicle, space.kind, space.disturbance, sensors, space.assumed_as
     still = ~sensors.bias.root.any(-1)
     biases = sensors.bias.start_cov * np.outer(still, still)
-    R = resolve(model.R, u) + congruence(sensors.bias_gain, biases)
+    R = model.value("R", u) + congruence(sensors.bias_gain, biases)
     if (period := math.lcm(*sensors.periods)) > _LONGEST:
         raise ValueError(
             f"all sensors report together once in {period} steps, and a gain needs them within"
             f" {_LONGEST}: choose rates that divide each other"
         )
     return {
-        "design": LinearModel(*_about_cruise(*parts), resolve(model.Q, u), R),
+        "design": LinearModel(*_about_cruise(*parts), model.value("Q", u), R),
         "measured": (np.arange(period)[:, None] % sensors.periods == 0)[:, sensors.owner],
         "nuisance": [*map(space.names.index, sensors.bias_names)],
         "axes": path_axes(space.names),
