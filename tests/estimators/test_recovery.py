@@ -89,6 +89,17 @@ def test_singular_systems_leave_no_nan_and_other_rows_alone(name: str):
     assert lost > 500
 
 
+@pytest.mark.parametrize("name", ["kf", "ukf"])
+def test_a_step_without_noise_is_its_prediction_and_update(name: str):
+    """What a channel without noise leaves of a variance is rounding, and goes in both ways."""
+    A, C = np.random.default_rng(1).normal(size=(2, 3, 3))
+    filter = make(name, LinearModel(A, C, 0.0 * I3, 0.0 * I3))
+    belief = filter.init(Gaussian(KNOWN, 1e4 * I3))
+    for _ in range(4):
+        joined, belief = filter.step(belief, KNOWN), filter.update(filter.predict(belief), KNOWN)
+        np.testing.assert_array_equal(joined.cov, belief.cov)
+
+
 @pytest.mark.parametrize("name", ["kf-umv-ui", "ulise"])
 def test_an_unknown_input_without_noise_is_known_exactly(name: str):
     """The innovation covariance is singular, and the unknown input lies outside its range."""
