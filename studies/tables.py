@@ -75,9 +75,9 @@ OPTIONS = {"names": "which; all if not given"}
 def main(names: tuple[str, ...] = (), /) -> None:
     """Write tables of docs/ anew: dives, flights, faults and others are flown, in an hour.
 
-    Tables of studies are taken from results/ablation, results/suites,
-    results/quick and results/latency, where `make ablation` and `vessel-gym ablate suites` (or
-    quick, or latency) leave them.
+    Tables of studies are taken from results/ablation, where `make ablation` leaves them, and from
+    results/suites, quick, latency, tuned, tuned_each and likelihood, where `vessel-gym ablate` with
+    each name does.
     """
     names = names or tuple(BLOCKS)
     for name in names:

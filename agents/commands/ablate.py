@@ -28,8 +28,8 @@ STUDIES = _shipped()
 
 
 OPTIONS = {
-    "study": "study file (TOML), or the name of one that comes with vessel-gym: corvette, latency,"
-    " quick or suites",
+    "study": "study file (TOML), or the name of one that comes with vessel-gym:"
+    f" {', '.join(STUDIES)}",
     "out": "folder for results and report; results/ and the study's name if not given",
     "scheduler": "Dask scheduler whose workers compute instead, e.g. tcp://10.0.0.1:8786",
 }
