@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 
 from estimators.angles import short_way
-from estimators.varying import Function
+from estimators.varying import Function, sized
 
 _EPS = float(np.finfo(float).eps)
 
@@ -38,16 +38,6 @@ def central_differences(
         change[..., i] = short_way(change[..., i])
     columns = (8.0 * change[..., 0, :, :] - change[..., 1, :, :]) / (12.0 * step[..., None])
     return values[..., 0, :], columns.mT
-
-
-def sized(name: str, values: np.ndarray, size: int) -> np.ndarray:
-    """Values ``(..., size)`` of a function, which are refused if they are of another size."""
-    if values.shape[-1:] != (size,):
-        raise ValueError(
-            f"{name} must return arrays (..., {size}), for any leading axes, but it returned one of"
-            f" shape {values.shape}"
-        )
-    return values
 
 
 @cache

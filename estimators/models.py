@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from estimators.checks import as_covariance, finite_array, frozen, short_repr
-from estimators.differences import central_differences, sized, steps
+from estimators.differences import central_differences, steps
 from estimators.engine import Compiled, columnwise, compiled, is_traced, linearise, matrix
 from estimators.varying import (
     Frozen,
@@ -26,6 +26,7 @@ from estimators.varying import (
     check_matrices,
     is_compiled,
     resolve,
+    sized,
 )
 
 
@@ -84,15 +85,8 @@ class _Model(Frozen):
             return part
         if isinstance(part, StateNoise) and len(arguments) > 1:
             part = part.function
-        value = resolve(part, *arguments)
-        rows, columns = (getattr(self, each, None) for each in self.shapes[name])  # m is any
-        shape = np.shape(value)
-        if len(shape) < 2 or shape[-2] != rows or columns not in (shape[-1], None):
-            raise ValueError(
-                f"{name} must return matrices (..., {rows}, {columns or 'm'}), not one of shape"
-                f" {shape}"
-            )
-        return value
+        size = (getattr(self, each, None) for each in self.shapes[name])  # m is any
+        return sized(name, resolve(part, *arguments), *size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,8 +257,9 @@ class NonlinearModel(_Model):
             return central_differences(name, function, x, u, self.size(name), angles, step)
         else:
             value, jacobian = np.asarray(function(x, u), float), np.asarray(slopes(x, u), float)
-            jacobian = np.broadcast_to(jacobian, (*value.shape, self.n))
-        return sized(name, value, self.size(name)), jacobian
+            jacobian = np.broadcast_to(jacobian, value.shape[:-1] + jacobian.shape[-2:])
+        size = self.size(name)
+        return sized(name, value, size), sized(f"{name}_jacobian", jacobian, size, self.n)
 
     def linearise_transition(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None

@@ -7,14 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from estimators.checks import indices, shaped_array
-from estimators.differences import sized
 from estimators.discretisation import RiccatiMap, matrices, riccati_composition
 from estimators.engine import compiled
 from estimators.filter import Changes, Model
 from estimators.kalman import ExtendedKalmanFilter, joseph_update
 from estimators.linalg import congruence, identity, masked, rescue, solve, symmetrise
 from estimators.models import LinearModel
-from estimators.varying import resolve
+from estimators.varying import resolve, sized
 
 _NEAR = 1e-4
 """Eigenvalues this near to 1 count as 1: rounding moves those of coupled integrators as far."""

@@ -32,6 +32,23 @@ def resolve(value: Any, *arguments: Any) -> Any:
     return matrix(value(*map(by_entries, arguments)))
 
 
+def sized(name: str, value: Any, *size: int | None) -> Any:
+    """What a model's function returned, with last axes of these sizes; None stands for any.
+
+    Raises:
+        ValueError: if they are of other sizes, which might broadcast to a wrong result.
+    """
+    shape = np.shape(value)
+    last = shape[-len(size) :]
+    if len(last) < len(size) or any(k not in (None, at) for k, at in zip(size, last, strict=True)):
+        wanted = ", ".join("m" if k is None else str(k) for k in size)
+        raise ValueError(
+            f"{name} must return arrays (..., {wanted}), for any leading axes, but it returned one"
+            f" of shape {shape}"
+        )
+    return value
+
+
 def is_compiled(value: Any) -> bool:
     """Can a compiled program include it? Arrays, None, schedules and compiled functions can be."""
     value = value.function if isinstance(value, StateNoise) else value

@@ -60,6 +60,16 @@ def test_a_function_of_another_size_is_refused_by_its_name(name: str, form: Any)
                     _one_step(name, model, rows, **design)
 
 
+@pytest.mark.parametrize("name", ["transition_jacobian", "measurement_jacobian"])
+@pytest.mark.parametrize("form", [lambda function: function, compiled])
+def test_a_jacobian_of_another_size_is_refused_by_its_name(name: str, form: Any):
+    same = form(lambda x, u: x)
+    model = NonlinearModel(same, same, I2, I2, **{name: form(lambda x, u: I2[:1])})
+    for rows in (), (4,):
+        with pytest.raises(ValueError, match=f"^{name} must return arrays"):
+            _one_step("ekf", model, rows)
+
+
 @pytest.mark.parametrize("form", [lambda function: function, compiled])
 @pytest.mark.parametrize("wrong", "ABCQRGH")
 def test_a_matrix_of_another_size_is_refused_by_its_name(wrong: str, form: Any):
@@ -70,5 +80,5 @@ def test_a_matrix_of_another_size_is_refused_by_its_name(wrong: str, form: Any):
         function = form(lambda u, few=few: np.ones(few))
         model = LinearModel(**matrices | {wrong: function})
         for rows in (), (4,):
-            with pytest.raises(ValueError, match=f"^{wrong} must return matrices"):
+            with pytest.raises(ValueError, match=f"^{wrong} must return arrays"):
                 _one_step("kf-umv-ui" if wrong in "GH" else "kf", model, rows)
