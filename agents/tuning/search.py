@@ -109,7 +109,8 @@ def search(
         parameters: What is searched.
         evaluations: Largest number of scores.
         seed: 0: the search begins at the delivered values; else at a point near them that the seed
-            draws. COBYQA moves a start away from near bounds, or onto them.
+            draws. The result is never worse than the start, which is the first candidate: COBYQA
+            itself moves it away from near bounds, or onto them.
         journal: Takes the evaluations.
         progress: Called after each with the number so far and the best score. A KeyboardInterrupt
             ends the search, and the best so far is returned.
@@ -138,6 +139,7 @@ def search(
         start = start + np.random.default_rng(seed).normal(0.0, SPREAD, len(start))
     region = 0
     try:
+        loss(start)
         while left := evaluations - len(journal.points):
             region += 1
             first = RADIUS / region

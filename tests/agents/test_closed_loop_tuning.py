@@ -189,6 +189,21 @@ def test_a_search_finds_the_top_of_a_smooth_hill(seed: int):
     assert {name: pytest.approx(best, rel=0.1) for name, best in OPTIMUM.items()} == found
 
 
+@pytest.mark.parametrize("evaluations", [1, 2, 12])
+def test_a_search_never_ends_below_the_delivered_values(evaluations: int):
+    """Within its first radius of a bound, COBYQA moves a start."""
+    places = {"a": 0.15, "b": 0.9, "c": 0.5}
+    delivered = {name: Parameter(NOISE, NOISE.from_unit(at)) for name, at in places.items()}
+
+    def sharp(values: dict[str, float]) -> float:
+        return -sum(abs(np.log(values[name] / each.value)) for name, each in delivered.items())
+
+    journal = Journal(None, {})
+    found = search(sharp, delivered, evaluations, 0, journal)
+    assert sharp(found) == pytest.approx(0.0, abs=1e-12)
+    assert len(journal.points) == evaluations
+
+
 @pytest.mark.parametrize("seed", [0, 3, 4])
 def test_a_search_goes_on_where_one_trust_region_gets_stuck(seed: int):
     def rough(values: dict[str, float]) -> float:
