@@ -19,6 +19,9 @@ from vessel_gym.models.estimation import WITHOUT_COVARIANCE
 PerEpisode = Callable[[Rollout], np.ndarray | None]
 """One number of every episode of a rollout, ``(N,)``; NaN, or None for all, where there is none."""
 
+_TOGETHER = 20_000
+"""Covariances that are factorised at once: all those of many episodes would take ten gigabytes."""
+
 
 @dataclass(frozen=True)
 class Metric:
@@ -204,8 +207,14 @@ def nees_of(rollout: Rollout, *names: str) -> np.ndarray | None:
     state = config.true_state.in_filter_order(h["truth"])
     turning = config.estimation.filter.model.state_angles
     angles = tuple(chosen.index(i) for i in turning if i in chosen)
-    cov = h["covariance"][..., np.array(chosen)[:, None], chosen]
-    return frozen(nees(h["estimate"][..., chosen], cov, state[..., chosen], angles))
+
+    def at(times: slice) -> np.ndarray:
+        cov = h["covariance"][times][..., np.array(chosen)[:, None], chosen]
+        return nees(h["estimate"][times][..., chosen], cov, state[times][..., chosen], angles)
+
+    together = -(-_TOGETHER // len(rollout.seeds))
+    blocks = [slice(k, k + together) for k in range(0, len(state), together)]
+    return frozen(np.concatenate([*map(at, blocks)]))
 
 
 def _known(rollout: Rollout, names: tuple[str, ...]) -> tuple[int, ...]:

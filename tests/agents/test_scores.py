@@ -13,7 +13,9 @@ from agents.metrics import (
     STEERING,
     components,
     consistency,
+    metric,
     metrics,
+    nees_of,
     rmse,
     scores,
 )
@@ -122,6 +124,13 @@ def test_what_an_estimator_does_not_have_is_nan():
         assert (consistency(flight) is None) == (missing == "nees")
     assert rmse("u")(flight) is None
     assert components(flight, "psi", "v") == (0, 2)
+
+
+def test_nees_does_not_depend_on_the_times_computed_at_once(monkeypatch: pytest.MonkeyPatch):
+    expected = nees_of(replace(flown(SIGMA)))
+    for together in (1, 100, 10**6):
+        monkeypatch.setattr(metric, "_TOGETHER", together)
+        np.testing.assert_allclose(nees_of(replace(flown(SIGMA))), expected, rtol=1e-9)
 
 
 def test_nees_is_squared_error_in_units_of_covariance():
