@@ -9,7 +9,7 @@ from estimators.discretisation import with_inputs
 from estimators.engine import compiled
 from estimators.linalg import joined
 from estimators.models import LinearModel, NonlinearModel
-from estimators.varying import is_compiled, resolve
+from estimators.varying import is_compiled
 
 
 def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearModel":
@@ -33,26 +33,28 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
             "stacked needs an unknown input that feeds through at once: give the model G, H or both"
         )
     options: dict[str, Any] = {
-        "Q": _assembled(lambda Q: with_inputs(Q, np.zeros((n, q))), model.Q),
+        "Q": _assembled(model, lambda Q: with_inputs(Q, np.zeros((n, q))), "Q"),
         "R": model.R, "G": np.eye(n + q, q, -n), "H": np.zeros((model.p, q)),
         "state_angles": model.state_angles, "measurement_angles": model.measurement_angles,
     }  # fmt: skip
     if isinstance(model, LinearModel):
         return LinearModel(
-            _assembled(with_inputs, model.A, model.G),
-            _assembled(lambda C, H: joined([C, H], -1), model.C, model.H),
+            _assembled(model, with_inputs, "A", "G"),
+            _assembled(model, lambda C, H: joined([C, H], -1), "C", "H"),
             B=None if model.B is None else _assembled(
-                lambda B: joined([B, np.zeros((q, B.shape[-1]))], -2), model.B
+                model, lambda B: joined([B, np.zeros((q, B.shape[-1]))], -2), "B"
             ), **options,
         )  # fmt: skip
 
     def transition(z: np.ndarray, u: np.ndarray | None) -> np.ndarray:
         x, d = z[..., :n], z[..., n:]
-        moved = model.transition(x, u) + np.matvec(model.input_matrix(x, u), d)
+        moved = model.evaluated("transition", x, u)
+        moved = moved + np.matvec(model.input_matrix(x, u), d)
         return np.concatenate([moved, np.zeros(moved.shape[:-1] + (q,))], -1)
 
     def measurement(z: np.ndarray, u: np.ndarray | None) -> np.ndarray:
-        return model.measurement(z[..., :n], u) + np.matvec(model.value("H", u), z[..., n:])
+        expected = model.evaluated("measurement", z[..., :n], u)
+        return expected + np.matvec(model.value("H", u), z[..., n:])
 
     return NonlinearModel(
         _function(transition, model.transition, model.G),
@@ -61,11 +63,12 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
     )
 
 
-def _assembled(assemble: Callable[..., np.ndarray], *parts: Any) -> Any:
-    """A matrix assembled from others; a function of u if one of them is."""
+def _assembled(model: Any, assemble: Callable[..., np.ndarray], *names: str) -> Any:
+    """A matrix assembled from some of a model; a function of u if one of them is."""
+    parts = [getattr(model, name) for name in names]
     if not any(map(callable, parts)):
         return assemble(*parts)
-    return _function(lambda u: assemble(*(resolve(part, u) for part in parts)), *parts)
+    return _function(lambda u: assemble(*(model.value(name, u) for name in names)), *parts)
 
 
 def _function(function: Any, *parts: Any) -> Any:

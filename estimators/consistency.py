@@ -71,8 +71,8 @@ def simulate(
     xs, ys = [], []
     for k in range(steps):
         now = None if u is None else u[k]
-        y = model.measurement(x, now) + _noise(model.value("R", now), rng, runs)
-        following = model.transition(x, now) + _noise(model.value("Q", now), rng, runs)
+        y = model.evaluated("measurement", x, now) + _noise(model.value("R", now), rng, runs)
+        following = model.evaluated("transition", x, now) + _noise(model.value("Q", now), rng, runs)
         if d is not None:
             assert model.q, "the model has no unknown input"
             following = following + np.matvec(model.input_matrix(x, now), d[k])

@@ -67,6 +67,8 @@ class _Model(Frozen):
     q: int
     shapes: ClassVar[dict[str, str]]
     """Letters of rows and columns of each matrix, in the order in which sizes are sought."""
+    sizes: dict[str, tuple[int, ...]]
+    """Rows and columns of each matrix; none for B, which has a column for each known input."""
     parts: ClassVar[dict[str, tuple[str, ...]]]
     """Names of the matrices and functions that a "predict" and an "update" use."""
 
@@ -78,14 +80,22 @@ class _Model(Frozen):
         """Number of values of the "transition" or the "measurement"."""
         return self.n if name == "transition" else self.p
 
+    def evaluated(self, name: str, x: np.ndarray, u: np.ndarray | None) -> Any:
+        """The transition or the measurement, which is refused if it is of another size."""
+        return sized(name, getattr(self, name)(x, u), self.size(name))
+
     def value(self, name: str, *arguments: Any) -> Any:
-        """A matrix, or the value of its function, which is refused if it is of another size."""
+        """A matrix, or the value of its function, which is refused if it is of another size.
+
+        The arguments are ``u``, or ``(x, u)`` for a function of the state; a `StateNoise` takes
+        both.
+        """
         part = getattr(self, name)
         if not callable(part):
             return part
-        if isinstance(part, StateNoise) and len(arguments) > 1:
+        if len(arguments) > 1 and isinstance(part, StateNoise):
             part = part.function
-        size = (getattr(self, each, None) for each in self.shapes[name])  # m is any
+        size = self.sizes[name] or (self.n, arguments[-1].shape[-1])
         return sized(name, resolve(part, *arguments), *size)
 
 
@@ -257,9 +267,12 @@ class NonlinearModel(_Model):
             return central_differences(name, function, x, u, self.size(name), angles, step)
         else:
             value, jacobian = np.asarray(function(x, u), float), np.asarray(slopes(x, u), float)
-            jacobian = np.broadcast_to(jacobian, value.shape[:-1] + jacobian.shape[-2:])
         size = self.size(name)
-        return sized(name, value, size), sized(f"{name}_jacobian", jacobian, size, self.n)
+        value = sized(name, value, size)
+        jacobian = sized(f"{name}_jacobian", jacobian, size, self.n)
+        if jacobian.ndim <= value.ndim:  # the same for all rows
+            jacobian = np.broadcast_to(jacobian, (*value.shape, self.n))
+        return value, jacobian
 
     def linearise_transition(
         self, x: np.ndarray, u: np.ndarray | None, cov: np.ndarray | None = None
@@ -306,8 +319,8 @@ def at_points(
     Returns:
         The values ``(..., k, size)``.
     """
-    values = getattr(model, name)(points, None if u is None else u[..., None, :])
-    return sized(name, np.asarray(values, float), model.size(name))
+    known = None if u is None else u[..., None, :]
+    return np.asarray(model.evaluated(name, points, known), float)
 
 
 @lru_cache(1000)

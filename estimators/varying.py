@@ -27,25 +27,20 @@ def resolve(value: Any, *arguments: Any) -> Any:
     """A matrix, or a function's value, in NumPy or traced entry by entry with its arguments."""
     if not callable(value):
         return value
-    if not any(isinstance(each, TracedMatrix) for each in arguments):
+    if TracedMatrix not in map(type, arguments):
         return value(*arguments)
     return matrix(value(*map(by_entries, arguments)))
 
 
-def sized(name: str, value: Any, *size: int | None) -> Any:
-    """What a model's function returned, with last axes of these sizes; None stands for any.
+def sized(name: str, value: Any, *size: int) -> Any:
+    """What a model's function returned, if its last axes have these sizes.
 
     Raises:
-        ValueError: if they are of other sizes, which might broadcast to a wrong result.
+        ValueError: if they do not. Other sizes might broadcast to a wrong result.
     """
-    shape = np.shape(value)
-    last = shape[-len(size) :]
-    if len(last) < len(size) or any(k not in (None, at) for k, at in zip(size, last, strict=True)):
-        wanted = ", ".join("m" if k is None else str(k) for k in size)
-        raise ValueError(
-            f"{name} must return arrays (..., {wanted}), for any leading axes, but it returned one"
-            f" of shape {shape}"
-        )
+    last = (getattr(value, "shape", None) or np.shape(value))[-len(size) :]
+    if last != size:
+        raise ValueError(f"{name} must return arrays whose last axes are {size}, got {last}")
     return value
 
 
@@ -156,7 +151,8 @@ def check_matrices(model: Any, **options: tuple[str, int | None]) -> None:
     for name, letters in shapes.items():
         if (table := _nominal(model, name)) is not None:
             shaped_array(name, table, "...", *(sizes.get(each, each) for each in letters))
-    vars(model).update(sizes)
+    every = {n: tuple(map(sizes.get, s)) if "m" not in s else () for n, s in shapes.items()}
+    vars(model).update(sizes, sizes=every)
     for name, size in ("state_angles", sizes["n"]), ("measurement_angles", sizes["p"]):
         vars(model)[name] = indices(name, getattr(model, name), size)
 

@@ -1,11 +1,14 @@
 """Options that are no numbers, and matrices for all rows."""
 
+from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from estimators import Gaussian, LinearModel, NonlinearModel, compiled, make
+from estimators import Gaussian, LinearModel, NonlinearModel, compiled, make, stacked
+from estimators.consistency import simulate
 
 I2, I4 = np.eye(2), np.eye(4)
 
@@ -43,31 +46,46 @@ def test_constant_matrices_and_few_digits_are_taken():
     _one_step("ukf", single, (4,))
 
 
+def _of_other_sizes(form: Any) -> Iterator[tuple[str, NonlinearModel]]:
+    """Models with a function that returns one value or three in place of two, and its name."""
+    same = {"transition": lambda x, u: x, "measurement": lambda x, u: x}
+    for wrong in same:
+        for few in (1, 3):  # one value would broadcast
+            twice = lambda x, u, few=few: np.concatenate([x, x], -1)[..., :few]  # noqa: E731
+            yield wrong, NonlinearModel(*map(form, (same | {wrong: twice}).values()), I2, I2)
+
+
 @pytest.mark.parametrize("name", ["ekf", "ukf", "enkf", "etkf", "pf", "huber-kf", "steady-kf"])
 @pytest.mark.parametrize("form", [lambda function: function, compiled])
 def test_a_function_of_another_size_is_refused_by_its_name(name: str, form: Any):
-    def twice(x: Any, u: Any) -> Any:
-        return np.concatenate([x, x], -1)
-
-    functions = {"transition": lambda x, u: x, "measurement": lambda x, u: x}
     design = {"design": LinearModel(0.9 * I2, I2, I2, I2)} if name == "steady-kf" else {}
-    for wrong in functions:
-        for few in (1, 3):  # one value would broadcast
-            given = functions | {wrong: lambda x, u, few=few: twice(x, u)[..., :few]}
-            model = NonlinearModel(*map(form, given.values()), I2, I2)
-            for rows in (), (4,):
-                with pytest.raises(ValueError, match=f"^{wrong} must return arrays"):
-                    _one_step(name, model, rows, **design)
+    for wrong, model in _of_other_sizes(form):
+        for rows in (), (4,):
+            with pytest.raises(ValueError, match=f"^{wrong} must return arrays"):
+                _one_step(name, model, rows, **design)
+
+
+@pytest.mark.parametrize("form", [lambda function: function, compiled])
+def test_what_is_made_of_a_model_refuses_another_size_too(form: Any):
+    for wrong, model in _of_other_sizes(form):
+        wide, numbers = stacked(replace(model, G=I2, H=I2)), np.random.default_rng(0)
+        for use in (
+            lambda: simulate(model, Gaussian(np.zeros(2), I2), numbers, 3, 2),  # noqa: B023
+            lambda: getattr(wide, f"linearise_{wrong}")(np.zeros(4), None),  # noqa: B023
+        ):
+            with pytest.raises(ValueError, match=f"^{wrong} must return arrays"):
+                use()
 
 
 @pytest.mark.parametrize("name", ["transition_jacobian", "measurement_jacobian"])
 @pytest.mark.parametrize("form", [lambda function: function, compiled])
 def test_a_jacobian_of_another_size_is_refused_by_its_name(name: str, form: Any):
     same = form(lambda x, u: x)
-    model = NonlinearModel(same, same, I2, I2, **{name: form(lambda x, u: I2[:1])})
-    for rows in (), (4,):
-        with pytest.raises(ValueError, match=f"^{name} must return arrays"):
-            _one_step("ekf", model, rows)
+    for wrong in I2[:1], I2[0]:  # a vector must not take rows for its own
+        model = NonlinearModel(same, same, I2, I2, **{name: form(lambda x, u, wrong=wrong: wrong)})
+        for rows in (), (2,), (4,):
+            with pytest.raises(ValueError, match=f"^{name} must return arrays"):
+                _one_step("ekf", model, rows)
 
 
 @pytest.mark.parametrize("form", [lambda function: function, compiled])
@@ -76,7 +94,7 @@ def test_a_matrix_of_another_size_is_refused_by_its_name(wrong: str, form: Any):
     matrices, sizes = {name: I2 for name in "ABCQR"}, [(1, 1), (2, 3), (2,)]
     if wrong in "GH":
         matrices |= {"G": I2, "H": I2}
-    for few in sizes[:1] if wrong == "B" else sizes:
+    for few in sizes:
         function = form(lambda u, few=few: np.ones(few))
         model = LinearModel(**matrices | {wrong: function})
         for rows in (), (4,):
