@@ -188,6 +188,6 @@ def test_stacked_matrices_follow_rows_and_known_input(
     for i, model in enumerate(models):
         expected = stacked(replace(models[0], A=model.A, B=model.B, G=model.G))
         for name in "ABG":
-            matrix = resolve(getattr(given, name), np.array([i]))
+            matrix = resolve(getattr(given, name), np.array([i, 0.0]))
             matrix = matrix[i] if matrix.ndim > 2 else matrix
             np.testing.assert_array_equal(matrix, getattr(expected, name))
