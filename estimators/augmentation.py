@@ -64,7 +64,7 @@ def stacked(model: "LinearModel | NonlinearModel") -> "LinearModel | NonlinearMo
 
 
 def _assembled(model: Any, assemble: Callable[..., np.ndarray], *names: str) -> Any:
-    """A matrix assembled from some of a model; a function of u if one of them is."""
+    """A matrix assembled from matrices of a model; a function of u if one of them is."""
     parts = [getattr(model, name) for name in names]
     if not any(map(callable, parts)):
         return assemble(*parts)

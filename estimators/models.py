@@ -68,7 +68,7 @@ class _Model(Frozen):
     shapes: ClassVar[dict[str, str]]
     """Letters of rows and columns of each matrix, in the order in which sizes are sought."""
     sizes: dict[str, tuple[int, ...]]
-    """Rows and columns of each matrix; none for B, which has a column for each known input."""
+    """Rows and columns of each matrix; empty for B, which has a column for each known input."""
     parts: ClassVar[dict[str, tuple[str, ...]]]
     """Names of the matrices and functions that a "predict" and an "update" use."""
 
@@ -95,7 +95,7 @@ class _Model(Frozen):
             return part
         if len(arguments) > 1 and isinstance(part, StateNoise):
             part = part.function
-        size = self.sizes[name] or (self.n, arguments[-1].shape[-1])
+        size = self.sizes[name] or (self.n, *np.shape(arguments[-1])[-1:])
         return sized(name, resolve(part, *arguments), *size)
 
 
@@ -270,7 +270,7 @@ class NonlinearModel(_Model):
         size = self.size(name)
         value = sized(name, value, size)
         jacobian = sized(f"{name}_jacobian", jacobian, size, self.n)
-        if jacobian.ndim <= value.ndim:  # the same for all rows
+        if slopes is not None and not is_traced(x):  # it may be the same for all rows
             jacobian = np.broadcast_to(jacobian, (*value.shape, self.n))
         return value, jacobian
 

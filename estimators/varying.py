@@ -38,9 +38,10 @@ def sized(name: str, value: Any, *size: int) -> Any:
     Raises:
         ValueError: if they do not. Other sizes might broadcast to a wrong result.
     """
-    last = (getattr(value, "shape", None) or np.shape(value))[-len(size) :]
-    if last != size:
-        raise ValueError(f"{name} must return arrays whose last axes are {size}, got {last}")
+    shape = getattr(value, "shape", None) or np.shape(value)
+    if shape[-len(size) :] != size:
+        wanted = ", ".join(map(str, size))
+        raise ValueError(f"{name} must return arrays (..., {wanted}), got shape {shape}")
     return value
 
 

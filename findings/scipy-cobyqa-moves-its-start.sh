@@ -1,8 +1,8 @@
 #!/bin/sh
 # Expected: minimize evaluates x0 first, so that a search with few evaluations never ends worse than it began.
-# SciPy 1.17.1, method="COBYQA": a component of x0 that is nearer to a bound than initial_tr_radius is moved onto
-# the bound, or one radius away from it, before anything is evaluated. The radius is 1 unless given, and half the
-# narrowest range at most: in a unit box every start but the middle is moved. Hurts who tunes gains that are good
+# SciPy 1.17.1, method="COBYQA": a component of x0 that is nearer to a bound than initial_tr_radius, but not on it,
+# is moved onto the bound, or one radius away from it, before anything is evaluated. The radius is 1 unless given,
+# and half the narrowest range at most: in a unit box 0, 1/2 and 1 alone stay. Hurts who tunes gains that are good
 # already with a few costly simulations: the result may be worse than what was handed in. Nelder-Mead, Powell and
 # COBYLA evaluate x0 as it is. Instead: evaluate x0 yourself and keep the better one, as vessel-gym's tuning does.
 set -eu

@@ -61,7 +61,7 @@ def test_a_function_of_another_size_is_refused_by_its_name(name: str, form: Any)
     design = {"design": LinearModel(0.9 * I2, I2, I2, I2)} if name == "steady-kf" else {}
     for wrong, model in _of_other_sizes(form):
         for rows in (), (4,):
-            with pytest.raises(ValueError, match=f"^{wrong} must return arrays"):
+            with pytest.raises(ValueError, match=f"^{wrong} must return arrays "):
                 _one_step(name, model, rows, **design)
 
 
@@ -73,7 +73,24 @@ def test_what_is_made_of_a_model_refuses_another_size_too(form: Any):
             lambda: simulate(model, Gaussian(np.zeros(2), I2), numbers, 3, 2),  # noqa: B023
             lambda: getattr(wide, f"linearise_{wrong}")(np.zeros(4), None),  # noqa: B023
         ):
-            with pytest.raises(ValueError, match=f"^{wrong} must return arrays"):
+            with pytest.raises(ValueError, match=f"^{wrong} must return arrays "):
+                use()
+
+
+def test_what_is_made_of_a_matrix_refuses_another_size_too():
+    u, start, numbers = np.zeros((3, 2, 2)), Gaussian(np.zeros(2), I2), np.random.default_rng(0)
+    for wrong in "ABCQRGH":
+        matrices = {name: I2 for name in "ABCQRGH"} | {wrong: lambda u: I2[:1, :1]}
+        wide = stacked(LinearModel(**matrices))
+        if wrong in "QR":
+            uses = [lambda: wide.value(wrong, u)]  # noqa: B023
+        else:
+            step = wide.linearise_transition if wrong in "ABG" else wide.linearise_measurement
+            uses = [lambda: step(np.zeros(4), u[0, 0])]  # noqa: B023
+        if wrong != "C":
+            uses.append(lambda: simulate(LinearModel(**matrices), start, numbers, 2, 3, u, u))  # noqa: B023
+        for use in uses:
+            with pytest.raises(ValueError, match=f"^{wrong} must return arrays "):
                 use()
 
 
@@ -84,7 +101,7 @@ def test_a_jacobian_of_another_size_is_refused_by_its_name(name: str, form: Any)
     for wrong in I2[:1], I2[0]:  # a vector must not take rows for its own
         model = NonlinearModel(same, same, I2, I2, **{name: form(lambda x, u, wrong=wrong: wrong)})
         for rows in (), (2,), (4,):
-            with pytest.raises(ValueError, match=f"^{name} must return arrays"):
+            with pytest.raises(ValueError, match=f"^{name} must return arrays "):
                 _one_step("ekf", model, rows)
 
 
@@ -98,5 +115,5 @@ def test_a_matrix_of_another_size_is_refused_by_its_name(wrong: str, form: Any):
         function = form(lambda u, few=few: np.ones(few))
         model = LinearModel(**matrices | {wrong: function})
         for rows in (), (4,):
-            with pytest.raises(ValueError, match=f"^{wrong} must return arrays"):
+            with pytest.raises(ValueError, match=f"^{wrong} must return arrays "):
                 _one_step("kf-umv-ui" if wrong in "GH" else "kf", model, rows)
