@@ -86,7 +86,7 @@ class Filter(ABC, Generic[Record]):
         if self.model_per_row:  # a program has one model for all rows
             self.compiled = False  # type: ignore[misc]
         self._inside = {step: model.is_compiled(step) for step in ("predict", "update")}
-        self._exact_channels = not callable(model.R) and lacks_rank(model.R).any()
+        self._exact_channels = not callable(model.R) and lacks_rank(model.value("R")).any()
         # With exact channels an update is checked against its prediction.
         self._inside["step"] = not self._exact_channels and all(self._inside.values())
 

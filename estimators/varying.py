@@ -33,7 +33,7 @@ def resolve(value: Any, *arguments: Any) -> Any:
 
 
 def sized(name: str, value: Any, *size: int) -> Any:
-    """What a model's function returned, if its last axes have these sizes.
+    """Values of a model's function, if their last axes have these sizes.
 
     Raises:
         ValueError: if they do not. Other sizes might broadcast to a wrong result.

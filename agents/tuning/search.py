@@ -142,9 +142,8 @@ def search(
         loss(start)
         while left := evaluations - len(journal.points):
             region += 1
-            first = RADIUS / region
+            first, bounds = RADIUS / region, [(0.0, 1.0)] * len(start)
             ends = {"initial_tr_radius": first, "final_tr_radius": SHRUNK * first, "maxfev": left}
-            bounds = [(0.0, 1.0)] * len(start)
             minimize(loss, np.clip(start, 0.0, 1.0), method="COBYQA", bounds=bounds, options=ends)
             start = _best(journal)
     except KeyboardInterrupt:

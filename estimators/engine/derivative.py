@@ -142,6 +142,6 @@ def linearise(
     if len({*own} - program.constants.keys()) < len(own):
         # Derivatives are by values: entries that are constant or share one get their own.
         x = by_entries(stored(program, program.add("pack", tuple(own), "f", len(own)), x.shape))
-    value = TracedArray.of(function(x, u))
+    value: Any = TracedArray.of(function(x, u))
     value = value.reshape(value.shape or 1)  # a number is a vector, too
     return value, jacobian(value, x) if slopes is None else slopes(x, u)

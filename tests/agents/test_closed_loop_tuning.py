@@ -192,14 +192,12 @@ def test_a_search_finds_the_top_of_a_smooth_hill(seed: int):
 @pytest.mark.parametrize("evaluations", [1, 2, 12])
 def test_a_search_never_ends_below_the_delivered_values(evaluations: int):
     """Within its first radius of a bound, COBYQA moves a start."""
-    places = {"a": 0.15, "b": 0.9, "c": 0.5}
-    delivered = {name: Parameter(NOISE, NOISE.from_unit(at)) for name, at in places.items()}
+    delivered = {name: Parameter(NOISE, NOISE.from_unit(0.15)) for name in "abc"}
 
     def sharp(values: dict[str, float]) -> float:
         return -sum(abs(np.log(values[name] / each.value)) for name, each in delivered.items())
 
-    journal = Journal(None, {})
-    found = search(sharp, delivered, evaluations, 0, journal)
+    found = search(sharp, delivered, evaluations, 0, journal := Journal(None, {}))
     assert sharp(found) == pytest.approx(0.0, abs=1e-12)
     assert len(journal.points) == evaluations
 
