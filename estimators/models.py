@@ -68,7 +68,10 @@ class _Model(Frozen):
     shapes: ClassVar[dict[str, str]]
     """Letters of rows and columns of each matrix, in the order in which sizes are sought."""
     sizes: dict[str, tuple[int, ...]]
-    """Rows and columns of each matrix; empty for B, which has a column for each known input."""
+    """Rows and columns of each matrix; number of values of the transition and the measurement.
+
+    Empty for B, which has a column for each known input.
+    """
     parts: ClassVar[dict[str, tuple[str, ...]]]
     """Names of the matrices and functions that a "predict" and an "update" use."""
 
@@ -76,13 +79,9 @@ class _Model(Frozen):
         """Are all functions of a "predict" or an "update" compiled? Arrays count as compiled."""
         return all(is_compiled(getattr(self, name)) for name in self.parts[step])
 
-    def size(self, name: str) -> int:
-        """Number of values of the "transition" or the "measurement"."""
-        return self.n if name == "transition" else self.p
-
     def evaluated(self, name: str, x: np.ndarray, u: np.ndarray | None) -> Any:
         """The transition or the measurement, which is refused if it is of another size."""
-        return sized(name, getattr(self, name)(x, u), self.size(name))
+        return sized(name, getattr(self, name)(x, u), *self.sizes[name])
 
     def value(self, name: str, *arguments: Any) -> Any:
         """A matrix, or the value of its function, which is refused if it is of another size.
@@ -264,12 +263,11 @@ class NonlinearModel(_Model):
         elif slopes is None:
             angles = self.state_angles if name == "transition" else self.measurement_angles
             step = steps(x, cov, self.state_angles)
-            return central_differences(name, function, x, u, self.size(name), angles, step)
+            return central_differences(name, function, x, u, self.sizes[name][0], angles, step)
         else:
             value, jacobian = np.asarray(function(x, u), float), np.asarray(slopes(x, u), float)
-        size = self.size(name)
-        value = sized(name, value, size)
-        jacobian = sized(f"{name}_jacobian", jacobian, size, self.n)
+        value = sized(name, value, *self.sizes[name])
+        jacobian = sized(f"{name}_jacobian", jacobian, *self.sizes[name], self.n)
         if slopes is not None and not is_traced(x):  # it may be the same for all rows
             jacobian = np.broadcast_to(jacobian, (*value.shape, self.n))
         return value, jacobian
@@ -298,10 +296,10 @@ def at_columns(
         return values + np.matvec(model.value("B", u), u)[..., None]
     function = getattr(model, name)
     if is_traced(points):
-        return sized(name, columnwise(function, points, u).mT, model.size(name)).mT
+        return sized(name, columnwise(function, points, u).mT, *model.sizes[name]).mT
     if is_compiled(function):
         values = _in_form(columnwise, function)(points, u)
-        return sized(name, values.mT, model.size(name)).mT
+        return sized(name, values.mT, *model.sizes[name]).mT
     return np.ascontiguousarray(at_points(model, name, points.mT, u).mT)
 
 

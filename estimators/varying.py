@@ -153,6 +153,7 @@ def check_matrices(model: Any, **options: tuple[str, int | None]) -> None:
         if (table := _nominal(model, name)) is not None:
             shaped_array(name, table, "...", *(sizes.get(each, each) for each in letters))
     every = {n: tuple(map(sizes.get, s)) if "m" not in s else () for n, s in shapes.items()}
+    every |= {"transition": (sizes["n"],), "measurement": (sizes["p"],)}
     vars(model).update(sizes, sizes=every)
     for name, size in ("state_angles", sizes["n"]), ("measurement_angles", sizes["p"]):
         vars(model)[name] = indices(name, getattr(model, name), size)
